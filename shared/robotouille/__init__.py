@@ -1,0 +1,44 @@
+"""Robotouille: a kitchen with time delays, as a Markov decision process without any I/O.
+
+import robotouille
+
+world = robotouille.World("synchronous/01_cheese_sandwich")
+state = world.initial
+for action in state.actions("robot1"):
+    print(action.sentence, state.step(action).goal_reached)
+"""
+
+from robotouille.domain.catalogue import load_task, task_names
+from robotouille.domain.task import Task, Timing
+from robotouille.errors import (
+    Fault,
+    FileError,
+    InapplicableError,
+    ProtocolError,
+    RecordingError,
+    RobotouilleError,
+    UnknownTaskError,
+)
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import Progress, State
+from robotouille.world.world import Attempt, Step, World
+
+__all__ = [
+    "Attempt",
+    "Fault",
+    "FileError",
+    "GroundAction",
+    "InapplicableError",
+    "Progress",
+    "ProtocolError",
+    "RecordingError",
+    "RobotouilleError",
+    "State",
+    "Step",
+    "Task",
+    "Timing",
+    "UnknownTaskError",
+    "World",
+    "load_task",
+    "task_names",
+]

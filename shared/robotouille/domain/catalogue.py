@@ -1,0 +1,80 @@
+"""The tasks that are shipped, and any problem file, by name."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from robotouille.domain.files import read_json, validate
+from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.task import Task, Timing, build_task, read_domain
+from robotouille.errors import Fault, FileError, UnknownTaskError
+from robotouille.resources import data_folder
+
+__all__ = ["load_task", "task_names"]
+
+
+@cache
+def task_names() -> tuple[str, ...]:
+    """Every shipped task, e.g. `synchronous/01_cheese_sandwich`, in order."""
+    root = data_folder("problems")
+    files = (p for p in root.rglob("*.json") if not p.name.startswith("manifest"))
+    return tuple(sorted(p.relative_to(root).with_suffix("").as_posix() for p in files))
+
+
+def load_task(
+    name: str,
+    *,
+    seats: int | None = None,
+    timing: Timing | str = Timing.BENCHMARK,
+    domain: DomainFile | str | None = None,
+    seed: int = 0,
+) -> Task:
+    """A shipped task by its name (or an unambiguous start of it), or a problem file by its path.
+
+    `name` may end in `@N` for N seats. `seed` decides the kinds of objects that the problem leaves
+    open. Raises UnknownTaskError or FileError.
+    """
+    base, at, count = name.rpartition("@")
+    if at and count.isdigit():
+        name, seats = base, int(count)
+    path = _find(name)
+    problem = validate(read_json(path), ProblemFile, str(path))
+    if not isinstance(domain, DomainFile):
+        domain = read_domain(domain or problem.domain or "robotouille", path.parent)
+    if timing not in list(Timing):
+        valid = ", ".join(Timing)
+        raise FileError(name, [Fault("timing", f"unknown profile {timing!r}; possible: {valid}")])
+    title = path.stem if name.endswith(".json") else _title(path)
+    return build_task(
+        title, domain, problem, seats=seats, timing=Timing(timing), seed=seed, source=str(path)
+    )
+
+
+def _title(path: Path) -> str:
+    return path.relative_to(data_folder("problems")).with_suffix("").as_posix()
+
+
+def _find(name: str) -> Path:
+    if name.endswith(".json"):
+        if not Path(name).is_file():
+            raise UnknownTaskError(name, task_names())
+        return Path(name)
+    names = task_names()
+    matches = [n for n in names if n == name] or [n for n in names if _matches(n, name)]
+    if len(matches) != 1:
+        if matches:
+            listed = ", ".join(matches[:4])
+            raise FileError(name, [Fault("", f"is not one task but {len(matches)}: {listed}, …")])
+        raise UnknownTaskError(name, names)
+    return data_folder("problems") / f"{matches[0]}.json"
+
+
+def _matches(full: str, start: str) -> bool:
+    folder, _, file = full.rpartition("/")
+    wanted_folder, _, wanted = start.rpartition("/")
+    if wanted_folder and folder != wanted_folder:
+        return False
+    number, _, dish = file.partition("_")
+    same_number = wanted.isdigit() and number.isdigit() and int(wanted) == int(number)
+    return bool(wanted) and (same_number or file.startswith(wanted) or dish.startswith(wanted))

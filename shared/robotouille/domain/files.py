@@ -1,0 +1,142 @@
+"""Read a JSON file against a schema; report every fault of it at once.
+
+Nothing here trusts the file: its size, nesting and every field are checked first.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from robotouille.errors import Fault, FileError, did_you_mean
+
+__all__ = ["MAX_FILE_BYTES", "MAX_NESTING", "parse_json", "read_json", "read_model", "validate"]
+
+MAX_FILE_BYTES = 4 * 1024 * 1024
+MAX_NESTING = 40
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_json(path: Path) -> Any:
+    """The JSON value in a file; FileError names what is wrong and where."""
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            _fail(path, f"the file has {size:,} bytes; at most {MAX_FILE_BYTES:,} are read")
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        _fail(path, f"cannot be read: {error.strerror or error}")
+    except UnicodeDecodeError as error:
+        _fail(path, f"is not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}")
+    return parse_json(text, str(path))
+
+
+def parse_json(text: str, source: str) -> Any:
+    """The JSON value in a text, without duplicate names, NaN or deep nesting."""
+    if not text.strip():
+        _fail(source, "the file is empty; expected a JSON object")
+    _check_nesting(text, source)
+    try:
+        return json.loads(text, object_pairs_hook=_unique_pairs, parse_constant=_no_constant)
+    except json.JSONDecodeError as error:
+        _fail(source, f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}")
+    except ValueError as error:
+        _fail(source, f"is not JSON: {error}")
+
+
+def read_model(path: Path, model: type[M]) -> M:
+    """The file at `path` as a `model`; FileError lists all its faults."""
+    return validate(read_json(path), model, str(path))
+
+
+def validate(raw: Any, model: type[M], source: str) -> M:
+    """A JSON value as a `model`; FileError lists all its faults."""
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise FileError(source, [_fault(raw, model, e) for e in error.errors()]) from None
+
+
+def _fail(source: str | Path, message: str) -> NoReturn:
+    raise FileError(str(source), [Fault("", message)])
+
+
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
+
+
+def _check_nesting(text: str, source: str) -> None:
+    depth = 0
+    for bracket in re.findall(r"[\[\]{}]", _STRING.sub("", text)):
+        depth += 1 if bracket in "[{" else -1
+        if depth > MAX_NESTING:
+            _fail(source, f"is nested more than {MAX_NESTING} levels deep")
+
+
+def _unique_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in result:
+            raise ValueError(f"the name {key!r} occurs twice in one object")
+        result[key] = value
+    return result
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a JSON number")
+
+
+def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
+    location = [part for part in error["loc"] if part not in _TAGS or isinstance(part, int)]
+    message = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "extra_forbidden":
+        message = f"unknown field {location[-1]!r}"
+        message += did_you_mean(str(location[-1]), _fields_near(model, location))
+    elif error["type"] != "missing":
+        message = f"{message[0].lower()}{message[1:]}, found {_short(error['input'])}"
+    return Fault(_path(raw, location), message)
+
+
+_TAGS = {"conditional", "delayed", "repetitive", "creation", "deletion"}
+
+
+def _fields_near(model: type[BaseModel], location: list[Any]) -> list[str]:
+    names: set[str] = set()
+    pending: list[type[BaseModel]] = [model]
+    seen: set[type[BaseModel]] = set()
+    while pending:
+        current = pending.pop()
+        if current in seen:
+            continue
+        seen.add(current)
+        for name, field in current.model_fields.items():
+            names.add(field.alias or name)
+            pending.extend(_models_in(field.annotation))
+    return sorted(names)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for part in getattr(annotation, "__args__", ()) for m in _models_in(part)]
+
+
+def _path(raw: Any, location: list[Any]) -> str:
+    """`action_defs[4].precons[1].predicate`; object lists under the name the file gave them."""
+    if len(location) >= 2 and location[0] == "objects" and isinstance(raw, dict):
+        plural = f"{location[1]}s"
+        if plural in raw:
+            location = [plural, *location[2:]]
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,291 @@
+"""Schemas of the files a kitchen is made of: domain, problem and input files.
+
+Paper: section 2 "Domain and Problem JSONs" and appendix "Additional Robotouille JSONs". Two
+dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds the
+fields `layout`, `travel`, `config`/`default` of effects, `player_types`, `station_types`,
+`objects`, `seats` and `domain`. See docs/formats.md.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+__all__ = [
+    "ActionDef",
+    "Condition",
+    "Conditional",
+    "Creation",
+    "Delayed",
+    "Deletion",
+    "DomainFile",
+    "EffectDef",
+    "GoalTerm",
+    "InputFile",
+    "LayoutRule",
+    "ObjectDef",
+    "PredicateDef",
+    "ProblemFile",
+    "PublishedDefaults",
+    "Repetitive",
+]
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z_][A-Za-z0-9_'-]*$")]
+Steps = Annotated[int, Field(ge=0, le=100_000)]
+Words = Annotated[str, Field(max_length=2000)]
+
+
+class Schema(BaseModel):
+    """Base of all file schemas: immutable, and unknown fields are faults."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+class PredicateDef(Schema):
+    """A predicate: its name, the types of its arguments, and how to say it of each argument."""
+
+    name: Name
+    param_types: tuple[Name, ...] = Field(max_length=4)
+    language_descriptors: dict[str, Words] = {}
+
+
+class Condition(Schema):
+    """A predicate over parameters that has to hold, or not to hold, or is made so."""
+
+    predicate: Name
+    params: tuple[Name, ...]
+    is_true: bool = True
+
+
+class CreatedObject(Schema):
+    name: Name
+    type: Name
+    param: Name
+
+
+class Conditional(Schema):
+    """Asserts `fx` while its conditions hold; its nested effects pause while they do not."""
+
+    type: Literal["conditional"]
+    param: Name
+    conditions: tuple[Condition, ...] = ()
+    fx: tuple[Condition, ...] = ()
+    sfx: tuple[EffectDef, ...] = ()
+
+
+class Delayed(Schema):
+    """Applies `fx` once a number of steps has passed."""
+
+    type: Literal["delayed"]
+    param: Name
+    fx: tuple[Condition, ...] = ()
+    sfx: tuple[EffectDef, ...] = ()
+    config: Name | None = None
+    default: Steps = 3
+
+
+class Repetitive(Schema):
+    """Applies `fx` once the action has been performed a number of times."""
+
+    type: Literal["repetitive"]
+    param: Name
+    fx: tuple[Condition, ...] = ()
+    sfx: tuple[EffectDef, ...] = ()
+    config: Name | None = None
+    default: Annotated[int, Field(ge=1, le=100_000)] = 3
+
+
+class Creation(Schema):
+    """Creates an object and applies `fx` to it."""
+
+    type: Literal["creation"]
+    param: Name
+    created_obj: CreatedObject
+    fx: tuple[Condition, ...] = ()
+    sfx: tuple[EffectDef, ...] = ()
+
+
+class Deletion(Schema):
+    """Deletes the object `param` and every fact about it."""
+
+    type: Literal["deletion"]
+    param: Name
+    fx: tuple[Condition, ...] = ()
+    sfx: tuple[EffectDef, ...] = ()
+
+
+EffectDef = Annotated[
+    Conditional | Delayed | Repetitive | Creation | Deletion, Field(discriminator="type")
+]
+
+
+class ActionDef(Schema):
+    """An action schema over parameters whose types follow from the predicates they occur in."""
+
+    name: Name
+    precons: tuple[Condition, ...] = ()
+    immediate_fx: tuple[Condition, ...] = ()
+    sfx: tuple[EffectDef, ...] = ()
+    language_description: Words
+    travel: tuple[Name, Name] | None = None
+
+
+class LayoutRule(Schema):
+    """How positions in a problem imply the initial facts of one predicate.
+
+    `when` speaks of two objects on the grid; `unless` makes the fact hold for every object
+    that occurs in none of the facts of the named predicates.
+    """
+
+    predicate: Name
+    when: (
+        Literal["shares_tile", "bottom_of_stack", "next_in_stack", "top_of_stack", "faces"] | None
+    ) = None
+    unless: tuple[Name, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> LayoutRule:
+        if (self.when is None) == (self.unless is None):
+            raise ValueError("needs exactly one of 'when' and 'unless'")
+        return self
+
+
+class DomainFile(Schema):
+    """A domain: types, predicates and actions (paper, section 2)."""
+
+    schema_uri: str | None = Field(default=None, alias="$schema")
+    version: str = "1.0.0"
+    name: Name
+    input_json: str | None = None
+    rendering_json: str | None = None
+    object_types: tuple[Name, ...] = Field(min_length=1, max_length=32)
+    predicate_defs: tuple[PredicateDef, ...] = Field(min_length=1, max_length=500)
+    action_defs: tuple[ActionDef, ...] = Field(min_length=1, max_length=200)
+    layout: tuple[LayoutRule, ...] | None = None
+    player_types: tuple[Name, ...] = ("player",)
+    station_types: tuple[Name, ...] = ("station",)
+    kinds: dict[Name, tuple[Name, ...]] = {}
+
+
+class DelayKey(Schema):
+    config: Name
+    default: Steps
+
+
+class PublishedDefaults(Schema):
+    """What a domain file of the published dialect (1.x) leaves unsaid."""
+
+    layout: tuple[LayoutRule, ...]
+    travel: dict[str, tuple[Name, Name]]
+    delays: dict[str, DelayKey]
+    kinds: dict[Name, tuple[Name, ...]]
+
+
+class ObjectDef(Schema):
+    """One object of a problem and where it is; (0, 0) is the bottom-left tile.
+
+    `meal_id` occurs in published problems, which give it no meaning.
+    """
+
+    name: Name
+    x: Annotated[int, Field(ge=0, le=99)]
+    y: Annotated[int, Field(ge=0, le=99)]
+    predicates: tuple[Name, ...] = ()
+    id: str | int | None = None
+    stack_level: int = Field(default=0, alias="stack-level", ge=0, le=1000)
+    direction: tuple[int, int] | None = None
+    meal_id: Any = None
+
+    @model_validator(mode="after")
+    def _unit_direction(self) -> ObjectDef:
+        if self.direction is not None and sorted(map(abs, self.direction)) != [0, 1]:
+            raise ValueError("direction must be one of [0, 1], [0, -1], [1, 0], [-1, 0]")
+        return self
+
+
+class GoalTerm(Schema):
+    """One predicate of the goal over variables; equal ids are the same object."""
+
+    predicate: Name
+    args: tuple[Name, ...]
+    ids: tuple[int | str, ...]
+
+    @model_validator(mode="after")
+    def _an_id_each(self) -> GoalTerm:
+        if len(self.args) != len(self.ids):
+            raise ValueError(f"{len(self.args)} args but {len(self.ids)} ids")
+        return self
+
+
+_PUBLISHED_LISTS = {
+    "stations": "station",
+    "items": "item",
+    "containers": "container",
+    "meals": "meal",
+    "players": "player",
+}
+
+
+class ProblemFile(Schema):
+    """A problem: the grid, its objects and the goal (paper, section 2 and appendix)."""
+
+    schema_uri: str | None = Field(default=None, alias="$schema")
+    version: str = "1.0.0"
+    domain: str | None = None
+    width: Annotated[int, Field(ge=1, le=100)]
+    height: Annotated[int, Field(ge=1, le=100)]
+    config: dict[str, dict[str, Steps]] = {}
+    ground: tuple[str, ...] | None = None
+    flooring: Any = None
+    furniture: Any = None
+    objects: dict[str, tuple[ObjectDef, ...]] = {}
+    seats: tuple[Annotated[int, Field(ge=1, le=16)], ...] | None = None
+    goal_description: Words = ""
+    goal: tuple[GoalTerm, ...] = Field(max_length=1000)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _gather_objects(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict):
+            return raw
+        lists = {kind: raw[key] for key, kind in _PUBLISHED_LISTS.items() if key in raw}
+        if not lists:
+            return raw
+        rest = {key: value for key, value in raw.items() if key not in _PUBLISHED_LISTS}
+        return {**rest, "objects": {**lists, **raw.get("objects", {})}}
+
+    @model_validator(mode="after")
+    def _within_limits(self) -> ProblemFile:
+        count = sum(map(len, self.objects.values()))
+        if count > 1000:
+            raise ValueError(f"{count} objects; at most 1000 are allowed")
+        return self
+
+
+class ClickInstruction(Schema):
+    button: Literal["left", "middle", "right"]
+    click_on: Name
+
+
+class KeyInstruction(Schema):
+    key: Annotated[str, Field(min_length=1, max_length=20)]
+    at: Name | None = None
+
+
+class ClickAction(Schema):
+    name: Name
+    input_instructions: ClickInstruction
+
+
+class KeyAction(Schema):
+    name: Name
+    input_instructions: KeyInstruction
+
+
+class InputFile(Schema):
+    """Which click or key performs which action (paper, appendix)."""
+
+    schema_uri: str | None = Field(default=None, alias="$schema")
+    mouse_click_actions: tuple[ClickAction, ...] = ()
+    keyboard_actions: tuple[KeyAction, ...] = ()

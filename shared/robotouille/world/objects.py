@@ -1,0 +1,146 @@
+"""The objects of a problem, their names, and the facts that their positions imply.
+
+Objects of a kind are numbered in the order of their position, by x then y (world.md, "Order and
+naming of objects"). Which facts follow from positions is data: the domain's `layout` rules.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from robotouille.domain.schema import LayoutRule, ObjectDef
+from robotouille.domain.task import Task
+
+__all__ = ["Atom", "Object", "atom_name", "initial_facts", "place_objects"]
+
+Atom = tuple[str, ...]
+"""A ground predicate: its name, then the names of its arguments."""
+
+
+def atom_name(atom: Atom) -> str:
+    """`item_on(lettuce1, table2)`."""
+    return f"{atom[0]}({', '.join(atom[1:])})"
+
+
+@dataclass(frozen=True, slots=True)
+class Object:
+    """An object: `lettuce1` of kind `lettuce` and type `item`.
+
+    `tile` is where the problem puts it, None for an object created during play; `facing` is the
+    tile in front of a player.
+    """
+
+    name: str
+    kind: str
+    type: str
+    tile: tuple[int, int] | None = None
+    facing: tuple[int, int] | None = None
+    level: int = 0
+    label: str | int | None = None
+    predicates: tuple[str, ...] = ()
+
+
+def place_objects(task: Task) -> tuple[Object, ...]:
+    """All objects of a task, by type in the domain's order, then by x and y."""
+    placed: list[Object] = []
+    for kind in task.domain.object_types:
+        definitions = list(task.problem.objects.get(kind, ()))
+        if kind in task.domain.player_types:
+            definitions = definitions[: task.seats]
+        numbers: Counter[str] = Counter()
+        for definition in sorted(definitions, key=lambda o: (o.x, o.y, o.stack_level)):
+            numbers[definition.name] += 1
+            placed.append(_object(definition, kind, numbers[definition.name]))
+    return tuple(placed)
+
+
+def _object(definition: ObjectDef, kind: str, number: int) -> Object:
+    tile = (definition.x, definition.y)
+    facing = None
+    if definition.direction is not None:
+        dx, dy = definition.direction
+        facing = (definition.x + dx, definition.y + dy)
+    return Object(
+        name=f"{definition.name}{number}",
+        kind=definition.name,
+        type=kind,
+        tile=tile,
+        facing=facing,
+        level=definition.stack_level,
+        label=definition.id,
+        predicates=definition.predicates,
+    )
+
+
+def initial_facts(task: Task, objects: Iterable[Object]) -> frozenset[Atom]:
+    """Every fact of the initial state: kinds, given predicates, and what positions imply."""
+    objects = tuple(objects)
+    types = {p.name: p.param_types for p in task.domain.predicate_defs}
+    facts: set[Atom] = set()
+    for thing in objects:
+        if types.get(f"is{thing.kind}") == (thing.type,):
+            facts.add((f"is{thing.kind}", thing.name))
+        facts.update((predicate, thing.name) for predicate in thing.predicates)
+    rules = task.domain.layout or ()
+    stations = set(task.domain.station_types)
+    for rule in rules:
+        if rule.when is not None:
+            facts.update(_implied(rule, types[rule.predicate], objects, stations))
+    for rule in rules:
+        if rule.unless is not None:
+            facts.update(_default(rule, types, objects, facts))
+    return frozenset(facts)
+
+
+def _implied(
+    rule: LayoutRule, types: tuple[str, ...], objects: tuple[Object, ...], stations: set[str]
+) -> Iterator[Atom]:
+    if rule.when in ("shares_tile", "faces"):
+        for first in (o for o in objects if o.type == types[0]):
+            tile = (first.facing or first.tile) if rule.when == "faces" else first.tile
+            for second in objects:
+                if second.type == types[1] and second.tile == tile and second is not first:
+                    yield (rule.predicate, first.name, second.name)
+        return
+    for station, stack in _stacks(objects, types[0], stations):
+        if rule.when == "bottom_of_stack":
+            yield (rule.predicate, stack[0].name, station.name)
+        elif rule.when == "top_of_stack":
+            yield (rule.predicate, stack[-1].name)
+        else:
+            for below, above in zip(stack, stack[1:], strict=False):
+                yield (rule.predicate, above.name, below.name)
+
+
+def _stacks(
+    objects: tuple[Object, ...], kind: str, stations: set[str]
+) -> Iterator[tuple[Object, list[Object]]]:
+    """Each station that carries objects of a type, with them from the bottom up."""
+    by_tile: defaultdict[tuple[int, int] | None, list[Object]] = defaultdict(list)
+    for thing in objects:
+        if thing.type == kind:
+            by_tile[thing.tile].append(thing)
+    for station in objects:
+        if station.type in stations and by_tile[station.tile]:
+            yield station, sorted(by_tile[station.tile], key=lambda o: o.level)
+
+
+def _default(
+    rule: LayoutRule,
+    types: dict[str, tuple[str, ...]],
+    objects: tuple[Object, ...],
+    facts: set[Atom],
+) -> Iterator[Atom]:
+    kind = types[rule.predicate][0]
+    taken = {
+        argument
+        for fact in facts
+        if fact[0] in (rule.unless or ())
+        for argument, type_ in zip(fact[1:], types[fact[0]], strict=True)
+        if type_ == kind
+    }
+    for thing in objects:
+        if thing.type == kind and thing.name not in taken:
+            yield (rule.predicate, thing.name)

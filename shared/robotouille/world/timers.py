@@ -1,0 +1,134 @@
+"""The timers of a state as an automaton that is built while it is used.
+
+A `Timers` value is the tuple of active effects with their counters, and how long each player is
+still busy. What a step does to it depends only on itself and on the few atoms its effects read,
+so every transition is computed once (by `EffectRun`) and looked up afterwards. Transitions that
+create or delete objects depend on more, and are computed anew each time.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from robotouille.world.effects import DONE, Effect, EffectRun
+
+if TYPE_CHECKING:
+    from robotouille.world.actions import GroundAction
+    from robotouille.world.world import World
+
+__all__ = ["Change", "TimerTable", "Timers"]
+
+Entry = tuple[Effect, tuple[int, ...]]
+
+MAX_KEPT = 200_000
+
+
+class Change(NamedTuple):
+    """What an update does: `facts = (facts | touched) ^ removed`, and the timers after it."""
+
+    touched: int
+    removed: int
+    timers: Timers
+
+
+class Timers:
+    """Active effects in order of creation with their counters; equal values are one object."""
+
+    __slots__ = ("busy", "entries", "reads", "started", "table", "ticked")
+
+    def __init__(
+        self, table: TimerTable, entries: tuple[Entry, ...], busy: tuple[tuple[str, int], ...]
+    ) -> None:
+        self.table = table
+        self.entries = entries
+        self.busy = busy
+        self.reads = 0
+        for effect, _ in entries:
+            self.reads |= effect.reads
+        self.ticked: dict[int, Change] = {}
+        self.started: dict[tuple[GroundAction, int], Change] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self.entries or self.busy)
+
+    def busy_steps(self, player: str | None) -> int:
+        """For how many more steps a player cannot act."""
+        for name, steps in self.busy:
+            if name == player:
+                return steps
+        return 0
+
+    def begin(self, action: GroundAction, facts: int) -> Change:
+        """Start an action's effects, or give them an active update."""
+        reads = self.table.reads[action] | self.reads
+        key = (action, facts & reads)
+        change = self.started.get(key)
+        if change is None:
+            change, repeatable = self.table.begin(self, action, facts)
+            if repeatable:
+                self.started[key] = change
+        return change
+
+    def tick(self, facts: int) -> Change:
+        """The passive update that ends a step."""
+        change = self.ticked.get(facts & self.reads)
+        if change is None:
+            change, repeatable = self.table.tick(self, facts)
+            if repeatable:
+                self.ticked[facts & self.reads] = change
+        return change
+
+
+class TimerTable:
+    """Hands out one `Timers` per value and performs the updates that are not yet known."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._known: dict[tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers] = {}
+        self.reads: dict[GroundAction, int] = {}
+        self.none = self.get((), ())
+
+    def get(self, entries: tuple[Entry, ...], busy: tuple[tuple[str, int], ...]) -> Timers:
+        """The one `Timers` of this value."""
+        key = (entries, busy)
+        timers = self._known.get(key)
+        if timers is None:
+            if len(self._known) > MAX_KEPT:
+                self._known.clear()
+            timers = self._known[key] = Timers(self, entries, busy)
+        return timers
+
+    def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
+        run = self._world.effect_run(facts)
+        entries = list(timers.entries)
+        for effect in action.effects:
+            place = next((i for i, (e, _) in enumerate(entries) if e is effect), None)
+            if place is None:
+                place = len(entries)
+                entries.append((effect, effect.start))
+            entries[place] = (effect, run.update(effect, entries[place][1], active=True))
+        busy = dict(timers.busy)
+        if action.player is not None and action.duration > 1:
+            busy[action.player] = action.duration
+        return self._change(run, entries, tuple(sorted(busy.items())))
+
+    def tick(self, timers: Timers, facts: int) -> tuple[Change, bool]:
+        run = self._world.effect_run(facts)
+        entries = [(e, run.update(e, progress, active=False)) for e, progress in timers.entries]
+        entries = [(e, progress) for e, progress in entries if progress[0] != DONE]
+        busy = tuple((name, steps - 1) for name, steps in timers.busy if steps > 1)
+        return self._change(run, entries, busy)
+
+    def _change(
+        self,
+        run: EffectRun,
+        entries: list[Entry],
+        busy: tuple[tuple[str, int], ...],
+    ) -> tuple[Change, bool]:
+        entries += [(effect, effect.start) for effect in run.started]
+        if run.deleted:
+            gone = set(run.deleted)
+            entries = [(e, progress) for e, progress in entries if not gone & set(e.label[2])]
+        repeatable = not run.written & self._world.table.internal
+        timers = self.get(tuple(entries), busy)
+        return Change(run.written, run.written & ~run.facts, timers), repeatable
