@@ -12,11 +12,13 @@ from robotouille.domain.schema import (
     ActionDef,
     Condition,
     Creation,
+    Delayed,
     DomainFile,
     EffectDef,
     InputFile,
     PredicateDef,
     ProblemFile,
+    Repetitive,
 )
 from robotouille.errors import Fault, did_you_mean
 
@@ -298,10 +300,10 @@ def _check_config(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         effect.config
         for action in domain.action_defs
         for _, effect in _effects("", action.sfx)
-        if getattr(effect, "config", None)
+        if isinstance(effect, Delayed | Repetitive) and effect.config is not None
     }
     return [
-        _unknown(f"config.{key}", "configuration key", key, sorted(filter(None, keys)))
+        _unknown(f"config.{key}", "configuration key", key, sorted(keys))
         for key in problem.config
         if key not in keys
     ]

@@ -12,7 +12,14 @@ from typing import Any
 
 from robotouille.domain.checks import check_domain, check_problem
 from robotouille.domain.files import read_json, read_model, validate
-from robotouille.domain.schema import DomainFile, EffectDef, ProblemFile, PublishedDefaults
+from robotouille.domain.schema import (
+    Delayed,
+    DomainFile,
+    EffectDef,
+    ProblemFile,
+    PublishedDefaults,
+    Repetitive,
+)
 from robotouille.domain.wildcards import resolve_wildcards
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille.resources import data_folder
@@ -157,7 +164,7 @@ def complete_domain(domain: DomainFile) -> DomainFile:
 
 def _with_config(effect: EffectDef, config: str, default: int) -> EffectDef:
     update: dict[str, Any] = {"sfx": tuple(_with_config(e, config, default) for e in effect.sfx)}
-    if effect.type in ("delayed", "repetitive") and effect.config is None:  # type: ignore[union-attr]
+    if isinstance(effect, Delayed | Repetitive) and effect.config is None:
         update |= {"config": config, "default": default}
     return effect.model_copy(update=update)
 

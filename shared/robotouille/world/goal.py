@@ -17,6 +17,8 @@ __all__ = ["Goal", "Variable"]
 
 Binding = dict[int | str, str]
 
+MAX_KEPT = 100_000
+
 
 @dataclass(frozen=True, slots=True)
 class Variable:
@@ -54,7 +56,8 @@ class Goal:
         self._masks: dict[tuple[int, tuple[str | None, ...]], int] = {}
         self._order = self._ordered()
         self.relevant = 0
-        self._necessary = []
+        self._necessary: list[int] = []
+        self._known: dict[int, bool] = {}
         for position, term in enumerate(self._order):
             if term.predicate not in self._table.static_predicates:
                 mask = self._mask(position, {})
@@ -66,7 +69,13 @@ class Goal:
         for mask in self._necessary:
             if not facts & mask:
                 return False
-        return next(self.assignments(facts), None) is not None
+        relevant = facts & self.relevant
+        known = self._known.get(relevant)
+        if known is None:
+            if len(self._known) > MAX_KEPT:
+                self._known.clear()
+            known = self._known[relevant] = next(self.assignments(facts), None) is not None
+        return known
 
     def assignments(self, facts: int) -> Iterator[Binding]:
         """Every choice of objects that makes the goal true in `facts`."""

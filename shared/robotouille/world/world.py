@@ -91,7 +91,7 @@ class World:
         self._trees: dict[str, SuccessorTree] = {}
         if self._creations:
             self._add_generation()
-        self.goal = Goal(self.task, self.table, lambda: tuple(self._things.values()))
+        self.goal = Goal(self.task, self.table, self.all_objects)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _same_world, (self.task,)
@@ -115,6 +115,10 @@ class World:
     def thing(self, name: str) -> Object:
         """The object of a name; KeyError if there is none."""
         return self._things[name]
+
+    def all_objects(self) -> tuple[Object, ...]:
+        """The objects of the problem, and those that play may create and has room for so far."""
+        return tuple(self._things.values())
 
     def objects_in(self, facts: int) -> tuple[Object, ...]:
         """The objects that exist in a state, by type, then as numbered."""
@@ -146,6 +150,13 @@ class World:
             new.append(thing)
         self.table.add(new)
         self._trees.clear()
+
+    def make_room(self, wanted: Mapping[str, int]) -> None:
+        """Give bits to as many objects of each creatable kind as are wanted."""
+        for kind, _ in self._creations:
+            while sum(o.kind == kind for o in self._things.values()) < wanted.get(kind, 0):
+                self._add_generation()
+        self.goal.refresh()
 
     def _create(self, kind: str, type_: str, facts: int) -> str:
         """The name of the next object of a kind; its number was never used in this course."""
@@ -459,7 +470,7 @@ def _creations(task: Task) -> Iterator[tuple[str, str]]:
 def _deletions(task: Task) -> Iterator[str]:
     predicates = {p.name: p.param_types for p in task.domain.predicate_defs}
     for action in task.domain.action_defs:
-        types = {}
+        types: dict[str, str] = {}
         for condition in (*action.precons, *action.immediate_fx):
             types.update(zip(condition.params, predicates[condition.predicate], strict=True))
         for effect in _nested(action.sfx):

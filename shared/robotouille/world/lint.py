@@ -1,0 +1,214 @@
+"""What is wrong with a domain or a problem although it loads.
+
+Reachability is tested in the delete relaxation: facts are never taken away, delays pass at once,
+objects are created as soon as they can be. What is unreachable there is unreachable indeed.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import product
+
+from robotouille.domain.checks import check_problem, fluents
+from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef
+from robotouille.domain.task import Task
+from robotouille.errors import Fault
+from robotouille.world.actions import ActionSchema, bound
+from robotouille.world.atoms import EXISTS, USED
+from robotouille.world.objects import Object
+from robotouille.world.world import World
+
+__all__ = ["lint_domain", "lint_task", "reachable_facts"]
+
+
+def lint_domain(domain: DomainFile) -> list[Fault]:
+    """Actions that can never apply, whatever the problem."""
+    changing = fluents(domain)
+    implied = {rule.predicate for rule in domain.layout or ()}
+    arity = {p.name: len(p.param_types) for p in domain.predicate_defs}
+    faults = []
+    for i, action in enumerate(domain.action_defs):
+        path = f"action_defs[{i}]"
+        for predicate in _contradictions(action):
+            message = f"{action.name!r} can never apply: it needs {predicate!r} both true and false"
+            faults.append(Fault(path, message))
+        for j, condition in enumerate(action.precons):
+            name = condition.predicate
+            given = name in changing or name in implied or arity[name] == 1
+            if condition.is_true and not given:
+                message = f"{action.name!r} can never apply: nothing makes {name!r} true"
+                faults.append(Fault(f"{path}.precons[{j}]", message))
+    return faults
+
+
+def _contradictions(action: ActionDef) -> list[str]:
+    wanted = {(c.predicate, c.params, c.is_true) for c in action.precons}
+    return sorted({p for p, params, true in wanted if true and (p, params, False) in wanted})
+
+
+def lint_task(task: Task) -> list[Fault]:
+    """Warnings of the loader, bad placements, unreachable stations, impossible goals."""
+    world = World(task)
+    placement = list(_placement(world))
+    faults = [
+        *(f for f in check_problem(task.problem, task.domain) if f.severity != "error"),
+        *lint_domain(task.domain),
+        *placement,
+        *_stations(world),
+    ]
+    if not any(fault.severity == "error" for fault in placement):
+        faults += _goal(world)
+    return faults
+
+
+def _placement(world: World) -> Iterator[Fault]:
+    domain = world.task.domain
+    stations = [o for o in world.placed if o.type in domain.station_types]
+    tiles = Counter(o.tile for o in stations)
+    for thing in stations:
+        if tiles[thing.tile] > 1:
+            others = ", ".join(o.name for o in stations if o.tile == thing.tile and o != thing)
+            yield Fault(thing.name, f"stands on the same tile {thing.tile} as {others}")
+    blocked = {o.tile: o.name for o in stations}
+    faced: dict[object, str] = {}
+    stood: dict[object, str] = {}
+    for player in (o for o in world.placed if o.type in domain.player_types):
+        target = player.facing or player.tile
+        if target not in blocked:
+            yield Fault(player.name, f"faces {target}, where there is no station")
+        if player.facing is not None and player.tile in blocked:
+            yield Fault(player.name, f"stands inside {blocked[player.tile]} at {player.tile}")
+        if target in faced:
+            yield Fault(player.name, f"faces the same station as {faced[target]}")
+        elif player.tile in stood and player.facing is not None:
+            yield Fault(player.name, f"stands on the same tile as {stood[player.tile]}")
+        faced[target] = stood[player.tile] = player.name
+    yield from _loose(world, {*blocked, *stood})
+
+
+def _loose(world: World, hosts: set[object]) -> Iterator[Fault]:
+    """Things on a bare floor, and two things where there is room for one."""
+    domain = world.task.domain
+    places: dict[tuple[object, str, int], Object] = {}
+    for thing in world.placed:
+        if thing.type in (*domain.station_types, *domain.player_types):
+            continue
+        if thing.tile not in hosts:
+            yield Fault(thing.name, f"lies on the floor at {thing.tile}: no station is there")
+        place = (thing.tile, thing.type, thing.level)
+        if place in places:
+            other = places[place].name
+            yield Fault(thing.name, f"is on the same tile {thing.tile} and level as {other}")
+        places[place] = thing
+
+
+def _stations(world: World) -> Iterator[Fault]:
+    floor = world.floor
+    for name in floor.stations:
+        if floor.reachable and not floor.beside(name):
+            yield Fault(
+                name, f"cannot be reached: no walkable tile is next to {floor.stations[name]}"
+            )
+
+
+def _goal(world: World) -> Iterator[Fault]:
+    goal = world.goal
+    too_few = False
+    wanted = Counter(v.kind for v in goal.variables.values())
+    world.make_room(wanted)
+    for variable in goal.variables.values():
+        if not goal.candidates(variable.id):
+            too_few = True
+            yield Fault("goal", f"there is no {variable.kind}, and none can be made")
+    for kind, count in wanted.items():
+        variable = next(v for v in goal.variables.values() if v.kind == kind)
+        available = len(goal.candidates(variable.id))
+        creatable = any(o.kind == kind and o.tile is None for o in world.all_objects())
+        if 0 < available < count and not creatable and not variable.fixed:
+            too_few = True
+            yield Fault("goal", f"needs {count} {kind}, but the problem has {available}")
+    if too_few:
+        return
+    facts = reachable_facts(world)
+    for i, term in enumerate(goal.terms):
+        if term.predicate in world.table.static_predicates:
+            continue
+        if not facts & goal.possible_mask(term):
+            said = f"{term.predicate}({', '.join(term.args)})"
+            yield Fault(f"goal[{i}]", f"{said} can never become true in this problem")
+    if next(goal.assignments(facts), None) is None:
+        yield Fault("goal", "no choice of objects can meet all its predicates")
+
+
+def reachable_facts(world: World) -> int:
+    """The facts that can become true at all, in the delete relaxation, as a mask."""
+    facts = world.initial.facts
+    # A fact that is false at first can be false; one that some action takes away can be, too.
+    absent = ~facts
+    pending = [(schema, arguments) for schema in world.schemas for arguments in _all(world, schema)]
+    while True:
+        before = (facts, absent)
+        waiting = []
+        for schema, arguments in pending:
+            action = world.action(schema.name, *arguments)
+            forbidden = action.tested & ~action.required
+            if action.required & ~facts or forbidden & ~absent or action.required & ~action.tested:
+                waiting.append((schema, arguments))
+                continue
+            facts |= action.touched & ~action.removed
+            absent |= action.removed
+            binding = schema.bind(arguments)
+            for effect in schema.effects:
+                sets, clears = _effect_results(world, effect.definition, binding)
+                facts |= sets
+                absent |= clears
+        pending = waiting
+        if (facts, absent) == before:
+            return facts & ~world.table.internal
+
+
+def _all(world: World, schema: ActionSchema) -> Iterator[tuple[str, ...]]:
+    """The arguments that static conditions allow."""
+    table = world.table
+    pools = []
+    static = [c for c in schema.definition.precons if c.predicate in table.static_predicates]
+    for name, kind in schema.parameters:
+        own = [c for c in static if c.params == (name,)]
+        pools.append(
+            [
+                thing
+                for thing in table.by_type[kind]
+                if all(((c.predicate, thing) in table.static) == c.is_true for c in own)
+            ]
+        )
+    yield from product(*pools)
+
+
+def _effect_results(world: World, effect: EffectDef, binding: dict[str, str]) -> tuple[int, int]:
+    """Everything an effect may ever make true, and make false."""
+    table = world.table
+    if isinstance(effect, Creation) and effect.created_obj.param not in binding:
+        return _creation_results(world, effect, binding)
+    sets = table.mask(bound(c, binding) for c in effect.fx if c.is_true)
+    clears = table.mask(bound(c, binding) for c in effect.fx if not c.is_true)
+    if effect.type == "conditional":
+        sets, clears = sets | clears, sets | clears
+    for nested in effect.sfx:
+        more, less = _effect_results(world, nested, binding)
+        sets |= more
+        clears |= less
+    return sets, clears
+
+
+def _creation_results(world: World, effect: Creation, binding: dict[str, str]) -> tuple[int, int]:
+    """The results of creating any of the objects that there is room for."""
+    made = effect.created_obj
+    sets = clears = 0
+    for thing in world.all_objects():
+        if thing.kind == made.name and thing.tile is None:
+            bound_to = {**binding, made.param: thing.name}
+            more, less = _effect_results(world, effect, bound_to)
+            sets |= more | world.table.mask([(EXISTS, thing.name), (USED, thing.name)])
+            clears |= less
+    return sets, clears
