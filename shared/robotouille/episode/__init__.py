@@ -1,0 +1,36 @@
+"""Seats, turn order, clocks as data and the outcome: a state machine without I/O."""
+
+from robotouille.episode.episode import Episode, Phase, Seat
+from robotouille.episode.events import (
+    Ended,
+    Event,
+    Move,
+    Outcome,
+    Reason,
+    Rejected,
+    RosterChanged,
+    Said,
+    SeatTally,
+    Started,
+    Stepped,
+)
+from robotouille.episode.rules import Clock, Rules
+
+__all__ = [
+    "Clock",
+    "Ended",
+    "Episode",
+    "Event",
+    "Move",
+    "Outcome",
+    "Phase",
+    "Reason",
+    "Rejected",
+    "RosterChanged",
+    "Rules",
+    "Said",
+    "Seat",
+    "SeatTally",
+    "Started",
+    "Stepped",
+]

@@ -183,7 +183,8 @@ class EffectRun:
         return finished
 
     def _nested(self, node: Node, progress: list[int], active: bool) -> bool:
-        return all([self._update(child, progress, active) for child in node.nested])
+        finished = [self._update(child, progress, active) for child in node.nested]
+        return all(finished)
 
     def _conditional(self, node: Node, progress: list[int], active: bool) -> bool:
         if node.possible and self.facts & node.tested == node.required:

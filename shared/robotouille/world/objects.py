@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 from robotouille.domain.schema import LayoutRule, ObjectDef
 from robotouille.domain.task import Task
@@ -110,7 +111,7 @@ def _implied(
         elif rule.when == "top_of_stack":
             yield (rule.predicate, stack[-1].name)
         else:
-            for below, above in zip(stack, stack[1:], strict=False):
+            for below, above in pairwise(stack):
                 yield (rule.predicate, above.name, below.name)
 
 

@@ -76,7 +76,8 @@ class SuccessorTree:
         if bucket is None:
             bucket = self._new_bucket(facts)
         result: tuple[GroundAction, ...] = ()
-        for node in bucket:
+        for top in bucket:
+            node = top
             while node.mask:
                 child = node.children.get(facts & node.mask)
                 node = child if child is not None else self._new_child(node, facts)

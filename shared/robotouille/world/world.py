@@ -34,7 +34,7 @@ from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe
 from robotouille.world.timers import Timers, TimerTable
 
-__all__ = ["Attempt", "Step", "World"]
+__all__ = ["Attempt", "Step", "World", "shared_world"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +84,7 @@ class World:
         self._effects: dict[tuple[str, int, tuple[str, ...]], Effect] = {}
         self._generation = 0
         self.table.add(self.placed)
+        self._sizes = [len(self.table.atoms)]
         existing = [o.name for o in self.placed if o.type in transient]
         born = [(flag, name) for name in existing for flag in (EXISTS, USED)]
         self._initial_facts = self.table.mask([*facts, *born])
@@ -94,7 +95,7 @@ class World:
         self.goal = Goal(self.task, self.table, self.all_objects)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _same_world, (self.task,)
+        return shared_world, (self.task,)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> World:
         return self
@@ -109,6 +110,23 @@ class World:
         """The kitchen's floor, for walking."""
         problem, stations = self.task.problem, set(self.task.domain.station_types)
         return Floor(problem.width, problem.height, self.placed, stations)
+
+    @property
+    def table_sizes(self) -> tuple[int, ...]:
+        """The sizes that the table of atoms had: at first, and after each generation."""
+        return tuple(self._sizes)
+
+    @property
+    def thing_names(self) -> frozenset[str]:
+        """The names of all objects there is room for."""
+        return frozenset(self._things)
+
+    def table_size(self, facts: int) -> int:
+        """How many atoms of the table one must know to read these facts.
+
+        It depends on the facts alone, not on what other courses of play have created.
+        """
+        return next(size for size in self._sizes if facts.bit_length() <= size)
 
     # Objects
 
@@ -149,6 +167,7 @@ class World:
             self._things[thing.name] = thing
             new.append(thing)
         self.table.add(new)
+        self._sizes.append(len(self.table.atoms))
         self._trees.clear()
 
     def make_room(self, wanted: Mapping[str, int]) -> None:
@@ -162,9 +181,9 @@ class World:
         """The name of the next object of a kind; its number was never used in this course."""
         while True:
             for thing in self._things.values():
-                if (thing.kind, thing.type) == (kind, type_) and thing.tile is None:
-                    if not facts & self.table.bit[(USED, thing.name)]:
-                        return thing.name
+                made = thing.tile is None and (thing.kind, thing.type) == (kind, type_)
+                if made and not facts & self.table.bit[(USED, thing.name)]:
+                    return thing.name
             self._add_generation()
             self.goal.refresh()
 
@@ -435,8 +454,8 @@ class World:
         return self._effect(effect.definition, (action, index, effect.variables), binding)
 
 
-def _same_world(task: Task) -> World:
-    """One world per task and process, so that unpickled states share it."""
+def shared_world(task: Task) -> World:
+    """One world per task and process: worlds have no course of play in them, so may be shared."""
     world = _worlds.get(task.digest)
     if world is None:
         world = _worlds[task.digest] = World(task)

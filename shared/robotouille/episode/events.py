@@ -1,0 +1,149 @@
+"""What an episode reports: frozen values, in the order in which things happened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille.world.world import Attempt
+
+__all__ = [
+    "Ended",
+    "Event",
+    "Move",
+    "Outcome",
+    "Reason",
+    "Rejected",
+    "RosterChanged",
+    "Said",
+    "SeatTally",
+    "Started",
+    "Stepped",
+]
+
+
+class Reason(StrEnum):
+    """Why an episode ended."""
+
+    GOAL = "goal"
+    STEP_LIMIT = "step_limit"
+    ABANDONED = "abandoned"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class SeatTally:
+    """What one seat did over an episode."""
+
+    player: str
+    applied: int = 0
+    rejected: int = 0
+    idle: int = 0
+    said: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How an episode ended, as data."""
+
+    reason: Reason
+    steps: int
+    seconds: float
+    seats: tuple[SeatTally, ...]
+    detail: str = ""
+
+    @property
+    def success(self) -> bool:
+        return self.reason is Reason.GOAL
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "reason": self.reason.value,
+            "steps": self.steps,
+            "seconds": round(self.seconds, 3),
+            "detail": self.detail,
+            "seats": [
+                {
+                    "player": t.player,
+                    "applied": t.applied,
+                    "rejected": t.rejected,
+                    "idle": t.idle,
+                    "said": t.said,
+                }
+                for t in self.seats
+            ],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One seat's action in a step: its sequence number and the seconds the seat took for it."""
+
+    player: str
+    action: GroundAction
+    seq: int
+    latency: float
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """All seats are taken and time runs."""
+
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class RosterChanged:
+    """Somebody came, went, or lost or regained the connection."""
+
+    player: str
+    name: str
+    kind: str
+    present: bool
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """An action that was not taken into a step, and why."""
+
+    player: str
+    seq: int
+    action: str
+    reasons: tuple[str, ...]
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A chat message of a participant."""
+
+    name: str
+    player: str
+    text: str
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stepped:
+    """A step was taken: `moves` with their `attempts`, in the order in which they applied."""
+
+    step: int
+    time: float
+    moves: tuple[Move, ...]
+    attempts: tuple[Attempt, ...]
+    before: State
+    state: State
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The episode is over."""
+
+    outcome: Outcome = field()
+
+
+Event = Started | RosterChanged | Rejected | Said | Stepped | Ended

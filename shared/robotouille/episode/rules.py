@@ -1,0 +1,50 @@
+"""The rules of an episode: its clock, budgets and limits, as data."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+__all__ = ["Clock", "Rules"]
+
+
+class Clock(StrEnum):
+    """When the next joint action is taken; never what it does."""
+
+    TURN = "turn"
+    LOCKSTEP = "lockstep"
+    REALTIME = "realtime"
+
+
+class Rules(BaseModel):
+    """How an episode is played.
+
+    `step_rate`: steps a second (real time). `move_budget`: seconds a seat may take for a move in
+    turn and lockstep; after that it does nothing (None: no limit). `max_steps`: the step limit.
+    `thinking`: in real time, what a move costs: `wall` is the time that really passes; with
+    `declared` a seat says how many milliseconds it thought (`act.think_ms`), its action takes
+    effect that much later in the game's own time, and the game waits for everybody's answer, so
+    that a run can be repeated. `grace`: seconds after which an episode that everybody has left
+    is abandoned.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    clock: Clock = Clock.LOCKSTEP
+    step_rate: Annotated[float, Field(gt=0, le=1000)] = 5.0
+    move_budget: Annotated[float, Field(gt=0, le=86_400)] | None = None
+    max_steps: Annotated[int, Field(ge=1, le=1_000_000)] = 500
+    thinking: Literal["wall", "declared"] = "wall"
+    grace: Annotated[float, Field(ge=0, le=86_400)] = 30.0
+
+    @property
+    def period(self) -> float:
+        """Seconds between two steps in real time."""
+        return 1.0 / self.step_rate
+
+    @property
+    def scheduled(self) -> bool:
+        """Whether steps follow the wall clock, whoever has acted."""
+        return self.clock is Clock.REALTIME and self.thinking == "wall"

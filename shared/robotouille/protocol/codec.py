@@ -1,0 +1,158 @@
+"""Messages to bytes and back, in the two subprotocols.
+
+Decoding trusts nothing: sizes and nesting are limited before any value is built, and every fault
+becomes a ProtocolError with a stable code and the name of the field.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Literal
+
+import msgpack
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from robotouille.errors import FileError, ProtocolError
+from robotouille.protocol.messages import (
+    ClientMessage,
+    ServerMessage,
+    client_messages,
+    server_messages,
+)
+
+__all__ = ["JSON", "MAX_CLIENT_BYTES", "MSGPACK", "SUBPROTOCOLS", "Codec", "codec_for"]
+
+MAX_CLIENT_BYTES = 64 * 1024
+MAX_SERVER_BYTES = 8 * 1024 * 1024
+MAX_DEPTH = 16
+
+
+class Codec:
+    """One encoding of the protocol's messages; `text` says which kind of frame carries it."""
+
+    def __init__(self, name: str, text: bool) -> None:
+        self.name = name
+        self.text = text
+
+    def __repr__(self) -> str:
+        return f"<Codec {self.name}>"
+
+    def encode(self, message: BaseModel) -> bytes | str:
+        """A message as a frame's payload; fields at their defaults are left out."""
+        plain = message.model_dump(mode="json", exclude_defaults=True)
+        plain = {"type": message.type, **plain}  # type: ignore[attr-defined]
+        return self.pack(plain)
+
+    def pack(self, plain: dict[str, Any]) -> bytes | str:
+        """Plain values as a frame's payload."""
+        if self.text:
+            return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
+        packed: bytes = msgpack.packb(plain)
+        return packed
+
+    def decode_client(self, payload: bytes | str) -> ClientMessage:
+        """A client's message; ProtocolError says what is wrong with it."""
+        message: ClientMessage = self._decode(payload, MAX_CLIENT_BYTES, client_messages)
+        return message
+
+    def decode_server(self, payload: bytes | str) -> ServerMessage:
+        """A server's message."""
+        message: ServerMessage = self._decode(payload, MAX_SERVER_BYTES, server_messages)
+        return message
+
+    def _decode(self, payload: bytes | str, limit: int, adapter: TypeAdapter[Any]) -> Any:
+        plain = self._unpack(payload, limit)
+        if not isinstance(plain, dict):
+            found = type(plain).__name__
+            raise ProtocolError("message/malformed", f"expected an object, found {found}")
+        try:
+            return adapter.validate_python(plain)
+        except ValidationError as error:
+            raise _refused(error, plain) from None
+
+    def _unpack(self, payload: bytes | str, limit: int) -> Any:
+        if isinstance(payload, str) != self.text:
+            expected, found = ("text", "binary") if self.text else ("binary", "text")
+            message = f"{self.name} takes {expected} frames, found a {found} one"
+            raise ProtocolError("message/frame", message)
+        if len(payload) > limit:
+            message = f"{len(payload):,} bytes; at most {limit:,} are read"
+            raise ProtocolError("message/too-large", message)
+        if isinstance(payload, str):
+            return _unpack_json(payload)
+        return _unpack_msgpack(payload, limit)
+
+
+def _unpack_json(payload: str) -> Any:
+    from robotouille.domain.files import parse_json
+
+    try:
+        return parse_json(payload, "message")
+    except FileError as error:
+        raise ProtocolError("message/malformed", error.faults[0].message) from None
+
+
+def _unpack_msgpack(payload: bytes, limit: int) -> Any:
+    try:
+        plain = msgpack.unpackb(
+            payload,
+            strict_map_key=True,
+            max_str_len=limit,
+            max_bin_len=0,
+            max_ext_len=0,
+            max_array_len=limit,
+            max_map_len=10_000,
+        )
+    except RecursionError:
+        raise ProtocolError("message/malformed", "nested too deeply") from None
+    except (ValueError, TypeError, msgpack.UnpackException, UnicodeDecodeError) as error:
+        reason = str(error) or type(error).__name__
+        raise ProtocolError("message/malformed", f"is not MessagePack: {reason}") from None
+    _check_depth(plain)
+    return plain
+
+
+def _check_depth(value: Any) -> None:
+    level = [value]
+    for _ in range(MAX_DEPTH):
+        inner: list[Any] = []
+        for item in level:
+            if isinstance(item, dict):
+                inner.extend(item.values())
+            elif isinstance(item, list):
+                inner.extend(item)
+        if not inner:
+            return
+        level = inner
+    raise ProtocolError("message/malformed", f"nested more than {MAX_DEPTH} levels deep")
+
+
+def _refused(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
+    first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+    location = [str(part) for part in first["loc"]]
+    if first["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        found = str(plain.get("type"))[:40]
+        return ProtocolError("message/unknown-type", f"no message type {found!r}", "type")
+    field = ".".join(location[1:]) or "type"
+    if first["type"] == "extra_forbidden":
+        return ProtocolError("message/unknown-field", "no such field", field)
+    if first["type"] == "missing":
+        return ProtocolError("message/missing-field", "is required", field)
+    return ProtocolError("message/invalid-field", first["msg"], field)
+
+
+MSGPACK = Codec("robotouille.v1.msgpack", text=False)
+JSON = Codec("robotouille.v1.json", text=True)
+SUBPROTOCOLS = (MSGPACK.name, JSON.name)
+
+
+def codec_for(subprotocol: str | None) -> Codec:
+    """The codec of a negotiated subprotocol; ProtocolError for any other."""
+    for codec in (MSGPACK, JSON):
+        if codec.name == subprotocol:
+            return codec
+    offered = " or ".join(SUBPROTOCOLS)
+    raise ProtocolError("protocol/version", f"ask for the subprotocol {offered}")
+
+
+Encoding = Literal["msgpack", "json"]

@@ -1,0 +1,396 @@
+"""Every message of the wire protocol, version 1, as a discriminated union.
+
+Clients send `ClientMessage`s, the server sends `ServerMessage`s; `type` tells which. Requests may
+carry `ref`, a number that the answer repeats. docs/protocol.md is generated from these models.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+from robotouille.domain.task import Timing
+from robotouille.episode.rules import Clock
+
+__all__ = [
+    "CLIENT_MESSAGES",
+    "PROTOCOL_VERSION",
+    "SERVER_MESSAGES",
+    "Act",
+    "Bye",
+    "ClientMessage",
+    "Create",
+    "Created",
+    "Delta",
+    "Ended",
+    "EpisodeInfo",
+    "Episodes",
+    "Error",
+    "Hello",
+    "Join",
+    "Joined",
+    "Leave",
+    "Left",
+    "ListEpisodes",
+    "NamedAction",
+    "Observation",
+    "Rejected",
+    "Resync",
+    "Roster",
+    "Said",
+    "Say",
+    "SeatInfo",
+    "ServerMessage",
+    "Snapshot",
+    "Welcome",
+    "client_messages",
+    "server_messages",
+]
+
+PROTOCOL_VERSION = 1
+
+Identifier = Annotated[str, Field(min_length=1, max_length=64)]
+Line = Annotated[str, Field(max_length=500)]
+Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
+Kind = Literal["human", "bot", "model"]
+View = Literal["state", "text", "both"]
+
+
+class Message(BaseModel):
+    """Base of all messages: immutable, typed strictly, unknown fields refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+# From client to server
+
+
+class Hello(Message):
+    """The first message: who is there. `resume` is the token of a connection that was lost."""
+
+    type: Literal["hello"] = "hello"
+    ref: Ref | None = None
+    protocol: int
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    kind: Kind = "human"
+    resume: Identifier | None = None
+
+
+class ListEpisodes(Message):
+    """Ask for the episodes that can be joined or watched."""
+
+    type: Literal["list"] = "list"
+    ref: Ref | None = None
+
+
+class Create(Message):
+    """Open an episode. What is left out is as the server's operator has set it."""
+
+    type: Literal["create"] = "create"
+    ref: Ref | None = None
+    task: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    seats: Annotated[int, Field(ge=1, le=16)] | None = None
+    clock: Annotated[Clock, Field(strict=False)] | None = None
+    timing: Annotated[Timing, Field(strict=False)] | None = None
+    step_rate: Annotated[float, Field(gt=0, le=60)] | None = None
+    move_budget: Annotated[float, Field(gt=0, le=86_400)] | None = None
+    max_steps: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    thinking: Literal["wall", "declared"] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**53)] | None = None
+
+
+class Join(Message):
+    """Enter an episode by its id or short code: play a seat, or watch.
+
+    `known` lists digests of tasks the client has already, so that they need not be sent.
+    """
+
+    type: Literal["join"] = "join"
+    ref: Ref | None = None
+    episode: Identifier
+    role: Literal["player", "spectator"] = "player"
+    seat: Identifier | None = None
+    view: View = "state"
+    known: Annotated[list[Identifier], Field(max_length=64)] = []
+
+
+class Leave(Message):
+    """Leave the episode; a seat becomes free."""
+
+    type: Literal["leave"] = "leave"
+    ref: Ref | None = None
+
+
+class NamedAction(Message):
+    """An action by name and arguments, e.g. `move` of `robot1`, `table1`, `table2`."""
+
+    name: Identifier
+    args: Annotated[list[Identifier], Field(max_length=16)] = []
+
+
+class Act(Message):
+    """An action for the next step: named, as a sentence, by its place in the list of valid
+    actions of the step `basis`, or null to do nothing.
+
+    `seq` rises by at least one with each new action; the same again is the same action. `basis`
+    is the step the choice was made on. `think_ms` is the declared thinking time, `reasoning` is
+    recorded and shown to nobody.
+    """
+
+    type: Literal["act"] = "act"
+    seq: Annotated[int, Field(ge=1, le=2**53)]
+    action: NamedAction | Annotated[str, Field(max_length=300)] | Annotated[int, Field(ge=0)] | None
+    basis: Annotated[int, Field(ge=0)] | None = None
+    think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = 0
+    reasoning: Annotated[str, Field(max_length=8000)] | None = None
+
+
+class Say(Message):
+    """A chat message to everybody in the episode."""
+
+    type: Literal["say"] = "say"
+    text: Annotated[str, Field(min_length=1, max_length=500)]
+
+
+class Resync(Message):
+    """Ask for a snapshot, after a gap or a state hash that differs."""
+
+    type: Literal["resync"] = "resync"
+
+
+# From server to client
+
+
+class Welcome(Message):
+    """The answer to `hello`. `resume` brings the connection back within `grace` seconds."""
+
+    type: Literal["welcome"] = "welcome"
+    ref: Ref | None = None
+    protocol: int = PROTOCOL_VERSION
+    server: str
+    session: Identifier
+    resume: Identifier
+    resumed: bool = False
+    grace: float
+
+
+class SeatInfo(Message):
+    """A seat and who plays it; `name` is empty while it is free."""
+
+    player: Identifier
+    name: str = ""
+    kind: str = ""
+    present: bool = False
+    applied: int = 0
+    rejected: int = 0
+
+
+class EpisodeInfo(Message):
+    """An episode as the lobby lists it."""
+
+    episode: Identifier
+    code: Identifier
+    task: str
+    clock: str
+    phase: str
+    step: int
+    max_steps: int
+    seats: list[SeatInfo]
+    spectators: int = 0
+
+
+class Episodes(Message):
+    """The answer to `list`."""
+
+    type: Literal["episodes"] = "episodes"
+    ref: Ref | None = None
+    episodes: list[EpisodeInfo]
+
+
+class Created(Message):
+    """The answer to `create`: the episode's id and the code to pass on."""
+
+    type: Literal["created"] = "created"
+    ref: Ref | None = None
+    episode: Identifier
+    code: Identifier
+
+
+class Joined(Message):
+    """The answer to `join`; a `snapshot` (or `observation`) follows. `seq` is the seat's last
+    sequence number: the next action's is higher."""
+
+    type: Literal["joined"] = "joined"
+    ref: Ref | None = None
+    episode: Identifier
+    code: Identifier
+    role: str
+    seat: str | None = None
+    seq: int = 0
+
+
+class Snapshot(Message):
+    """The whole state at a step.
+
+    `atoms[i]` is atom *i* as `[predicate, object, …]`, indices into `predicates` and `objects`;
+    `facts` lists the atoms that are true. `timers` are the active effects in order of creation,
+    each with its counters; `busy` the steps for which players cannot act. `task` is absent where
+    the client said it knows it. `period` is the seconds between steps in real time, `left` the
+    seconds until the next step or the end of the move's budget.
+    """
+
+    type: Literal["snapshot"] = "snapshot"
+    episode: Identifier
+    step: int
+    phase: str
+    digest: str
+    task: dict[str, Any] | None = None
+    predicates: list[str]
+    objects: list[list[str]]
+    atoms: list[list[int]]
+    facts: list[int]
+    timers: list[list[str | list[int]]]
+    busy: dict[str, int]
+    hash: str
+    seat: str | None = None
+    seq: int = 0
+    turn: str | None = None
+    clock: dict[str, Any]
+    left: float | None = None
+    seats: list[SeatInfo]
+    spectators: int = 0
+    outcome: dict[str, Any] | None = None
+
+
+class Delta(Message):
+    """What one step changed; step numbers have no gaps.
+
+    `add` and `remove` are atoms; `timers` gives the new counters of effects (null: gone; an effect
+    not known before comes last). `did` is the joint action in the order it applied:
+    `[seat number, action, arguments …]`, with the unmet preconditions in `unmet` under its
+    position if it was rejected. `seq` are the sequence numbers of `did`. `objects` and `atoms`
+    extend the tables of the snapshot. `hash` is the digest of the state, now and then.
+    """
+
+    type: Literal["delta"] = "delta"
+    step: int
+    add: list[int] = []
+    remove: list[int] = []
+    timers: dict[str, list[int] | None] = {}
+    busy: dict[str, int] | None = None
+    did: list[list[int | str]] = []
+    seq: list[int] = []
+    unmet: dict[str, list[str]] = {}
+    turn: str | None = None
+    objects: list[list[str]] = []
+    atoms: list[list[int]] = []
+    hash: str | None = None
+
+
+class Observation(Message):
+    """The state in words for one seat, with its valid actions as sentences (text view)."""
+
+    type: Literal["observation"] = "observation"
+    episode: Identifier
+    step: int
+    seat: str | None = None
+    text: str
+    actions: list[str]
+    turn: str | None = None
+    seq: int = 0
+
+
+class Rejected(Message):
+    """An action that was not taken into a step: why, and at which step."""
+
+    type: Literal["rejected"] = "rejected"
+    seq: int
+    step: int
+    action: str
+    reasons: list[str]
+
+
+class Said(Message):
+    """A chat message; `seat` is empty for a spectator."""
+
+    type: Literal["said"] = "said"
+    step: int
+    name: str
+    seat: str = ""
+    text: str
+
+
+class Roster(Message):
+    """Who plays and who watches, sent when it changes."""
+
+    type: Literal["roster"] = "roster"
+    phase: str
+    seats: list[SeatInfo]
+    spectators: int = 0
+
+
+class Ended(Message):
+    """The episode is over."""
+
+    type: Literal["ended"] = "ended"
+    step: int
+    outcome: dict[str, Any]
+    hash: str
+
+
+class Left(Message):
+    """The client is no longer in the episode."""
+
+    type: Literal["left"] = "left"
+    ref: Ref | None = None
+    episode: Identifier
+    reason: str = ""
+
+
+class Error(Message):
+    """A message could not be honoured; the connection lives on unless it closes."""
+
+    type: Literal["error"] = "error"
+    ref: Ref | None = None
+    code: str
+    message: str
+    field: str = ""
+
+
+class Bye(Message):
+    """The server closes the connection, and why."""
+
+    type: Literal["bye"] = "bye"
+    reason: str
+
+
+ClientMessage = Annotated[
+    Hello | ListEpisodes | Create | Join | Leave | Act | Say | Resync, Field(discriminator="type")
+]
+ServerMessage = Annotated[
+    Welcome
+    | Episodes
+    | Created
+    | Joined
+    | Snapshot
+    | Delta
+    | Observation
+    | Rejected
+    | Said
+    | Roster
+    | Ended
+    | Left
+    | Error
+    | Bye,
+    Field(discriminator="type"),
+]
+
+CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Join, Leave, Act, Say, Resync)
+SERVER_MESSAGES = (
+    Welcome, Episodes, Created, Joined, Snapshot, Delta, Observation, Rejected, Said, Roster,
+    Ended, Left, Error, Bye,
+)  # fmt: skip
+
+client_messages: TypeAdapter[ClientMessage] = TypeAdapter(ClientMessage)
+server_messages: TypeAdapter[ServerMessage] = TypeAdapter(ServerMessage)

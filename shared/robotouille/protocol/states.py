@@ -1,0 +1,198 @@
+"""States and their changes as messages carry them, and back.
+
+`StateWriter` is the server's side (one per episode), `StateReader` the client's (one per copy of
+the state). The reader maps the server's atoms by name, so both need not number them alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from robotouille.errors import ProtocolError
+from robotouille.world.atoms import bits_of
+from robotouille.world.effects import Effect
+from robotouille.world.objects import Object
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["StateReader", "StateWriter", "effect_label", "parse_label"]
+
+
+def effect_label(effect: Effect) -> str:
+    """`cook.0(patty1,stove1)`: the first effect of `cook`, with its arguments."""
+    action, index, arguments = effect.label
+    return f"{action}.{index}({','.join(arguments)})"
+
+
+def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
+    """The parts of an effect's label; ValueError if it is none."""
+    head, bracket, rest = label.partition("(")
+    action, dot, index = head.rpartition(".")
+    if not (bracket and dot and rest.endswith(")")):
+        raise ValueError(f"not an effect: {label!r}")
+    arguments = tuple(rest[:-1].split(",")) if rest != ")" else ()
+    return action, int(index), arguments
+
+
+def _rows(objects: Iterable[Object]) -> list[list[str]]:
+    return [[thing.name, thing.kind, thing.type] for thing in objects]
+
+
+class StateWriter:
+    """Describes the states of one episode to those who follow it."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.predicates = list(world.table.fluents)
+        self.size = 0
+
+    def tables(self, state: State) -> dict[str, Any]:
+        """The tables one needs to read the facts of a state."""
+        self.size = self.world.table_size(state.facts)
+        objects = self._objects(0, self.size)
+        return {
+            "predicates": self.predicates,
+            "objects": _rows(objects),
+            "atoms": self._atoms(0, self.size, [thing.name for thing in objects]),
+        }
+
+    def values(self, state: State) -> dict[str, Any]:
+        """Facts, timers and busy players of a state."""
+        timers = [[effect_label(e), list(counters)] for e, counters in state.timers.entries]
+        return {
+            "facts": list(bits_of(state.facts)),
+            "timers": timers,
+            "busy": dict(state.timers.busy),
+        }
+
+    def changes(self, before: State, after: State) -> dict[str, Any]:
+        """What differs between two states; only what did change is there."""
+        fields: dict[str, Any] = {}
+        size = self.world.table_size(after.facts)
+        if size > self.size:
+            known = [thing.name for thing in self._objects(0, self.size)]
+            new = self._objects(self.size, size)
+            names = known + [thing.name for thing in new]
+            fields["objects"] = _rows(new)
+            fields["atoms"] = self._atoms(self.size, size, names)
+            self.size = size
+        if added := after.facts & ~before.facts:
+            fields["add"] = list(bits_of(added))
+        if removed := before.facts & ~after.facts:
+            fields["remove"] = list(bits_of(removed))
+        if after.timers is not before.timers:
+            timers = _timer_changes(before, after)
+            if timers:
+                fields["timers"] = timers
+            if after.timers.busy != before.timers.busy:
+                fields["busy"] = dict(after.timers.busy)
+        return fields
+
+    def _objects(self, start: int, stop: int) -> list[Object]:
+        """The objects whose atoms begin in a range of the table, in the table's order."""
+        everything = self.world.all_objects()
+        initial = len(self.world.placed)
+        sizes = self.world.table_sizes
+        creatable = (len(everything) - initial) // (len(sizes) - 1) if len(sizes) > 1 else 0
+        counts = {size: initial + i * creatable for i, size in enumerate(sizes)} | {0: 0}
+        return list(everything[counts[start] : counts[stop]])
+
+    def _atoms(self, start: int, stop: int, names: Sequence[str]) -> list[list[int]]:
+        place = {name: i for i, name in enumerate(names)}
+        predicate = {name: i for i, name in enumerate(self.predicates)}
+        return [
+            [
+                predicate.get(atom[0], -1 if atom[0] == "~exists" else -2),
+                *(place[a] for a in atom[1:]),
+            ]
+            for atom in self.world.table.atoms[start:stop]
+        ]
+
+
+def _timer_changes(before: State, after: State) -> dict[str, list[int] | None]:
+    old = dict(before.timers.entries)
+    new = dict(after.timers.entries)
+    changes: dict[str, list[int] | None] = {}
+    for effect in old:
+        if effect not in new:
+            changes[effect_label(effect)] = None
+    for effect, counters in new.items():
+        if old.get(effect) != counters:
+            changes[effect_label(effect)] = list(counters)
+    return changes
+
+
+class StateReader:
+    """A client's copy of an episode's state, kept up to date by deltas.
+
+    Raises ProtocolError `state/mismatch` where a message does not fit this world: ask for a
+    snapshot then.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        tables: Mapping[str, Any],
+        values: Mapping[str, Any],
+    ) -> None:
+        self.world = world
+        self._predicates: list[str] = list(tables["predicates"])
+        self._objects: list[str] = []
+        self._atoms: list[int] = []
+        self._facts = 0
+        self._timers: dict[str, list[int]] = {}
+        self._busy: dict[str, int] = {}
+        try:
+            self._extend(tables["objects"], tables["atoms"])
+            self._facts = self._mask(values["facts"])
+            self._timers = {label: list(counters) for label, counters in values["timers"]}
+            self._busy = dict(values["busy"])
+            self.state = self._state()
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise ProtocolError("state/mismatch", f"unreadable snapshot: {error}") from None
+
+    def apply(self, changes: Mapping[str, Any]) -> State:
+        """The state after a delta's changes."""
+        try:
+            self._extend(changes.get("objects", ()), changes.get("atoms", ()))
+            self._facts |= self._mask(changes.get("add", ()))
+            self._facts &= ~self._mask(changes.get("remove", ()))
+            for label, counters in changes.get("timers", {}).items():
+                if counters is None:
+                    self._timers.pop(label, None)
+                else:
+                    self._timers[label] = list(counters)
+            if changes.get("busy") is not None:
+                self._busy = dict(changes["busy"])
+            self.state = self._state()
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise ProtocolError("state/mismatch", f"unreadable change: {error}") from None
+        return self.state
+
+    def _extend(self, objects: Iterable[Sequence[str]], atoms: Iterable[Sequence[int]]) -> None:
+        rows = list(objects)
+        self._objects += [row[0] for row in rows]
+        wanted: dict[str, int] = {}
+        for thing in self.world.all_objects():
+            wanted[thing.kind] = wanted.get(thing.kind, 0)
+        for row in (name for name in self._objects if name not in self.world.thing_names):
+            kind = row.rstrip("0123456789")
+            wanted[kind] = max(wanted.get(kind, 0), int(row[len(kind) :]))
+        if any(name not in self.world.thing_names for name in self._objects):
+            self.world.make_room(wanted)
+        bit = self.world.table.bit
+        special = {-1: "~exists", -2: "~used"}
+        for predicate, *arguments in atoms:
+            name = special[predicate] if predicate < 0 else self._predicates[predicate]
+            self._atoms.append(bit[(name, *(self._objects[i] for i in arguments))])
+
+    def _mask(self, positions: Iterable[int]) -> int:
+        mask = 0
+        for position in positions:
+            mask |= self._atoms[position]
+        return mask
+
+    def _state(self) -> State:
+        rows = [(*parse_label(label), tuple(c)) for label, c in self._timers.items()]
+        return self.world.restore(self._facts, rows, tuple(sorted(self._busy.items())))
