@@ -152,7 +152,7 @@ class FloorArt(Schema):
     """Pictures of floor tiles by their letter in a problem's `ground`, and of the wall."""
 
     default: FileName | None = None
-    tiles: dict[Annotated[str, Field(min_length=1, max_length=1)], FileName] = {}
+    tiles: dict[Annotated[str, Field(min_length=1, max_length=1)], FileName] = Field(default={})
     wall: FileName | None = None
     ground: tuple[str, ...] = ()
     furniture: tuple[str, ...] = ()
@@ -167,12 +167,12 @@ class RenderingFile(Schema):
     floor: FloorArt = FloorArt()
     player: dict[
         str, Annotated[tuple[Facings, ...], BeforeValidator(_listed), Field(min_length=1)]
-    ] = {}
+    ] = Field(default={})
     item: Group = Group()
     station: Group = Group()
     container: Group = Group()
-    progress: dict[str, FileName] = {}
-    icons: dict[str, FileName] = {}
+    progress: dict[str, FileName] = Field(default={})
+    icons: dict[str, FileName] = Field(default={})
 
     def group_of(self, kind: str) -> Group | None:
         """The group that has pictures of a kind."""
@@ -195,10 +195,12 @@ class RenderingFile(Schema):
 
 
 def rendering_of(domain: DomainFile) -> RenderingFile:
-    """The rendering that ships for a domain; an empty one where there is none.
+    """The rendering that ships for a domain; the kitchen's where there is none of its own.
 
     Only a file's name is taken from the domain, which may come from a stranger.
     """
     name = Path(domain.rendering_json or f"{domain.name}.json").name
     path = data_folder("renderings") / name
-    return read_model(path, RenderingFile) if path.is_file() else RenderingFile(version="2.0")
+    if not path.is_file():
+        path = data_folder("renderings") / "robotouille.json"
+    return read_model(path, RenderingFile)

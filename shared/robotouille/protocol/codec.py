@@ -7,7 +7,7 @@ becomes a ProtocolError with a stable code and the name of the field.
 from __future__ import annotations
 
 import json
-from typing import Any, Literal
+from typing import Any
 
 import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -147,12 +147,5 @@ SUBPROTOCOLS = (MSGPACK.name, JSON.name)
 
 
 def codec_for(subprotocol: str | None) -> Codec:
-    """The codec of a negotiated subprotocol; ProtocolError for any other."""
-    for codec in (MSGPACK, JSON):
-        if codec.name == subprotocol:
-            return codec
-    offered = " or ".join(SUBPROTOCOLS)
-    raise ProtocolError("protocol/version", f"ask for the subprotocol {offered}")
-
-
-Encoding = Literal["msgpack", "json"]
+    """The codec of a negotiated subprotocol; JSON where a client asked for none."""
+    return MSGPACK if subprotocol == MSGPACK.name else JSON

@@ -294,6 +294,7 @@ class Observation(Message):
     type: Literal["observation"] = "observation"
     episode: Identifier
     step: int
+    phase: str = "running"
     seat: str | None = None
     text: str
     actions: list[str]
@@ -302,13 +303,14 @@ class Observation(Message):
 
 
 class Rejected(Message):
-    """An action that was not taken into a step: why, and at which step."""
+    """An action that was not taken into a step: why (`code`, `reasons`), and at which step."""
 
     type: Literal["rejected"] = "rejected"
     seq: int
     step: int
     action: str
     reasons: list[str]
+    code: str = "action/invalid"
 
 
 class Said(Message):

@@ -1,0 +1,34 @@
+"""The client side: an async library, bots, the window and the offline commands.
+
+async with connect("ws://127.0.0.1:8765", name="ada") as client:
+    game = await client.join("KQXZB")
+    async for event in game:
+        ...
+"""
+
+from robotouille_client.connection import Client, connect
+from robotouille_client.game import (
+    ActResult,
+    Changed,
+    Game,
+    GameEvent,
+    Heard,
+    Observed,
+    Over,
+    Refused,
+    RosterChanged,
+)
+
+__all__ = [
+    "ActResult",
+    "Changed",
+    "Client",
+    "Game",
+    "GameEvent",
+    "Heard",
+    "Observed",
+    "Over",
+    "Refused",
+    "RosterChanged",
+    "connect",
+]

@@ -1,0 +1,81 @@
+"""Plays a seat over the network with a policy."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille_client.bots.policies import Policy
+from robotouille_client.game import Changed, Game, GameEvent
+
+__all__ = ["MakePolicy", "play"]
+
+MakePolicy = Callable[[State, str], Policy]
+"""Makes the policy of a seat, given the state at which it begins."""
+
+MAX_TRIES = 5
+
+
+async def play(game: Game, make_policy: MakePolicy, *, threaded: bool = True) -> dict[str, Any]:
+    """Play a game to its end; returns the outcome as data, empty if the connection was lost.
+
+    `threaded` thinks in a thread, so that the connection stays alive while a policy searches.
+    Otherwise each decision is made at once, and the same messages lead to the same course.
+    """
+    await _Player(game, make_policy, threaded).run()
+    return game.outcome or {}
+
+
+class _Player:
+    def __init__(self, game: Game, make_policy: MakePolicy, threaded: bool) -> None:
+        self._game = game
+        self._make_policy = make_policy
+        self._threaded = threaded
+        self._policy: Policy | None = None
+        self._decided = -1
+        self._tries = 0
+
+    async def run(self) -> None:
+        while not self._game.ended:
+            for event in self._game.poll():
+                self._heed(event)
+            if self._game.has_state and self._game.my_move and self._decided < self._game.step:
+                await self._move()
+            elif not self._game.ended:
+                self._heed(await self._game.next_event())
+
+    def _heed(self, event: GameEvent) -> None:
+        if isinstance(event, Changed) and event.did and self._policy is not None:
+            self._policy.observe(event.did)
+
+    async def _move(self) -> None:
+        """Decide and act once. What was rejected is decided anew, but not for ever."""
+        game, step = self._game, self._game.step
+        action = await self._decide(game.state) if self._tries < MAX_TRIES else None
+        if game.ended or not game.my_move:
+            return
+        if action is not None and not game.world.applicable(game.state, action):
+            self._tries += 1
+            return
+        if (
+            action is None
+            and game.clock["clock"] == "realtime"
+            and game.clock["thinking"] == "wall"
+        ):
+            self._decided, self._tries = step, 0
+            return
+        result = await game.act(action)
+        if result.applied:
+            self._decided, self._tries = step, 0
+        else:
+            self._tries += 1
+
+    async def _decide(self, state: State) -> GroundAction | None:
+        if self._policy is None:
+            self._policy = self._make_policy(state, self._game.seat or "")
+        if self._threaded:
+            return await asyncio.to_thread(self._policy.act, state)
+        return self._policy.act(state)

@@ -1,0 +1,299 @@
+"""`connect()`: the async client library. It reconnects by itself; a bot's code does not notice."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from types import TracebackType
+from typing import Any, Literal, Self, TypeVar
+
+from websockets.asyncio.client import ClientConnection
+from websockets.asyncio.client import connect as open_socket
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+from websockets.typing import Subprotocol
+
+from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.protocol import messages
+from robotouille.protocol.codec import JSON, MSGPACK, Codec
+from robotouille_client.game import Game
+
+__all__ = ["Client", "ConnectionFailedError", "connect"]
+
+DEFAULT_URL = "ws://127.0.0.1:8765"
+FIRST_DELAY, LONGEST_DELAY = 0.1, 5.0
+ANSWER_SECONDS = 15.0
+
+T = TypeVar("T", bound=messages.Message)
+
+
+class ConnectionFailedError(RobotouilleError):
+    """The server cannot be reached, or would not have us."""
+
+
+class Client:
+    """A participant's connection to a server; made by `connect()`."""
+
+    def __init__(
+        self,
+        url: str,
+        *,
+        name: str,
+        kind: messages.Kind = "bot",
+        codec: Codec = MSGPACK,
+        reconnect: bool = True,
+        seed: int | None = None,
+    ) -> None:
+        self.url = url
+        self.name = name
+        self.kind: messages.Kind = kind
+        self.game: Game | None = None
+        self.connected = asyncio.Event()
+        self._codec = codec
+        self._reconnect = reconnect
+        self._jitter = random.Random(seed)
+        self._socket: ClientConnection | None = None
+        self._resume: str | None = None
+        self._refs = 0
+        self._answers: dict[int, asyncio.Future[Any]] = {}
+        self._join: messages.Join | None = None
+        self._reader: asyncio.Task[None] | None = None
+        self._outbox: asyncio.Queue[messages.Message] = asyncio.Queue()
+        self._closing = False
+        self.farewell = ""
+
+    # Life
+
+    async def __aenter__(self) -> Self:
+        await self._open()
+        self._reader = asyncio.create_task(self._run(), name=f"robotouille-client {self.name}")
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connection; a seat is kept for the server's grace period."""
+        self._closing = True
+        if self._socket is not None:
+            await self._socket.close()
+        if self._reader is not None:
+            self._reader.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._reader
+
+    # Requests
+
+    async def episodes(self) -> list[messages.EpisodeInfo]:
+        """The episodes on the server."""
+        answer = await self._ask(messages.ListEpisodes(ref=self._next_ref()), messages.Episodes)
+        return answer.episodes
+
+    async def create(self, task: str | None = None, **options: Any) -> messages.Created:
+        """Open an episode; `options` are the fields of the `create` message."""
+        request = messages.Create(ref=self._next_ref(), task=task, **options)
+        return await self._ask(request, messages.Created)
+
+    async def join(
+        self,
+        episode: str,
+        *,
+        seat: str | None = None,
+        role: Literal["player", "spectator"] = "player",
+        view: messages.View = "state",
+    ) -> Game:
+        """Enter an episode by id or code; returns once the first picture is there."""
+        request = messages.Join(
+            ref=self._next_ref(), episode=episode, seat=seat, role=role, view=view
+        )
+        self._join = request
+        try:
+            await self._ask(request, messages.Joined)
+        except ProtocolError:
+            self._join = None
+            raise
+        if self.game is None:
+            raise AssertionError("joined without a game")
+        return self.game
+
+    async def leave(self) -> None:
+        """Leave the episode; the seat becomes free."""
+        self._join = None
+        await self._ask(messages.Leave(ref=self._next_ref()), messages.Left)
+        self.game = None
+
+    def _next_ref(self) -> int:
+        self._refs += 1
+        return self._refs
+
+    async def _ask(self, request: Any, expected: type[T]) -> T:
+        future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
+        self._answers[request.ref] = future
+        self._send(request)
+        try:
+            async with asyncio.timeout(ANSWER_SECONDS):
+                answer = await future
+        except TimeoutError:
+            raise ConnectionFailedError(f"{self.url} does not answer") from None
+        finally:
+            self._answers.pop(request.ref, None)
+        if not isinstance(answer, expected):
+            found = type(answer).__name__
+            raise ProtocolError("message/unexpected", f"{found} in answer to {request.type}")
+        return answer
+
+    def _send(self, message: messages.Message) -> None:
+        self._outbox.put_nowait(message)
+
+    # The connection
+
+    async def _open(self) -> None:
+        """Connect and say hello."""
+        try:
+            socket = await open_socket(
+                self.url,
+                subprotocols=[Subprotocol(self._codec.name)],
+                compression=None,
+                max_size=8 * 1024 * 1024,
+                open_timeout=10,
+                ping_interval=20,
+                ping_timeout=60,
+                close_timeout=2,
+            )
+        except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
+            message = f"cannot connect to {self.url}: {error}. Is robotouille-server running there?"
+            raise ConnectionFailedError(message) from None
+        hello = messages.Hello(
+            protocol=messages.PROTOCOL_VERSION, name=self.name, kind=self.kind, resume=self._resume
+        )
+        await socket.send(self._codec.encode(hello))
+        answer = self._codec.decode_server(await socket.recv())
+        if isinstance(answer, messages.Error):
+            if answer.code == "auth/expired":
+                self._resume = None
+                await socket.send(self._codec.encode(hello.model_copy(update={"resume": None})))
+                answer = self._codec.decode_server(await socket.recv())
+            if isinstance(answer, messages.Error):
+                await socket.close()
+                raise ProtocolError(answer.code, answer.message, answer.field)
+        if not isinstance(answer, messages.Welcome):
+            await socket.close()
+            raise ProtocolError("message/unexpected", f"{answer.type} in answer to hello")
+        self._socket = socket
+        self._resume = answer.resume
+        self.connected.set()
+        if self._join is not None and not answer.resumed:
+            seat = self.game.seat if self.game else self._join.seat
+            again = self._join.model_copy(update={"ref": self._next_ref(), "seat": seat})
+            await socket.send(self._codec.encode(again))
+
+    async def _run(self) -> None:
+        while not self._closing:
+            await self._converse()
+            self.connected.clear()
+            if self._closing or not self._reconnect or self.farewell:
+                break
+            await self._come_back()
+        self._give_up(self.farewell or "the connection was closed")
+
+    async def _converse(self) -> None:
+        socket = self._socket
+        if socket is None:
+            return
+        sender = asyncio.create_task(self._write(socket))
+        try:
+            async for payload in socket:
+                self._receive(self._codec.decode_server(payload))
+        except ConnectionClosed:
+            pass
+        finally:
+            sender.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await sender
+
+    async def _write(self, socket: ClientConnection) -> None:
+        while True:
+            message = await self._outbox.get()
+            with contextlib.suppress(ConnectionClosed):
+                await socket.send(self._codec.encode(message))
+
+    async def _come_back(self) -> None:
+        """Reconnect with growing pauses (100 ms to 5 s, with jitter)."""
+        delay = FIRST_DELAY
+        while not self._closing:
+            await asyncio.sleep(delay * self._jitter.uniform(0.5, 1.0))
+            delay = min(LONGEST_DELAY, delay * 2)
+            try:
+                await self._open()
+            except ConnectionFailedError:
+                continue
+            except (ProtocolError, ConnectionClosed) as error:
+                self.farewell = str(error)
+            return
+
+    def _receive(self, message: messages.ServerMessage) -> None:
+        now = asyncio.get_running_loop().time()
+        if isinstance(message, messages.Joined):
+            if self.game is None or self.game.episode != message.episode:
+                self.game = Game(self._send, message)
+            else:
+                self.game.rejoined(message)
+            self._pending_join = message
+        if isinstance(message, messages.Bye):
+            self.farewell = message.reason
+        if self.game is not None:
+            self.game.receive(message, now)
+        self._settle(message)
+
+    def _settle(self, message: messages.ServerMessage) -> None:
+        """Hand an answer to who asked; a join is answered once its first picture is there."""
+        ref = getattr(message, "ref", None)
+        if isinstance(message, messages.Joined):
+            self._joining = ref
+            return
+        if isinstance(message, messages.Snapshot | messages.Observation):
+            ref, message = self._joining, self._pending_join  # type: ignore[assignment]
+            self._joining = None
+        future = self._answers.get(ref) if ref is not None else None
+        if future is None or future.done():
+            return
+        if isinstance(message, messages.Error):
+            future.set_exception(ProtocolError(message.code, message.message, message.field))
+        else:
+            future.set_result(message)
+
+    _joining: int | None = None
+    _pending_join: messages.Joined | None = None
+
+    def _give_up(self, reason: str) -> None:
+        for future in self._answers.values():
+            if not future.done():
+                future.set_exception(ConnectionFailedError(reason))
+        if self.game is not None and not self.game.over:
+            self.game.receive(messages.Bye(reason=reason), 0.0)
+
+
+@asynccontextmanager
+async def connect(
+    url: str = DEFAULT_URL,
+    *,
+    name: str,
+    kind: messages.Kind = "bot",
+    encoding: Literal["msgpack", "json"] = "msgpack",
+    reconnect: bool = True,
+) -> AsyncIterator[Client]:
+    """A connection to a server.
+
+    Raises ConnectionFailedError if it cannot be reached at first; later it is sought again and
+    again until the context is left.
+    """
+    codec = MSGPACK if encoding == "msgpack" else JSON
+    async with Client(url, name=name, kind=kind, codec=codec, reconnect=reconnect) as client:
+        yield client

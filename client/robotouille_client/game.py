@@ -1,0 +1,381 @@
+"""An episode as one participant sees it: a copy of the state, kept up to date by messages.
+
+`Game` does no I/O: it takes the server's messages and hands out what to send.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from robotouille.domain.task import Task
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille.protocol.states import StateReader
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille.world.world import World, shared_world
+
+__all__ = [
+    "ActResult",
+    "Changed",
+    "Game",
+    "GameEvent",
+    "Heard",
+    "Observed",
+    "Over",
+    "Refused",
+    "RosterChanged",
+]
+
+MAX_EVENTS = 10_000
+
+Wish = GroundAction | messages.NamedAction | str | int | None
+"""What one can ask to do: a ground action, a named one, its sentence, its place in the list of
+valid actions, or None for nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Changed:
+    """The state is another: a step was taken, or (`did` empty, `previous` None) a snapshot came.
+
+    `did` are the actions of the step as `(player, action, applied)`.
+    """
+
+    step: int
+    state: State
+    previous: State | None = None
+    did: tuple[tuple[str, GroundAction, bool], ...] = ()
+    turn: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """The state in words, with the seat's valid actions (text view)."""
+
+    step: int
+    text: str
+    actions: tuple[str, ...]
+    turn: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """An action of this seat was not taken, and why."""
+
+    seq: int
+    step: int
+    action: str
+    reasons: tuple[str, ...]
+    code: str
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """Somebody said something."""
+
+    name: str
+    seat: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RosterChanged:
+    """Who plays and whether all seats are taken."""
+
+    phase: str
+    seats: tuple[messages.SeatInfo, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Over:
+    """The episode is over, or (`outcome` empty) the participant is out of it."""
+
+    outcome: dict[str, Any]
+    reason: str = ""
+
+
+GameEvent = Changed | Observed | Refused | Heard | RosterChanged | Over
+
+
+@dataclass(frozen=True, slots=True)
+class ActResult:
+    """What became of an action."""
+
+    applied: bool
+    step: int
+    reasons: tuple[str, ...] = ()
+    code: str = ""
+
+
+class Game:
+    """One episode: its state, its events, and what one does in it."""
+
+    def __init__(self, send: Callable[[messages.Message], None], joined: messages.Joined) -> None:
+        self.episode = joined.episode
+        self.code = joined.code
+        self.role = joined.role
+        self.seat = joined.seat
+        self.step = 0
+        self.phase = "waiting"
+        self.turn: str | None = None
+        self.seats: tuple[messages.SeatInfo, ...] = ()
+        self.clock: dict[str, Any] = {}
+        self.outcome: dict[str, Any] | None = None
+        self.observation: Observed | None = None
+        self.step_time = 0.0
+        self.left: float | None = None
+        self._send = send
+        self._reader: StateReader | None = None
+        self._seq = joined.seq
+        self._waiting: dict[int, asyncio.Future[ActResult]] = {}
+        self._unanswered: dict[int, messages.Act] = {}
+        self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
+        self._news = asyncio.Event()
+        self._resyncing = False
+        self.ended = False
+
+    # State
+
+    @property
+    def state(self) -> State:
+        """The current state; RuntimeError before the first snapshot or in a text view."""
+        if self._reader is None:
+            raise RuntimeError("no state yet: the view is 'text', or the snapshot is on its way")
+        return self._reader.state
+
+    @property
+    def has_state(self) -> bool:
+        return self._reader is not None
+
+    @property
+    def world(self) -> World:
+        """The task's world, on which one can plan without the server."""
+        return self.state.world
+
+    @property
+    def actions(self) -> tuple[GroundAction, ...]:
+        """The valid actions of this seat."""
+        return self.state.actions(self.seat) if self.seat else ()
+
+    @property
+    def running(self) -> bool:
+        return self.phase == "running"
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has an outcome."""
+        return self.outcome is not None
+
+    @property
+    def my_move(self) -> bool:
+        """Whether this seat may act in the present step."""
+        if not self.running or self.seat is None or self.turn not in (None, self.seat):
+            return False
+        return not self.has_state or self.state.busy_steps(self.seat) == 0
+
+    # Acting
+
+    def submit(
+        self, wish: Wish, *, think_ms: int = 0, reasoning: str | None = None
+    ) -> asyncio.Future[ActResult]:
+        """Send an action (None: do nothing); the future tells what became of it.
+
+        It stays pending while the connection is away: the action is sent again, and not done
+        twice.
+        """
+        if self.seat is None:
+            raise ProtocolError("seat/none", "spectators do not act")
+        self._seq += 1
+        act = messages.Act(
+            seq=self._seq,
+            action=_wire_action(wish),
+            basis=self.step,
+            think_ms=think_ms,
+            reasoning=reasoning,
+        )
+        future = asyncio.get_running_loop().create_future()
+        self._waiting[act.seq] = future
+        self._unanswered = {act.seq: act}
+        self._send(act)
+        return future
+
+    async def act(
+        self, wish: Wish, *, think_ms: int = 0, reasoning: str | None = None
+    ) -> ActResult:
+        """Send an action and wait until it was taken into a step or rejected."""
+        return await self.submit(wish, think_ms=think_ms, reasoning=reasoning)
+
+    def say(self, text: str) -> None:
+        """Say something to everybody in the episode."""
+        self._send(messages.Say(text=text))
+
+    # Events
+
+    def __aiter__(self) -> AsyncIterator[GameEvent]:
+        return self._iterate()
+
+    async def _iterate(self) -> AsyncIterator[GameEvent]:
+        """Events as they come, until the episode is over."""
+        while True:
+            event = await self.next_event()
+            yield event
+            if isinstance(event, Over):
+                return
+
+    async def next_event(self) -> GameEvent:
+        """The next thing that happens."""
+        while not self._events:
+            self._news.clear()
+            await self._news.wait()
+        return self._events.popleft()
+
+    def poll(self) -> list[GameEvent]:
+        """What has happened since this was last asked, without waiting."""
+        events = list(self._events)
+        self._events.clear()
+        return events
+
+    # Messages
+
+    def receive(self, message: messages.ServerMessage, now: float) -> None:
+        """Take a message of the server into account."""
+        match message:
+            case messages.Snapshot():
+                self._snapshot(message, now)
+            case messages.Delta():
+                self._delta(message, now)
+            case messages.Observation():
+                self._observe(message, now)
+            case messages.Rejected():
+                self._rejected(message)
+            case messages.Said():
+                self._emit(Heard(message.name, message.seat, message.text))
+            case messages.Roster():
+                self.phase, self.seats = message.phase, tuple(message.seats)
+                self._emit(RosterChanged(message.phase, self.seats))
+            case messages.Ended():
+                self._finish(message.outcome)
+            case messages.Left() | messages.Bye():
+                self._give_up(message.reason)
+            case _:
+                pass
+
+    def rejoined(self, joined: messages.Joined) -> None:
+        """The connection is back: send again what was not answered."""
+        self._seq = max(self._seq, joined.seq)
+        self._resyncing = False
+        for act in self._unanswered.values():
+            self._send(act)
+
+    def _snapshot(self, message: messages.Snapshot, now: float) -> None:
+        if message.task is not None:
+            world = shared_world(Task.from_json(message.task, "the server's task"))
+        elif self._reader is not None:
+            world = self._reader.world
+        else:
+            raise ProtocolError("state/mismatch", "a snapshot without its task")
+        values = message.model_dump(include={"facts", "timers", "busy"})
+        tables = message.model_dump(include={"predicates", "objects", "atoms"})
+        self._reader = StateReader(world, tables, values)
+        if self._reader.state.digest != message.hash:
+            raise ProtocolError("state/mismatch", "the snapshot's state has another hash")
+        self._resyncing = False
+        self.step, self.phase, self.turn = message.step, message.phase, message.turn
+        self.seats, self.clock = tuple(message.seats), message.clock
+        self.left, self.step_time = message.left, now
+        self._seq = max(self._seq, message.seq)
+        self._emit(Changed(message.step, self.state, turn=message.turn))
+        if message.outcome is not None:
+            self._finish(message.outcome)
+
+    def _delta(self, message: messages.Delta, now: float) -> None:
+        if self._resyncing or self._reader is None:
+            return
+        if message.step != self.step + 1:
+            self._resync()
+            return
+        previous = self.state
+        try:
+            state = self._reader.apply(message.model_dump(exclude_defaults=True))
+        except ProtocolError:
+            self._resync()
+            return
+        if message.hash is not None and state.digest != message.hash:
+            self._resync()
+            return
+        self.step, self.turn = message.step, message.turn
+        self.left, self.step_time = None, now
+        did = self._did(message)
+        self._answer(message)
+        self._emit(Changed(message.step, state, previous, did, message.turn))
+
+    def _did(self, message: messages.Delta) -> tuple[tuple[str, GroundAction, bool], ...]:
+        rows = []
+        for i, (seat, name, *arguments) in enumerate(message.did):
+            player = self.world.players[int(seat)]
+            action = self.world.action(str(name), *map(str, arguments))
+            rows.append((player, action, str(i) not in message.unmet))
+        return tuple(rows)
+
+    def _answer(self, message: messages.Delta) -> None:
+        for i, (row, seq) in enumerate(zip(message.did, message.seq, strict=True)):
+            if self.world.players[int(row[0])] == self.seat:
+                reasons = tuple(message.unmet.get(str(i), ()))
+                code = "action/invalid" if reasons else ""
+                self._resolve(seq, ActResult(not reasons, message.step, reasons, code))
+        # A decision to do nothing is answered by the step in which nothing was done.
+        for seq, act in list(self._unanswered.items()):
+            if act.action is None:
+                self._resolve(seq, ActResult(True, message.step))
+
+    def _observe(self, message: messages.Observation, now: float) -> None:
+        self.step, self.turn = message.step, message.turn
+        self.step_time = now
+        self.phase = message.phase
+        observed = Observed(message.step, message.text, tuple(message.actions), message.turn)
+        self.observation = observed
+        self._emit(observed)
+        if not self.has_state:
+            for seq in [s for s in self._waiting if s <= message.seq and message.step > 0]:
+                self._resolve(seq, ActResult(True, message.step))
+
+    def _rejected(self, message: messages.Rejected) -> None:
+        reasons = tuple(message.reasons)
+        self._resolve(message.seq, ActResult(False, message.step, reasons, message.code))
+        self._emit(Refused(message.seq, message.step, message.action, reasons, message.code))
+
+    def _finish(self, outcome: dict[str, Any]) -> None:
+        self.outcome, self.phase = outcome, "over"
+        self._give_up(str(outcome.get("reason", "")))
+
+    def _give_up(self, reason: str) -> None:
+        if self.ended:
+            return
+        self.ended = True
+        for seq in list(self._waiting):
+            self._resolve(seq, ActResult(False, self.step, (reason,), "episode/over"))
+        self._emit(Over(self.outcome or {}, reason))
+
+    def _resolve(self, seq: int, result: ActResult) -> None:
+        self._unanswered.pop(seq, None)
+        future = self._waiting.pop(seq, None)
+        if future is not None and not future.done():
+            future.set_result(result)
+
+    def _resync(self) -> None:
+        self._resyncing = True
+        self._send(messages.Resync())
+
+    def _emit(self, event: GameEvent) -> None:
+        self._events.append(event)
+        self._news.set()
+
+
+def _wire_action(wish: Wish) -> messages.NamedAction | str | int | None:
+    if isinstance(wish, GroundAction):
+        return messages.NamedAction(name=wish.name, args=list(wish.arguments))
+    return wish

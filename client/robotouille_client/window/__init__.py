@@ -1,0 +1,1 @@
+"""The pygame window: everything that draws or reads a mouse."""

@@ -1,0 +1,214 @@
+"""Which picture shows each object of a state, and how things lie in and on one another.
+
+Pure: a `Stage` is computed once for each state, from its scene and the rendering file.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Literal
+
+from robotouille.domain.rendering import Entity, Fact, RenderingFile
+from robotouille.domain.schema import DomainFile
+from robotouille.world.scene import Placed, scene
+from robotouille.world.state import State
+
+__all__ = ["Artist", "Look", "Piece", "Stage"]
+
+Role = Literal["station", "item", "container", "player"]
+
+_SCALES: dict[Role, float] = {"station": 1.0, "item": 0.62, "container": 0.78, "player": 1.0}
+_OFFSET = 0.16
+_HEIGHT = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What one thing looks like: a picture, or a tile made up from its kind and `words`."""
+
+    kind: str
+    role: Role
+    asset: str | None = None
+    words: str = ""
+    facing: str = "front"
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """One thing of a pile: its look and its height above the pile's base, in tiles."""
+
+    name: str
+    look: Look
+    scale: float
+    rise: float
+    contents: tuple[Look, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """Everything to draw of a state.
+
+    `piles` are the things on each station or in each player's hands, from the bottom up; `bases`
+    the height of each pile's base over the middle of the tile.
+    """
+
+    placed: dict[str, Placed]
+    stations: dict[str, Look]
+    piles: dict[str, tuple[Piece, ...]]
+    bases: dict[str, float]
+
+
+class Artist:
+    """Chooses looks by a domain's rendering file."""
+
+    def __init__(self, domain: DomainFile, rendering: RenderingFile) -> None:
+        self.rendering = rendering
+        self._stations = set(domain.station_types)
+        self._players = set(domain.player_types)
+        self._words = _states_of_things(domain)
+
+    def stage(self, state: State) -> Stage:
+        """What to draw of a state."""
+        placed = scene(state)
+        related = _relations(state)
+        stations, hosted = {}, defaultdict(list)
+        for name, thing in placed.items():
+            if thing.thing.type in self._stations:
+                stations[name] = self.look(thing, placed, related)
+            elif self._is_inside(thing, placed):
+                continue
+            elif thing.host is not None:
+                hosted[thing.host].append(thing)
+            elif thing.tile is not None and thing.thing.type not in self._players:
+                hosted[name].append(thing)
+        piles, bases = {}, {}
+        for host, things in hosted.items():
+            things.sort(key=lambda thing: thing.level)
+            piles[host] = self._pile(things, placed, related)
+            bases[host] = self._constant(things[0], "station_offset", _OFFSET)
+        return Stage(placed, stations, piles, bases)
+
+    def look(
+        self, thing: Placed, placed: dict[str, Placed], related: dict[str, list[Fact]]
+    ) -> Look:
+        """What a thing that is no player looks like."""
+        kind = thing.thing.kind
+        entity = self._entity(kind)
+        asset = None
+        if entity is not None:
+            art, about = entity.assets, related.get(thing.thing.name, [])
+            for meal in _inside(thing.thing.name, placed):
+                group = art.named.get(meal.thing.kind)
+                if group is not None and group.asset is None:
+                    art, about = group, related.get(meal.thing.name, [])
+                    break
+            asset = art.choose(thing.facts, about)
+        words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
+        return Look(kind, self._role(thing), asset, "" if asset else words)
+
+    def player(self, kind: str, index: int, facing: str) -> Look:
+        """What the player in seat `index` looks like from one side."""
+        looks = self.rendering.player
+        choices = looks.get(kind) or next(iter(looks.values()), None)
+        if choices is None:
+            return Look(kind, "player", None, "", facing)
+        facings = choices[index % len(choices)]
+        return Look(kind, "player", getattr(facings, facing), "", facing)
+
+    def _pile(
+        self, things: list[Placed], placed: dict[str, Placed], related: dict[str, list[Fact]]
+    ) -> tuple[Piece, ...]:
+        pieces, rise = [], 0.0
+        for thing in things:
+            name = thing.thing.name
+            scale = self._constant(thing, "scale", _SCALES[self._role(thing)])
+            contents = [self.look(placed[n], placed, related) for n in _contents(name, placed)]
+            look = self.look(thing, placed, related)
+            pieces.append(Piece(name, look, scale, rise, tuple(contents)))
+            rise += self._constant(thing, "stack_offset", _HEIGHT)
+        return tuple(pieces)
+
+    def _is_inside(self, thing: Placed, placed: dict[str, Placed]) -> bool:
+        """Whether a thing is in a container, whose look shows it."""
+        host = placed.get(thing.host or "")
+        return host is not None and host.thing.type not in self._stations | self._players
+
+    def _role(self, thing: Placed) -> Role:
+        if thing.thing.type in self._stations:
+            return "station"
+        if thing.thing.type in self._players:
+            return "player"
+        in_containers = thing.thing.kind in self.rendering.container.entities
+        return "container" if in_containers or thing.thing.type == "container" else "item"
+
+    def _entity(self, kind: str) -> Entity | None:
+        group = self.rendering.group_of(kind)
+        return group.entities[kind] if group else None
+
+    def _constant(self, thing: Placed, name: str, default: float) -> float:
+        kind, rendering = thing.thing.kind, self.rendering
+        role = self._role(thing)
+        group = rendering.group_of(kind) or (
+            rendering.container if role == "container" else rendering.item
+        )
+        entity = group.entities.get(kind)
+        for constants in ([entity.constants] if entity else []) + [group.constants]:
+            value: float | None = getattr(constants, name)
+            if value is not None:
+                return max(0.04, value) if name == "stack_offset" else value
+        return default
+
+
+def _inside(name: str, placed: dict[str, Placed]) -> list[Placed]:
+    """The things whose host is `name`, e.g. the water in a pot."""
+    return [thing for thing in placed.values() if thing.host == name]
+
+
+def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
+    """What is added to a thing, or to what is inside it, all the way down."""
+    found: list[str] = []
+    pending = [name]
+    while pending:
+        current = pending.pop()
+        inside = [thing.thing.name for thing in _inside(current, placed)]
+        more = [n for n in placed[current].contents if n in placed and n not in found]
+        found += more
+        pending += inside + more
+    return found
+
+
+def _relations(state: State) -> dict[str, list[Fact]]:
+    """By object: the facts of it and others, with kinds in the place of names."""
+    world = state.world
+    related: dict[str, list[Fact]] = defaultdict(list)
+    for atom in state.atoms():
+        if len(atom) == 1:
+            continue
+        fact = (atom[0], *(world.thing(name).kind for name in atom[1:]))
+        for name in dict.fromkeys(atom[1:]):
+            related[name].append(fact)
+    return related
+
+
+def _states_of_things(domain: DomainFile) -> dict[str, str]:
+    """The predicates that say what has become of a thing (not where it is), as words."""
+    implied = {rule.predicate for rule in domain.layout or ()}
+    kinds = {f"is{kind}" for kinds in domain.kinds.values() for kind in kinds}
+    nowhere = set(domain.station_types) | set(domain.player_types)
+    changed: set[str] = set()
+    for action in domain.action_defs:
+        effects = list(action.sfx)
+        changed.update(c.predicate for c in action.immediate_fx)
+        while effects:
+            effect = effects.pop()
+            effects += effect.sfx
+            if effect.type != "creation":
+                changed.update(c.predicate for c in effect.fx)
+    return {
+        p.name: p.name.removeprefix("is").replace("_", " ")
+        for p in domain.predicate_defs
+        if p.name in changed - implied - kinds
+        and len(p.param_types) == 1
+        and p.param_types[0] not in nowhere
+    }

@@ -1,0 +1,103 @@
+"""Small smooth shapes: rounded boxes, rings of progress, shadows."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import pygame
+
+from robotouille_client.window.theme import INK, PAPER, Colour
+
+__all__ = ["RING_STEPS", "bar", "box", "ellipse", "pill", "ring", "speech"]
+
+RING_STEPS = 48
+_FINE = 4
+
+
+@lru_cache(maxsize=512)
+def box(
+    size: tuple[int, int], fill: tuple[int, ...], radius: int, edge: Colour | None = None
+) -> pygame.Surface:
+    """A box with round corners; do not draw on it, it is shared."""
+    width, height = max(1, size[0]), max(1, size[1])
+    large = pygame.Surface((width * 2, height * 2), pygame.SRCALPHA)
+    radius = min(radius, width // 2, height // 2)
+    pygame.draw.rect(large, edge or fill, large.get_rect(), border_radius=radius * 2)
+    if edge is not None:
+        inner = large.get_rect().inflate(-4, -4)
+        pygame.draw.rect(large, fill, inner, border_radius=max(0, radius * 2 - 2))
+    return pygame.transform.smoothscale(large, (width, height))
+
+
+@lru_cache(maxsize=64)
+def ellipse(size: tuple[int, int], fill: tuple[int, ...]) -> pygame.Surface:
+    """A smooth ellipse; do not draw on it, it is shared."""
+    width, height = max(1, size[0]), max(1, size[1])
+    large = pygame.Surface((width * 2, height * 2), pygame.SRCALPHA)
+    pygame.draw.ellipse(large, fill, large.get_rect())
+    return pygame.transform.smoothscale(large, (width, height))
+
+
+def pill(
+    words: pygame.Surface, fill: tuple[int, ...], edge: Colour | None = None
+) -> pygame.Surface:
+    """Words on a box with round ends."""
+    width, height = words.get_width() + words.get_height(), words.get_height() + 2
+    surface = box((width, height), fill, height // 2, edge).copy()
+    surface.blit(words, words.get_rect(center=surface.get_rect().center))
+    return surface
+
+
+@lru_cache(maxsize=1024)
+def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Surface:
+    """A disc with `steps` of RING_STEPS of its rim filled, clockwise from the top."""
+    side = size * _FINE
+    large = pygame.Surface((side, side), pygame.SRCALPHA)
+    middle, radius = (side // 2, side // 2), side // 2
+    pygame.draw.circle(large, INK, middle, radius)
+    pygame.draw.circle(large, (226, 214, 196), middle, round(radius * 0.93))
+    if steps:
+        count = max(2, steps * 2)
+        turn = math.tau * steps / RING_STEPS
+        rim = [
+            (
+                middle[0] + radius * 0.93 * math.sin(turn * i / count),
+                middle[1] - radius * 0.93 * math.cos(turn * i / count),
+            )
+            for i in range(count + 1)
+        ]
+        pygame.draw.polygon(large, colour, [middle, *rim])
+    pygame.draw.circle(large, INK, middle, round(radius * 0.73))
+    pygame.draw.circle(large, PAPER, middle, round(radius * 0.68))
+    surface = pygame.transform.smoothscale(large, (size, size))
+    surface.set_alpha(opacity)
+    return surface
+
+
+def bar(
+    target: pygame.Surface, area: pygame.Rect, share: float, colour: Colour, track: Colour
+) -> None:
+    """A bar that is filled from the left."""
+    radius = area.height // 2
+    target.blit(box(area.size, track, radius), area)
+    width = round(area.width * min(1.0, max(0.0, share)))
+    if width > 0:
+        filled = box(area.size, colour, radius)
+        target.blit(filled, area, pygame.Rect(0, 0, width, area.height))
+
+
+@lru_cache(maxsize=64)
+def speech(size: tuple[int, int], fill: Colour, edge: Colour, tail: int) -> pygame.Surface:
+    """A speech bubble whose tail points down at `tail` pixels from the left."""
+    width, height = size
+    drop = max(5, height // 6 if height < 40 else 8)
+    large = pygame.Surface((width * 2, (height + drop) * 2), pygame.SRCALPHA)
+    body = pygame.Rect(0, 0, width * 2, height * 2)
+    point = [(tail * 2 - drop * 2, height * 2 - 4), (tail * 2 + drop * 2, height * 2 - 4)]
+    pygame.draw.rect(large, edge, body, border_radius=18)
+    pygame.draw.polygon(large, edge, [*point, (tail * 2, (height + drop) * 2)])
+    pygame.draw.rect(large, fill, body.inflate(-5, -5), border_radius=16)
+    inner = [(x + (5 if i == 0 else -5), y - 1) for i, (x, y) in enumerate(point)]
+    pygame.draw.polygon(large, fill, [*inner, (tail * 2, (height + drop) * 2 - 7)])
+    return pygame.transform.smoothscale(large, (width, height + drop))

@@ -1,0 +1,76 @@
+"""What the window shows, as a value, and where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["Bubble", "SeatView", "Source", "View"]
+
+
+@dataclass(frozen=True, slots=True)
+class SeatView:
+    """A seat of the episode: who plays it (`kind`: human, bot, …) and how that goes."""
+
+    player: str
+    name: str
+    kind: str = "human"
+    connected: bool = True
+    actions: int = 0
+    rejected: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Bubble:
+    """Words over a player: something said, or why its action was rejected."""
+
+    player: str
+    text: str
+    kind: Literal["rejected", "chat"] = "rejected"
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One moment of an episode.
+
+    `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
+    state before `state`, from which players are seen walking. `me` is the player that the window's
+    owner plays, None for a spectator; `hover` is the object under the mouse.
+    """
+
+    world: World
+    state: State
+    previous: State | None = None
+    step: int = 0
+    max_steps: int | None = None
+    clock: str = ""
+    phase: float = 1.0
+    seats: tuple[SeatView, ...] = ()
+    me: str | None = None
+    bubbles: tuple[Bubble, ...] = ()
+    chat: tuple[tuple[str, str], ...] = ()
+    status: str = ""
+    code: str = ""
+    outcome: str = ""
+    hover: str | None = None
+
+
+class Source(Protocol):
+    """Where a window's episode comes from: a server, or a game in the same process."""
+
+    def view(self) -> View:
+        """The moment to draw now."""
+
+    def act(self, action: GroundAction) -> None:
+        """The window's owner wants to act."""
+
+    def say(self, text: str) -> None:
+        """The window's owner says something to the others."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing will change any more."""

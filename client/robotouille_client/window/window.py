@@ -1,0 +1,256 @@
+"""A window onto an episode: shows a source's views and sends it what its owner does."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import os
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pygame
+
+from robotouille_client.window.chat import ChatLine
+from robotouille_client.window.chrome import Chrome
+from robotouille_client.window.controls import Controls, Meaning
+from robotouille_client.window.painter import Painter
+from robotouille_client.window.view import Source, View
+
+__all__ = ["Window"]
+
+_SMALLEST = (480, 320)
+_NOTICE_SECONDS = 3.0
+_BUTTONS = {1: "left", 2: "middle", 3: "right"}
+_OWN_KEYS = (
+    ("T or Enter", "say something (Enter sends, Esc cancels)"),
+    ("H", "this help"),
+    ("F12", "save a picture of the window"),
+)
+
+
+class Window:
+    """One pygame window.
+
+    `headless` draws the same without a screen. `clock` and `sleep` are injected for tests.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int] = (1280, 720),
+        *,
+        caption: str = "Robotouille",
+        fps: int = 60,
+        headless: bool = False,
+        pictures: Path | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.size = size
+        self.caption = caption
+        self.fps = fps
+        self.headless = headless
+        self.pictures = pictures or Path.cwd()
+        self.closed = False
+        self.frames = 0
+        self._clock = clock
+        self._sleep = sleep
+        self._painter = Painter()
+        self._chat = ChatLine()
+        self._controls: Controls | None = None
+        self._help = False
+        self._pointer: tuple[int, int] | None = None
+        self._notice = ""
+        self._notice_until = 0.0
+        self._pending: Callable[[View], Meaning] | None = None
+        self._surface: pygame.Surface | None = None
+
+    async def run(self, source: Source, *, linger: float | None = 5.0) -> None:
+        """Show a source until the window is closed, or `linger` seconds after it has finished.
+
+        With a linger of None the window stays until it is closed.
+        """
+        self._open(source.view())
+        ended: float | None = None
+        due = self._clock()
+        try:
+            while not self.closed:
+                self.frame(source)
+                now = self._clock()
+                if source.finished and linger is not None:
+                    ended = now if ended is None else ended
+                    if now - ended >= linger:
+                        break
+                due = max(due + 1 / self.fps, now)
+                await self._sleep(due - now)
+        finally:
+            self.close()
+
+    def frame(self, source: Source) -> None:
+        """Handle what has happened since the last frame, then draw."""
+        view = source.view()
+        if self._surface is None:
+            self._open(view)
+        for event in pygame.event.get():
+            self._handle(event, source, view)
+        self._retry(source, view)
+        self._draw(source.view())
+
+    def screenshot(self, path: Path | str) -> None:
+        """Save what the window shows as a picture."""
+        if self._surface is not None:
+            pygame.image.save(self._surface, path)
+
+    def close(self) -> None:
+        """Close the window; it cannot be opened again."""
+        self.closed = True
+        if self._surface is not None:
+            self._surface = None
+            pygame.display.quit()
+
+    # Drawing
+
+    def _open(self, view: View) -> None:
+        if self._surface is not None:
+            return
+        if self.headless:
+            os.environ["SDL_VIDEODRIVER"] = "dummy"
+        pygame.display.init()
+        pygame.font.init()
+        icon = self._painter.icon(view.world, 64)
+        if icon is not None:
+            pygame.display.set_icon(icon)
+        self._surface = pygame.display.set_mode(self.size, pygame.RESIZABLE)
+        pygame.display.set_caption(self.caption)
+
+    def _draw(self, view: View) -> None:
+        surface = pygame.display.get_surface()
+        if self.closed or surface is None:
+            return
+        self._surface = surface
+        hover = self._target(view)
+        shown = dataclasses.replace(view, hover=view.hover or hover)
+        self._painter.paint(surface, shown, self._chrome(view, hover))
+        pygame.display.flip()
+        self.frames += 1
+
+    def _chrome(self, view: View, hover: str | None) -> Chrome:
+        prompt = self._notice if self._clock() < self._notice_until else self._prompt(view)
+        return Chrome(
+            pointer=self._pointer,
+            tips=self._tips(view, hover),
+            prompt=prompt,
+            typing=self._chat.typed,
+            help=(*self._controls_of(view).help(), *_OWN_KEYS) if self._help else (),
+        )
+
+    def _prompt(self, view: View) -> str:
+        if view.me is None:
+            return "You are watching · H for help"
+        options = self._controls_of(view).options(view.state, view.me)
+        words = [f"[{option.key.upper()}] {option.action.sentence}" for option in options]
+        return " · ".join(words) or ("" if view.step else "H for help")
+
+    def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
+        if hover is None:
+            return ()
+        if view.me is None:
+            return (hover,)
+        meaning = self._controls_of(view).click(view.state, view.me, hover)
+        if not meaning.valid:
+            return (hover, meaning.hint) if meaning.hint else (hover,)
+        return (meaning.hint,)
+
+    # Events
+
+    def _handle(self, event: pygame.Event, source: Source, view: View) -> None:
+        if event.type == pygame.QUIT:
+            self.closed = True
+        elif event.type == pygame.MOUSEMOTION:
+            self._pointer = event.pos
+        elif event.type == pygame.WINDOWLEAVE:
+            self._pointer = None
+        elif event.type == pygame.MOUSEBUTTONDOWN:
+            self._pointer = event.pos
+            self._click(_BUTTONS.get(event.button), source, view)
+        elif event.type == pygame.TEXTINPUT:
+            self._chat.text(event.text)
+        elif event.type == pygame.KEYDOWN:
+            self._key(event.key, source, view)
+
+    def _click(self, button: str | None, source: Source, view: View) -> None:
+        target, me = self._target(view), view.me
+        if self._help:
+            self._help = False
+        elif target is not None and me is not None and button is not None:
+            controls = self._controls_of(view)
+            self._do(lambda v: controls.click(v.state, me, target, button), source, view)  # type: ignore[arg-type]
+
+    def _key(self, key: int, source: Source, view: View) -> None:
+        name = pygame.key.name(key).casefold()
+        if self._chat.typed is not None:
+            said = self._chat.key(name)
+            if said:
+                source.say(said)
+            return
+        controls, me = self._controls_of(view), view.me
+        if name == "escape":
+            self._help, self._pending = False, None
+        elif name == "f12":
+            self._save_picture()
+        elif me is not None and name in controls.keys:
+            self._do(lambda v: controls.key(v.state, me, name), source, view)
+        elif name == "h":
+            self._help = not self._help
+        elif name in ("t", "return"):
+            self._chat.open(name)
+
+    def _do(self, read: Callable[[View], Meaning], source: Source, view: View) -> None:
+        """Act on an input, or keep it until the player is no longer busy."""
+        meaning = read(view)
+        self._pending = None
+        if meaning.action is not None:
+            source.act(meaning.action)
+        elif view.me is not None and view.state.busy_steps(view.me):
+            self._pending = read
+            self._tell(f"{meaning.hint}; next comes what you asked for (Esc: not)")
+        elif meaning.hint:
+            self._tell(meaning.hint[0].upper() + meaning.hint[1:])
+
+    def _retry(self, source: Source, view: View) -> None:
+        if self._pending is None or view.me is None or view.state.busy_steps(view.me):
+            return
+        read, self._pending = self._pending, None
+        self._notice = ""
+        self._do(read, source, view)
+
+    def _target(self, view: View) -> str | None:
+        """The station under the mouse, else the uppermost thing there."""
+        if self._pointer is None or self._surface is None:
+            return None
+        place = self._painter.layout(self._surface.get_size(), view.world)
+        tile = place.tile_at(self._pointer)
+        stage = self._painter.stage(view.state)
+        there = [name for name, placed in stage.placed.items() if placed.tile == tile]
+        if tile is None or not there:
+            return None
+        return min(there, key=lambda name: (name not in stage.stations, stage.placed[name].level))
+
+    def _controls_of(self, view: View) -> Controls:
+        if self._controls is None or self._controls.world is not view.world:
+            self._controls = Controls(view.world)
+        return self._controls
+
+    def _save_picture(self) -> None:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        path = self.pictures / f"robotouille-{stamp}-{self.frames}.png"
+        try:
+            self.screenshot(path)
+        except (pygame.error, OSError) as error:
+            self._tell(f"The picture cannot be saved: {error}")
+        else:
+            self._tell(f"Saved {path}")
+
+    def _tell(self, notice: str) -> None:
+        self._notice = notice
+        self._notice_until = self._clock() + _NOTICE_SECONDS

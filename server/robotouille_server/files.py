@@ -1,0 +1,49 @@
+"""Recordings on disk: appended while an episode runs, compressed when it closes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import BinaryIO
+
+from robotouille.replay.frames import compress
+from robotouille_server.logs import get_logger
+
+__all__ = ["RecordingFile"]
+
+
+class RecordingFile:
+    """`NAME.rbt.part` while it grows, `NAME.rbt` when it is whole."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / f"{re.sub(r'[^A-Za-z0-9_.-]+', '-', name)}.rbt"
+        self._part = self.path.with_suffix(".rbt.part")
+        self._file: BinaryIO | None = self._part.open("xb", buffering=0)
+
+    def append(self, data: bytes) -> None:
+        """Hand bytes to the operating system; an error is logged and ends the recording."""
+        if self._file is None or not data:
+            return
+        try:
+            self._file.write(data)
+        except OSError as error:
+            get_logger().error("recording failed", file=str(self._part), error=str(error))
+            self._file.close()
+            self._file = None
+
+    def close(self) -> Path | None:
+        """Compress the recording and give it its final name; None if it failed before."""
+        if self._file is None:
+            return None
+        self._file.close()
+        self._file = None
+        try:
+            compressed = self.path.with_suffix(".rbt.new")
+            compressed.write_bytes(compress(self._part.read_bytes()))
+            compressed.rename(self.path)
+            self._part.unlink()
+        except OSError as error:
+            get_logger().error("recording not closed", file=str(self._part), error=str(error))
+            return None
+        return self.path

@@ -1,0 +1,107 @@
+"""Every setting of the server: a flag, an environment variable (`ROBOTOUILLE_…`) and a file key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+from pydantic_settings import (
+    BaseSettings,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    TomlConfigSettingsSource,
+)
+
+from robotouille.domain.task import Timing
+from robotouille.episode.rules import Clock, Rules
+
+__all__ = ["ServerSettings"]
+
+
+class ServerSettings(BaseSettings):
+    """Flags win over environment variables, those over the file named by `config`."""
+
+    model_config = SettingsConfigDict(env_prefix="ROBOTOUILLE_", extra="forbid")
+
+    config: Path | None = Field(None, description="TOML file with any of these settings.")
+    host: str = Field("127.0.0.1", description="Address to listen on; 0.0.0.0 for all.")
+    port: Annotated[int, Field(ge=0, le=65535)] = Field(
+        8765, description="TCP port; 0 takes a free one."
+    )
+    mode: Clock = Field(Clock.LOCKSTEP, description="Clock: turn, lockstep or realtime.")
+    step_rate: Annotated[float, Field(gt=0, le=60)] = Field(
+        5.0, description="Steps a second in real time."
+    )
+    move_budget: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="Seconds a seat may take for a move in turn and lockstep."
+    )
+    thinking: Literal["wall", "declared"] = Field(
+        "wall", description="What thinking costs in real time: wall clock, or declared time."
+    )
+    timing: Timing | None = Field(
+        None, description="Timing profile: benchmark or people; people in real time by default."
+    )
+    task: str = Field(
+        "multi_agent/01_lettuce_burger", description="Task (name or problem file) to open first."
+    )
+    seats: Annotated[int, Field(ge=1, le=16)] | None = Field(
+        None, description="Number of seats, where the task leaves a choice."
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of everything random.")
+    max_steps: Annotated[int, Field(ge=1)] = Field(500, description="Step limit of an episode.")
+    grace: Annotated[float, Field(ge=0)] = Field(
+        30.0, description="Seconds a lost connection keeps its seat."
+    )
+    recordings: Path = Field(Path("recordings"), description="Folder for recordings.")
+    record: bool = Field(True, description="Record every episode.")
+    max_episodes: Annotated[int, Field(ge=1)] = Field(2000, description="Episodes at a time.")
+    max_connections: Annotated[int, Field(ge=1)] = Field(
+        20_000, description="Connections at a time."
+    )
+    max_spectators: Annotated[int, Field(ge=0)] = Field(200, description="Spectators an episode.")
+    hello_seconds: Annotated[float, Field(gt=0)] = Field(
+        10.0, description="Seconds in which a new connection must say hello."
+    )
+    stall_seconds: Annotated[float, Field(gt=0)] = Field(
+        15.0, description="Seconds after which a client that does not read is dropped."
+    )
+    messages_per_second: Annotated[float, Field(gt=0)] = Field(
+        50.0, description="Messages a second that a connection may send, with bursts of twice that."
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="Least severe log lines to print."
+    )
+    log_format: Literal["console", "json"] = Field("console", description="Format of log lines.")
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        file = {**env_settings(), **init_settings()}.get("config")
+        sources: list[PydanticBaseSettingsSource] = [init_settings, env_settings]
+        if file:
+            sources.append(TomlConfigSettingsSource(settings_cls, Path(file)))
+        return tuple(sources)
+
+    def rules(self) -> Rules:
+        """The rules of an episode for which its creator asks nothing else."""
+        return Rules(
+            clock=self.mode,
+            step_rate=self.step_rate,
+            move_budget=self.move_budget,
+            max_steps=self.max_steps,
+            thinking=self.thinking,
+            grace=self.grace,
+        )
+
+    def timing_for(self, clock: Clock) -> Timing:
+        """The timing profile: what is set, else people in real time and benchmark elsewhere."""
+        if self.timing is not None:
+            return self.timing
+        return Timing.PEOPLE if clock is Clock.REALTIME else Timing.BENCHMARK

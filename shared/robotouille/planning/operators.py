@@ -1,0 +1,258 @@
+"""Actions as one object sees them: operators of a projection.
+
+A projection keeps the atoms about its *focus* (one object, or one and what carries it) and
+whether stations of its goal are free; every other movable is replaced by a placeholder for its
+class, every player by `SOMEBODY`. Delayed and repeated effects count as part of their action, at
+a price.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import product
+
+from robotouille.domain.schema import Condition, Creation, Deletion, EffectDef
+from robotouille.planning.vocabulary import SOMEBODY, Vocabulary
+from robotouille.world.actions import ActionSchema, GroundAction
+from robotouille.world.atoms import EXISTS
+from robotouille.world.objects import Atom
+
+__all__ = ["WAITING", "Focus", "Operator", "Outcome", "operators"]
+
+WAITING = 0.4
+"""The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
+
+Binding = dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Facts that change if those in `holds` are true and those in `lacks` are not."""
+
+    holds: int
+    lacks: int
+    clears: int
+    sets: int
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """An action of a projection: its conditions, what becomes of it, its price in steps.
+
+    `place` is the station at which its player has to be; `strangers` the placeholders it needs.
+    """
+
+    place: str | None
+    cost: float
+    condition: Outcome
+    outcomes: tuple[Outcome, ...]
+    strangers: tuple[str, ...]
+
+    def apply(self, node: int) -> int:
+        """The facts after it."""
+        node = (node & ~self.condition.clears) | self.condition.sets
+        for outcome in self.outcomes:
+            if node & outcome.holds == outcome.holds and not node & outcome.lacks:
+                node = (node & ~outcome.clears) | outcome.sets
+        return node
+
+
+@dataclass
+class Focus:
+    """What a projection is about, and the numbering of its atoms.
+
+    `names` are told apart and tracked; `partners` are told apart from other movables because the
+    goal names them; `stations` are those whose own facts are tracked.
+    """
+
+    vocabulary: Vocabulary
+    names: tuple[str, ...]
+    partners: tuple[str, ...]
+    stations: frozenset[str]
+    bits: dict[Atom, int] = field(default_factory=dict)
+
+    def abstract(self, atom: Atom) -> Atom:
+        """An atom with what is not told apart replaced."""
+        return (atom[0], *(self.stand_in(name) for name in atom[1:]))
+
+    def stand_in(self, name: str) -> str:
+        vocabulary = self.vocabulary
+        if name in self.names or name in self.partners:
+            return name
+        kind = vocabulary.type_of(name)
+        if kind in vocabulary.player_types:
+            return SOMEBODY
+        return vocabulary.class_of(name) if vocabulary.is_movable(kind) else name
+
+    def tracks(self, atom: Atom) -> bool:
+        """Whether a (fluent, abstract) atom is part of the projection."""
+        if any(name in self.names for name in atom[1:]):
+            return True
+        return atom[0] not in self.vocabulary.walked and all(n in self.stations for n in atom[1:])
+
+    def mask(self, atoms: Iterable[Atom]) -> int:
+        """The bits of those atoms that are tracked, numbered when first seen."""
+        total = 0
+        for atom in atoms:
+            if self.tracks(atom):
+                total |= self.bits.setdefault(atom, 1 << len(self.bits))
+        return total
+
+
+def operators(focus: Focus) -> list[Operator]:
+    """Every action that matters to a projection."""
+    found: dict[Operator, None] = {}
+    for schema in focus.vocabulary.world.schemas:
+        if schema in focus.vocabulary.walking:
+            continue
+        for binding in _bindings(schema, focus):
+            operator = _operator(schema, binding, focus)
+            if operator is not None:
+                found[operator] = None
+    return list(found)
+
+
+def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
+    vocabulary = focus.vocabulary
+    pools = []
+    for _, kind in schema.parameters:
+        if kind in vocabulary.player_types:
+            pools.append([SOMEBODY])
+        elif kind in vocabulary.station_types:
+            pools.append([s for s in vocabulary.stations if vocabulary.type_of(s) == kind])
+        else:
+            known = [n for n in focus.names + focus.partners if vocabulary.type_of(n) == kind]
+            pools.append(known + vocabulary.classes_of(kind))
+    names = [name for name, _ in schema.parameters]
+    creates = _creates(schema)
+    for values in product(*pools):
+        exact = [v for v in values if v in focus.names or v in focus.partners]
+        near = creates or any(v in focus.names or v in focus.stations for v in values)
+        if near and len(set(exact)) == len(exact):
+            binding = dict(zip(names, values, strict=True))
+            if all(vocabulary.static_holds(c, binding) for c in _static(schema, vocabulary)):
+                yield binding
+
+
+def _static(schema: ActionSchema, vocabulary: Vocabulary) -> list[Condition]:
+    static = vocabulary.world.table.static_predicates
+    return [c for c in schema.definition.precons if c.predicate in static]
+
+
+def _creates(schema: ActionSchema) -> bool:
+    def inside(effects: tuple[EffectDef, ...]) -> bool:
+        return any(isinstance(e, Creation) or inside(e.sfx) for e in effects)
+
+    return inside(schema.definition.sfx)
+
+
+def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator | None:
+    definition = schema.definition
+    strangers = tuple(v for v in binding.values() if v.startswith("*"))
+    exist = [(EXISTS, n) for n in binding.values() if n in focus.names and _transient(focus, n)]
+    condition = Outcome(
+        focus.mask([*exist, *_atoms(definition.precons, binding, True)]),
+        focus.mask(a for a in _atoms(definition.precons, binding, False) if not _vague(a)),
+        focus.mask(_atoms(definition.immediate_fx, binding, False)),
+        focus.mask(_atoms(definition.immediate_fx, binding, True)),
+    )
+    outcomes: list[Outcome] = []
+    cost = 1.0
+    if definition.sfx:
+        action = _example(schema, binding, focus)
+        cost = float(action.duration)
+        for i, effect in enumerate(definition.sfx):
+            found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
+            outcomes += found
+            cost += _price(action, i) if any(o.sets or o.clears for o in found) else 0.0
+    touched = condition.sets | condition.clears
+    if not touched and not any(o.sets or o.clears for o in outcomes):
+        return None
+    return Operator(_place(schema, binding, focus), cost, condition, tuple(outcomes), strangers)
+
+
+def _vague(atom: Atom) -> bool:
+    """Whether an atom is about any of several objects: its absence then says little."""
+    return any(name.startswith("*") for name in atom[1:])
+
+
+def _transient(focus: Focus, name: str) -> bool:
+    return (EXISTS, name) in focus.vocabulary.world.table.bit
+
+
+def _atoms(conditions: Iterable[Condition], binding: Binding, is_true: bool) -> list[Atom]:
+    return [
+        (c.predicate, *(binding[name] for name in c.params))
+        for c in conditions
+        if c.is_true == is_true
+    ]
+
+
+def _place(schema: ActionSchema, binding: Binding, focus: Focus) -> str | None:
+    for c in schema.definition.precons:
+        if c.is_true and c.predicate in focus.vocabulary.place_predicates:
+            for name in c.params:
+                if binding[name] in focus.vocabulary.stations:
+                    return binding[name]
+    return None
+
+
+def _outcomes(
+    effect: EffectDef, binding: Binding, focus: Focus, given: Outcome
+) -> list[Outcome]:
+    """The changes that a special effect makes in the end."""
+    if isinstance(effect, Creation):
+        born = [n for n in focus.names if _can_be(n, effect, focus)]
+        if not born:
+            return []
+        binding = {**binding, effect.created_obj.param: born[0]}
+        sets = focus.mask([(EXISTS, born[0]), *_atoms(effect.fx, binding, True)])
+        lacks = given.lacks | focus.mask([(EXISTS, born[0])])
+        clears = focus.mask(_atoms(effect.fx, binding, False))
+        return [Outcome(given.holds, lacks, clears, sets)]
+    conditions = getattr(effect, "conditions", ())
+    given = Outcome(
+        given.holds | focus.mask(_atoms(conditions, binding, True)),
+        given.lacks | focus.mask(a for a in _atoms(conditions, binding, False) if not _vague(a)),
+        0,
+        0,
+    )
+    clears = focus.mask(_atoms(effect.fx, binding, False))
+    if isinstance(effect, Deletion) and binding[effect.param] in focus.names:
+        clears = -1
+    sets = focus.mask(_atoms(effect.fx, binding, True))
+    found = [Outcome(given.holds, given.lacks, clears, sets)]
+    for nested in effect.sfx:
+        found += _outcomes(nested, binding, focus, given)
+    return found
+
+
+def _can_be(name: str, effect: Creation, focus: Focus) -> bool:
+    thing = focus.vocabulary.world.thing(name)
+    created = effect.created_obj
+    return (thing.kind, thing.type, thing.tile) == (created.name, created.type, None)
+
+
+def _price(action: GroundAction, effect: int) -> float:
+    """What one special effect of an action adds to its price."""
+    price = 0.0
+    for node in action.effects[effect].counters():
+        if node.kind == "delayed":
+            price += WAITING * (node.total - 1)
+        else:
+            price += float((node.total - 1) * action.duration)
+    return price
+
+
+def _example(schema: ActionSchema, binding: Binding, focus: Focus) -> GroundAction:
+    """One of the ground actions that an operator stands for."""
+    vocabulary = focus.vocabulary
+    arguments = []
+    for name, kind in schema.parameters:
+        value = binding[name]
+        if value == SOMEBODY:
+            table = vocabulary.world.table
+            value = next(p for p in vocabulary.world.players if p in table.by_type[kind])
+        arguments.append(vocabulary.classes.get(value, [value])[0])
+    return vocabulary.world.action(schema.name, *arguments)

@@ -1,0 +1,172 @@
+"""How far an object is from its goal: exact distances in a projection of the task."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable
+from itertools import count
+
+from robotouille.planning.operators import Focus, Operator, operators
+from robotouille.planning.vocabulary import Vocabulary
+from robotouille.world.atoms import bits_of
+from robotouille.world.objects import Atom
+
+__all__ = ["ANYWHERE", "DEAD", "Projection"]
+
+DEAD = 1000.0
+"""The distance where the goal cannot be reached any more."""
+
+MAX_NODES = 4000
+
+ANYWHERE = ""
+"""The place of somebody who would still have to walk to wherever it is needed."""
+
+Key = tuple[int, str]
+
+
+class Projection:
+    """Distances to a goal, in steps of one player, from every node of a projection.
+
+    A node is the facts about the focus; distances also depend on where the player is that
+    deals with it. The graph is explored from the nodes that are asked for.
+    """
+
+    def __init__(
+        self,
+        vocabulary: Vocabulary,
+        names: tuple[str, ...],
+        goal: frozenset[Atom],
+    ) -> None:
+        self._vocabulary = vocabulary
+        mentioned = sorted(goal)
+        others = (n for atom in mentioned for n in vocabulary.movables_in(atom))
+        partners = tuple(dict.fromkeys(n for n in others if n not in names))
+        stations = frozenset(s for atom in mentioned for s in vocabulary.stations_in(atom))
+        self.focus = Focus(vocabulary, names, partners, stations)
+        table = vocabulary.world.table
+        self._goal = self.focus.mask(
+            self.focus.abstract(a) for a in mentioned if a[0] not in table.static_predicates
+        )
+        self.operators = operators(self.focus)
+        self.strangers = {s for operator in self.operators for s in operator.strangers}
+        self._explored: dict[int, list[tuple[Operator, int]]] = {}
+        self._incoming: dict[int, list[tuple[int, Operator]]] = {}
+        self._distance: dict[Key, float] = {}
+        self._nodes: dict[int, int] = {}
+        self.mask = _mask(vocabulary, names, stations)
+
+    def node(self, facts: int) -> int:
+        """The node of a state's facts."""
+        facts &= self.mask
+        known = self._nodes.get(facts)
+        if known is None:
+            known = 0
+            atoms = self._vocabulary.world.table.atoms
+            for position in bits_of(facts):
+                known |= self.focus.bits.get(self.focus.abstract(atoms[position]), 0)
+            self._nodes[facts] = known
+        return known
+
+    def distance(self, node: int, place: str = ANYWHERE) -> float:
+        """The steps to the goal from a node, for somebody at a place; DEAD if there is no way."""
+        if node not in self._explored:
+            self._explore(node)
+            self._measure()
+        found = self._distance.get((node, place))
+        return self._distance.get((node, ANYWHERE), DEAD) if found is None else found
+
+    def near(self, node: int) -> list[str]:
+        """The places from which it is a walk less."""
+        anywhere = self.distance(node)
+        return [
+            s
+            for s in self._vocabulary.stations
+            if self._distance.get((node, s), anywhere) < anywhere
+        ]
+
+    @property
+    def has_dead_ends(self) -> bool:
+        """Whether some node explored so far cannot reach the goal."""
+        return any((node, ANYWHERE) not in self._distance for node in self._explored)
+
+    def first_operators(self, node: int) -> Iterable[Operator]:
+        """The operators on a shortest way from a node to the goal."""
+        for _ in range(100):
+            if node & self._goal == self._goal:
+                return
+            here = self.distance(node)
+            options = [
+                (self._distance.get((after, operator.place or ANYWHERE), DEAD) + operator.cost, i)
+                for i, (operator, after) in enumerate(self._explored.get(node, ()))
+            ]
+            if here >= DEAD or not options:
+                return
+            operator, node = self._explored[node][min(options)[1]]
+            yield operator
+
+    def _explore(self, start: int) -> None:
+        frontier = [start]
+        while frontier:
+            node = frontier.pop()
+            if node in self._explored:
+                continue
+            successors = self._explored[node] = []
+            if node & self._goal == self._goal or len(self._explored) > MAX_NODES:
+                continue
+            for operator in self.operators:
+                condition = operator.condition
+                if node & condition.holds != condition.holds or node & condition.lacks:
+                    continue
+                after = operator.apply(node)
+                if after != node:
+                    successors.append((operator, after))
+                    self._incoming.setdefault(after, []).append((node, operator))
+                    frontier.append(after)
+
+    def _measure(self) -> None:
+        """Dijkstra's algorithm from the goal back; unexplored nodes count as near it."""
+        places = self._vocabulary.stations
+        travel = self._vocabulary.travel_to
+        self._distance.clear()
+        order = count()
+        queue: list[tuple[float, int, Key]] = []
+        for node in self._explored:
+            if node & self._goal == self._goal:
+                queue.append((0.0, next(order), (node, ANYWHERE)))
+            elif not self._explored[node] and len(self._explored) > MAX_NODES:
+                missing = (self._goal & ~node).bit_count()
+                queue.append((4.0 * missing, next(order), (node, ANYWHERE)))
+        heapq.heapify(queue)
+        while queue:
+            steps, _, key = heapq.heappop(queue)
+            if key in self._distance:
+                continue
+            self._distance[key] = steps
+            node, place = key
+            if place == ANYWHERE:
+                reached = [(steps, (node, other)) for other in places]
+            else:
+                reached = [(steps + travel[place], (node, ANYWHERE))]
+            for before, operator in self._incoming.get(node, ()):
+                if operator.place is None or operator.place == place:
+                    reached.append((steps + operator.cost, (before, place)))
+                elif place == ANYWHERE:
+                    reached.append((steps + operator.cost, (before, operator.place)))
+            for further, other in reached:
+                if other not in self._distance:
+                    heapq.heappush(queue, (further, next(order), other))
+
+
+def _mask(vocabulary: Vocabulary, names: tuple[str, ...], stations: frozenset[str]) -> int:
+    """The atoms of the world on which a node depends."""
+    table = vocabulary.world.table
+    mask = 0
+    for name in names:
+        mask |= table.mentions(name)
+    for predicate in table.fluents:
+        kinds = table.types[predicate]
+        if predicate not in vocabulary.walked and set(kinds) <= vocabulary.station_types:
+            for station in sorted(stations):
+                if (predicate, station) in table.bit:
+                    mask |= table.bit[(predicate, station)]
+    return mask
