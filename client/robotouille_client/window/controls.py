@@ -20,7 +20,7 @@ from robotouille.world.scene import Placed, scene
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Controls", "Meaning", "Option", "bindings_of"]
+__all__ = ["Button", "Controls", "Meaning", "Option", "bindings_of"]
 
 Button = Literal["left", "middle", "right"]
 
@@ -142,7 +142,7 @@ class Controls:
         meant: list[str],
         placed: dict[str, Placed],
     ) -> Meaning:
-        """The action that comes nearest to being valid, so that its rejection says what is amiss."""
+        """The action that is nearest to being valid: its rejection will say what is amiss."""
         near = _near(me, meant, placed)
         best, fewest, reason = None, _NEAR_MISS + 1, ""
         for binding in bindings:

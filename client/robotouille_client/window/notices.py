@@ -7,7 +7,7 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille_client.window.chrome import Chrome
 from robotouille_client.window.layout import Layout
-from robotouille_client.window.shapes import box, pill
+from robotouille_client.window.shapes import box, ellipse, pill
 from robotouille_client.window.sprites import Sprites
 from robotouille_client.window.text import Typesetter
 from robotouille_client.window.theme import ACCENT, INK, PANEL, PAPER, TEXT, mixed
@@ -52,7 +52,10 @@ class Notices:
         widest = max((self._text.width(line, size) for line in lines), default=0)
         if icon is not None:
             left = band.centerx - widest // 2 - size * 2 - size // 3
-            target.blit(icon, icon.get_rect(midleft=(max(band.x + 8, left), band.centery)))
+            place = icon.get_rect(midleft=(max(band.x + 8, left), band.centery))
+            plate = place.inflate(8, 8)
+            target.blit(ellipse(plate.size, PAPER), plate)
+            target.blit(icon, place)
         for i, line in enumerate(lines):
             words = self._text.line(line, size, INK)
             target.blit(words, words.get_rect(midtop=(band.centerx, band.y + size + i * step)))

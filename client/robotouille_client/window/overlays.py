@@ -22,7 +22,7 @@ from robotouille_client.window.view import Bubble, View
 
 __all__ = ["Overlays"]
 
-_BADGE = 0.42
+_BADGE = 0.46
 _ICON = 0.3
 
 
@@ -41,6 +41,7 @@ class Overlays:
         view: View,
         stage: Stage,
         poses: dict[str, Pose],
+        *,
         chrome: Chrome,
     ) -> None:
         """All of it, the more urgent over the less."""
@@ -138,7 +139,7 @@ class Overlays:
         disc = ring(side, round(share * RING_STEPS), colour, 255 if row.running else 170)
         target.blit(disc, disc.get_rect(center=middle))
         icon = self._rendering.progress.get(row.action)
-        size = round(side * 0.72)
+        size = round(side * 0.66)
         picture = (self._sprites.file if row.running else self._sprites.faded)(icon, size)
         if picture is None:
             letter = row.action[:1].upper()

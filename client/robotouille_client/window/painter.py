@@ -46,7 +46,7 @@ class Painter:
         poses = self._motion.poses(view.state, stage.placed, before, view.step, view.phase)
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._kitchen.draw(surface, place, stage, poses, view.me)
-        self._overlays.draw(surface, place, view, stage, poses, chrome)
+        self._overlays.draw(surface, place, view, stage, poses, chrome=chrome)
         self._panel.draw(surface, place, view)
         self._notices.draw(surface, place, view, chrome)
 

@@ -207,14 +207,15 @@ class Panel:
         """The newest lines that fit, the last at the bottom."""
         size = max(10, layout.text - 2)
         step = self._text.height(size)
-        room = (area.bottom - y) // step
+        room = max(0, (area.bottom - y) // step)
         lines: list[tuple[str, Colour]] = []
         colours = self._colours(view)
-        for name, text in view.chat[-room or None :] if room > 0 else ():
+        for name, text in reversed(view.chat):
             wrapped = self._text.wrap(f"{name}: {text}", size, area.width, 3)
-            colour = colours.get(name, FAINT)
-            lines += [(line, mixed(colour, TEXT, 0.55)) for line in wrapped]
-        lines = lines[-room:] if room > 0 else []
+            if len(lines) + len(wrapped) > room:
+                break
+            colour = mixed(colours.get(name, FAINT), TEXT, 0.55)
+            lines = [*((line, colour) for line in wrapped), *lines]
         y = area.bottom - len(lines) * step
         for i, (line, colour) in enumerate(lines):
             self._put(surface, line, (area.x, y + i * step), size, colour)

@@ -13,6 +13,7 @@ __all__ = ["RING_STEPS", "bar", "box", "ellipse", "pill", "ring", "speech"]
 
 RING_STEPS = 48
 _FINE = 4
+_RIM: Colour = (104, 92, 92)
 
 
 @lru_cache(maxsize=512)
@@ -21,12 +22,13 @@ def box(
 ) -> pygame.Surface:
     """A box with round corners; do not draw on it, it is shared."""
     width, height = max(1, size[0]), max(1, size[1])
-    large = pygame.Surface((width * 2, height * 2), pygame.SRCALPHA)
-    radius = min(radius, width // 2, height // 2)
-    pygame.draw.rect(large, edge or fill, large.get_rect(), border_radius=radius * 2)
+    fine = 2 if height > 24 else _FINE
+    large = pygame.Surface((width * fine, height * fine), pygame.SRCALPHA)
+    radius = min(radius * fine, width * fine // 2, height * fine // 2)
+    pygame.draw.rect(large, edge or fill, large.get_rect(), border_radius=radius)
     if edge is not None:
-        inner = large.get_rect().inflate(-4, -4)
-        pygame.draw.rect(large, fill, inner, border_radius=max(0, radius * 2 - 2))
+        inner = large.get_rect().inflate(-2 * fine, -2 * fine)
+        pygame.draw.rect(large, fill, inner, border_radius=max(0, radius - fine))
     return pygame.transform.smoothscale(large, (width, height))
 
 
@@ -56,7 +58,7 @@ def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Su
     large = pygame.Surface((side, side), pygame.SRCALPHA)
     middle, radius = (side // 2, side // 2), side // 2
     pygame.draw.circle(large, INK, middle, radius)
-    pygame.draw.circle(large, (226, 214, 196), middle, round(radius * 0.93))
+    pygame.draw.circle(large, _RIM, middle, round(radius * 0.93))
     if steps:
         count = max(2, steps * 2)
         turn = math.tau * steps / RING_STEPS
@@ -68,8 +70,7 @@ def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Su
             for i in range(count + 1)
         ]
         pygame.draw.polygon(large, colour, [middle, *rim])
-    pygame.draw.circle(large, INK, middle, round(radius * 0.73))
-    pygame.draw.circle(large, PAPER, middle, round(radius * 0.68))
+    pygame.draw.circle(large, PAPER, middle, round(radius * 0.64))
     surface = pygame.transform.smoothscale(large, (size, size))
     surface.set_alpha(opacity)
     return surface

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -10,6 +11,9 @@ from robotouille.world.state import State
 from robotouille.world.world import World
 
 __all__ = ["Bubble", "SeatView", "Source", "View"]
+
+
+_PLAIN = (" is busy for ", " does not exist", " has acted in this step")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,16 @@ class Bubble:
     player: str
     text: str
     kind: Literal["rejected", "chat"] = "rejected"
+
+    @classmethod
+    def rejection(cls, player: str, unmet: Sequence[str]) -> Bubble:
+        """The first of an attempt's unmet preconditions, as something a player could say."""
+        reason = unmet[0] if unmet else "this cannot be done now"
+        if reason.startswith("not: "):
+            return cls(player, f"But {reason.removeprefix('not: ')}!")
+        if any(words in reason for words in _PLAIN):
+            return cls(player, f"{reason[0].upper()}{reason[1:]}.")
+        return cls(player, f"Needs: {reason}.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,14 +6,15 @@ import asyncio
 import dataclasses
 import os
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import pygame
 
 from robotouille_client.window.chat import ChatLine
 from robotouille_client.window.chrome import Chrome
-from robotouille_client.window.controls import Controls, Meaning
+from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.painter import Painter
 from robotouille_client.window.view import Source, View
 
@@ -21,7 +22,7 @@ __all__ = ["Window"]
 
 _SMALLEST = (480, 320)
 _NOTICE_SECONDS = 3.0
-_BUTTONS = {1: "left", 2: "middle", 3: "right"}
+_BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
 _OWN_KEYS = (
     ("T or Enter", "say something (Enter sends, Esc cancels)"),
     ("H", "this help"),
@@ -32,7 +33,8 @@ _OWN_KEYS = (
 class Window:
     """One pygame window.
 
-    `headless` draws the same without a screen. `clock` and `sleep` are injected for tests.
+    `headless` draws the same without a screen. `extra_keys` do more than the window does by
+    itself, e.g. pause a recording. `clock` and `sleep` are injected for tests.
     """
 
     def __init__(
@@ -43,6 +45,7 @@ class Window:
         fps: int = 60,
         headless: bool = False,
         pictures: Path | None = None,
+        extra_keys: Mapping[str, Callable[[], None]] | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -53,6 +56,7 @@ class Window:
         self.pictures = pictures or Path.cwd()
         self.closed = False
         self.frames = 0
+        self._extra_keys = extra_keys or {}
         self._clock = clock
         self._sleep = sleep
         self._painter = Painter()
@@ -178,13 +182,18 @@ class Window:
         elif event.type == pygame.KEYDOWN:
             self._key(event.key, source, view)
 
-    def _click(self, button: str | None, source: Source, view: View) -> None:
+    def _click(self, button: Button | None, source: Source, view: View) -> None:
         target, me = self._target(view), view.me
         if self._help:
             self._help = False
         elif target is not None and me is not None and button is not None:
-            controls = self._controls_of(view)
-            self._do(lambda v: controls.click(v.state, me, target, button), source, view)  # type: ignore[arg-type]
+            self._do(partial(self._clicked, me, target, button), source, view)
+
+    def _clicked(self, me: str, target: str, button: Button, view: View) -> Meaning:
+        return self._controls_of(view).click(view.state, me, target, button)
+
+    def _pressed(self, me: str, key: str, view: View) -> Meaning:
+        return self._controls_of(view).key(view.state, me, key)
 
     def _key(self, key: int, source: Source, view: View) -> None:
         name = pygame.key.name(key).casefold()
@@ -193,13 +202,15 @@ class Window:
             if said:
                 source.say(said)
             return
-        controls, me = self._controls_of(view), view.me
-        if name == "escape":
+        me = view.me
+        if name in self._extra_keys:
+            self._extra_keys[name]()
+        elif name == "escape":
             self._help, self._pending = False, None
         elif name == "f12":
             self._save_picture()
-        elif me is not None and name in controls.keys:
-            self._do(lambda v: controls.key(v.state, me, name), source, view)
+        elif me is not None and name in self._controls_of(view).keys:
+            self._do(partial(self._pressed, me, name), source, view)
         elif name == "h":
             self._help = not self._help
         elif name in ("t", "return"):
@@ -213,7 +224,7 @@ class Window:
             source.act(meaning.action)
         elif view.me is not None and view.state.busy_steps(view.me):
             self._pending = read
-            self._tell(f"{meaning.hint}; next comes what you asked for (Esc: not)")
+            self._tell(f"{meaning.hint}; what you asked for comes next (Esc to cancel)")
         elif meaning.hint:
             self._tell(meaning.hint[0].upper() + meaning.hint[1:])
 

@@ -23,6 +23,9 @@ __all__ = ["WAITING", "Focus", "Operator", "Outcome", "operators"]
 WAITING = 0.4
 """The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
 
+DISTURBING = 3.0
+"""The price of moving something else out of the way, which then has to go somewhere."""
+
 Binding = dict[str, str]
 
 
@@ -86,7 +89,9 @@ class Focus:
         return vocabulary.class_of(name) if vocabulary.is_movable(kind) else name
 
     def tracks(self, atom: Atom) -> bool:
-        """Whether a (fluent, abstract) atom is part of the projection."""
+        """Whether an abstract atom is part of the projection; static ones never are."""
+        if atom[0] in self.vocabulary.world.table.static_predicates:
+            return False
         if any(name in self.names for name in atom[1:]):
             return True
         return atom[0] not in self.vocabulary.walked and all(n in self.stations for n in atom[1:])
@@ -123,7 +128,9 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
             pools.append([s for s in vocabulary.stations if vocabulary.type_of(s) == kind])
         else:
             known = [n for n in focus.names + focus.partners if vocabulary.type_of(n) == kind]
-            pools.append(known + vocabulary.classes_of(kind))
+            own = {vocabulary.class_of(n) for n in focus.names[1:]}
+            others = (c for c in vocabulary.classes_of(kind) if c not in own)
+            pools.append(known + [c for c in others if set(vocabulary.classes[c]) - set(known)])
     names = [name for name, _ in schema.parameters]
     creates = _creates(schema)
     for values in product(*pools):
@@ -166,10 +173,18 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
             found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
             outcomes += found
             cost += _price(action, i) if any(o.sets or o.clears for o in found) else 0.0
+    if strangers and not _handles(definition.precons + definition.immediate_fx, binding, focus):
+        cost += DISTURBING
     touched = condition.sets | condition.clears
     if not touched and not any(o.sets or o.clears for o in outcomes):
         return None
     return Operator(_place(schema, binding, focus), cost, condition, tuple(outcomes), strangers)
+
+
+def _handles(conditions: tuple[Condition, ...], binding: Binding, focus: Focus) -> bool:
+    """Whether an action has a player deal with the focus itself, not with something by it."""
+    atoms = ({binding[name] for name in c.params} for c in conditions)
+    return any(SOMEBODY in names and names & set(focus.names) for names in atoms)
 
 
 def _vague(atom: Atom) -> bool:
@@ -198,9 +213,7 @@ def _place(schema: ActionSchema, binding: Binding, focus: Focus) -> str | None:
     return None
 
 
-def _outcomes(
-    effect: EffectDef, binding: Binding, focus: Focus, given: Outcome
-) -> list[Outcome]:
+def _outcomes(effect: EffectDef, binding: Binding, focus: Focus, given: Outcome) -> list[Outcome]:
     """The changes that a special effect makes in the end."""
     if isinstance(effect, Creation):
         born = [n for n in focus.names if _can_be(n, effect, focus)]
@@ -212,6 +225,10 @@ def _outcomes(
         clears = focus.mask(_atoms(effect.fx, binding, False))
         return [Outcome(given.holds, lacks, clears, sets)]
     conditions = getattr(effect, "conditions", ())
+    static = focus.vocabulary.world.table.static_predicates
+    for c in conditions:
+        if c.predicate in static and not focus.vocabulary.static_holds(c, binding):
+            return []
     given = Outcome(
         given.holds | focus.mask(_atoms(conditions, binding, True)),
         given.lacks | focus.mask(a for a in _atoms(conditions, binding, False) if not _vague(a)),

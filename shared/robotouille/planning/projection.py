@@ -150,8 +150,6 @@ class Projection:
             for before, operator in self._incoming.get(node, ()):
                 if operator.place is None or operator.place == place:
                     reached.append((steps + operator.cost, (before, place)))
-                elif place == ANYWHERE:
-                    reached.append((steps + operator.cost, (before, operator.place)))
             for further, other in reached:
                 if other not in self._distance:
                     heapq.heappush(queue, (further, next(order), other))

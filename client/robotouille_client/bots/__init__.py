@@ -1,0 +1,6 @@
+"""Bots on top of the client library."""
+
+from robotouille_client.bots.player import play
+from robotouille_client.bots.policies import Policy, RandomPolicy, ScriptedPolicy
+
+__all__ = ["Policy", "RandomPolicy", "ScriptedPolicy", "play"]

@@ -1,0 +1,22 @@
+"""What all commands share: how they fail, and how a server is named."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import typer
+
+__all__ = ["fail", "server_url"]
+
+
+def fail(message: str, status: int = 1) -> NoReturn:
+    """Print an error to stderr and exit."""
+    typer.echo(message, err=True)
+    raise typer.Exit(status)
+
+
+def server_url(url: str | None, host: str, port: int) -> str:
+    """The URL of a server: as given, or made of host and port."""
+    if url is None:
+        return f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+    return url if "://" in url else f"ws://{url}"

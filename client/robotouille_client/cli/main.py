@@ -1,0 +1,127 @@
+"""The `robotouille` command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille_client.cli.console import fail
+from robotouille_client.cli.play import play
+from robotouille_client.cli.replay import replay
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    help="Robotouille kitchens: tasks, linting, local play and recordings.",
+)
+app.add_typer(replay, name="replay")
+app.command()(play)
+
+
+@app.command()
+def tasks(
+    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the shipped tasks with their seats and goals."""
+    from robotouille import load_task, task_names
+
+    rows = []
+    for name in task_names():
+        task = load_task(name)
+        seats = list(task.problem.seats or (task.seats,))
+        rows.append({"task": name, "seats": seats, "goal": task.goal_description})
+    if json_output:
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("task", "seats", "goal", box=None, header_style="bold")
+    for row in rows:
+        table.add_row(str(row["task"]), ", ".join(map(str, row["seats"])), str(row["goal"]))
+    Console().print(table)
+
+
+@app.command()
+def lint(
+    files: Annotated[list[str], typer.Argument(help="Problem or domain files, or task names.")],
+    domain: Annotated[
+        str | None, typer.Option(help="Domain file for problems that name none.")
+    ] = None,
+    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Report every fault of domains, problems, renderings and input files.
+
+    Exit status 1 if there is any error.
+    """
+    found = {name: lint_file(name, domain) for name in files}
+    errors = sum(f.severity == "error" for faults in found.values() for f in faults)
+    if json_output:
+        rows = [
+            {"file": name, "path": f.path, "severity": f.severity, "message": f.message}
+            for name, faults in found.items()
+            for f in faults
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+    else:
+        for name, faults in found.items():
+            for fault in faults:
+                typer.echo(f"{name}: {fault.severity}: {fault}")
+            if not faults:
+                typer.echo(f"{name}: no faults")
+    if errors:
+        raise typer.Exit(1)
+
+
+def lint_file(name: str, domain: str | None = None) -> list[Fault]:
+    """All faults of one file, whichever of the four kinds it is."""
+    from robotouille import load_task
+    from robotouille.domain.checks import check_domain
+    from robotouille.domain.files import read_json, validate
+    from robotouille.domain.rendering import RenderingFile
+    from robotouille.domain.schema import DomainFile, InputFile
+    from robotouille.domain.task import complete_domain
+    from robotouille.world.lint import lint_domain, lint_task
+
+    try:
+        raw = read_json(Path(name)) if name.endswith(".json") else {}
+        keys = raw.keys() if isinstance(raw, dict) else ()
+        if "action_defs" in keys:
+            parsed = complete_domain(validate(raw, DomainFile, name))
+            return check_domain(parsed) or lint_domain(parsed)
+        if "keyboard_actions" in keys or "mouse_click_actions" in keys:
+            validate(raw, InputFile, name)
+            return []
+        if "floor" in keys and "goal" not in keys:
+            validate(raw, RenderingFile, name)
+            return []
+        return lint_task(load_task(name, domain=domain))
+    except FileError as error:
+        return list(error.faults)
+    except RobotouilleError as error:
+        return [Fault("", str(error))]
+
+
+@app.command()
+def text(
+    task: Annotated[str, typer.Argument(help="Task name or problem file.")],
+    player: Annotated[str | None, typer.Option(help="Whose valid actions to list.")] = None,
+) -> None:
+    """Print a task's first observation in words."""
+    from robotouille import World, load_task
+
+    try:
+        typer.echo(World(load_task(task)).initial.text(player))
+    except RobotouilleError as error:
+        fail(str(error))
+
+
+def main() -> None:
+    """The entry point of `robotouille`."""
+    app()

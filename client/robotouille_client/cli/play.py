@@ -1,0 +1,68 @@
+"""`robotouille play TASK`: play in a window without a server."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robotouille.episode.rules import Clock
+from robotouille.errors import RobotouilleError
+from robotouille_client.bots.cli import BotKind, policy_maker
+from robotouille_client.cli.console import fail
+
+__all__ = ["play"]
+
+
+def play(
+    task: Annotated[str, typer.Argument(help="Task name or problem file.")],
+    mode: Annotated[Clock, typer.Option(help="Clock.")] = Clock.REALTIME,
+    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None,
+    partner: Annotated[BotKind, typer.Option(help="Who plays the other seats.")] = BotKind.PLANNER,
+    step_rate: Annotated[float, typer.Option(help="Steps a second in real time.")] = 5.0,
+    timing: Annotated[
+        str | None, typer.Option(help="benchmark or people; people in real time by default.")
+    ] = None,
+    max_steps: Annotated[int, typer.Option(help="Step limit.")] = 1000,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
+    screenshot: Annotated[
+        Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
+    ] = None,
+) -> None:
+    """Play a task in a window, without a server. Bots play the other seats."""
+    import asyncio
+
+    from robotouille import World, load_task
+    from robotouille.episode import Episode, Rules
+    from robotouille_client.window.theatre import parse_size, require_pygame
+
+    try:
+        require_pygame()
+        from robotouille_client.window.sources import LocalSource
+        from robotouille_client.window.window import Window
+
+        profile = timing or ("people" if mode is Clock.REALTIME else "benchmark")
+        world = World(load_task(task, seats=seats, timing=profile, seed=seed))
+        rules = Rules(clock=mode, step_rate=step_rate, max_steps=max_steps)
+        if partner is BotKind.SCRIPTED:
+            raise RobotouilleError("partners are random or planner bots")
+        make = policy_maker(partner, seed)
+        bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in world.players[1:]}
+        me = world.players[0]
+        source = LocalSource(Episode(world, rules, time.monotonic()), me, bots, time.monotonic)
+        window = Window(
+            parse_size(size), caption=f"Robotouille: {world.task.name}", headless=bool(screenshot)
+        )
+        if screenshot is not None:
+            window.frame(source)
+            window.screenshot(screenshot)
+            window.close()
+        else:
+            asyncio.run(window.run(source, linger=None))
+    except RobotouilleError as error:
+        fail(str(error))
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None

@@ -1,0 +1,40 @@
+"""Everything here draws without a screen."""
+
+from __future__ import annotations
+
+import os
+
+os.environ["SDL_VIDEODRIVER"] = "dummy"
+os.environ["SDL_AUDIODRIVER"] = "dummy"
+os.environ["PYGAME_HIDE_SUPPORT_PROMPT"] = "1"
+
+from collections.abc import Callable
+
+import pytest
+
+pytest.importorskip("pygame")
+
+from robotouille import State, World
+
+Course = list[State]
+
+
+@pytest.fixture(scope="session")
+def play() -> Callable[..., Course]:
+    return _play
+
+
+def _play(world: World, *lines: str, player: str | None = None) -> Course:
+    """The states of a course of lines such as `pick-up-item bread1`; `-` is a step of nothing."""
+    player = player or world.players[0]
+    states = [world.initial]
+    for line in lines:
+        name, *arguments = line.split()
+        state = states[-1]
+        if name == "-":
+            states.append(state.step([]).state)
+            continue
+        valid = [a for a in state.actions(player) if a.name == name]
+        action = next(a for a in valid if set(arguments) <= set(a.arguments))
+        states.append(state.step(action).state)
+    return states

@@ -1,0 +1,191 @@
+"""Clicks and keys lead to the actions that the input file says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robotouille import Timing, World, load_task
+from robotouille.domain.files import read_model
+from robotouille.domain.schema import InputFile
+from robotouille_client.window.controls import Controls, bindings_of
+
+PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"
+POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
+FULL = [*POT, "fill-pot", "-", "-", "-", "pick-up-container pot1", "move stove1", "place-container"]
+ONION = ["move table10", "pick-up-item onion1", "move stove1"]
+CHICKEN = ["move table11", "pick-up-item chicken1", "move stove1", "place-item"]
+
+KITCHEN = [
+    ([], "table3", "move(robot1, table8, table3)"),
+    (["move table11"], "table11", "pick-up-item(robot1, table11, chicken1)"),
+    (CHICKEN[:3], "stove1", "place-item(robot1, stove1, chicken1)"),
+    ([*CHICKEN[:2], "move table3"], "table3", "stack(robot1, table3, chicken1, bread1)"),
+    (
+        [*CHICKEN[:2], "move table3", "stack"],
+        "table3",
+        "unstack(robot1, table3, chicken1, bread1)",
+    ),
+    (["move table2"], "table2", "pick-up-container(robot1, table2, pot1)"),
+    (POT[:3], "sink1", "place-container(robot1, sink1, pot1)"),
+    (["move table9", "pick-up-item", "move board1", "place-item"], "key e", "cut(robot1, board1, tomato1)"),
+    (CHICKEN, "key e", "cook(robot1, stove1, chicken1)"),
+    (POT, "key e", "fill-pot(robot1, sink1, pot1)"),
+    (FULL, "key e", "boil-water(robot1, stove1, pot1, water1)"),
+    ([*FULL, *ONION], "key e", "add-to(robot1, stove1, onion1, pot1, water1)"),
+    ([*FULL, "pick-up-container", "move table1"], "key e", "fill-bowl(robot1, pot1, water1, bowl1, table1)"),
+    ([], "key space", "wait()"),
+]  # fmt: skip
+
+
+def meaning(controls: Controls, state, player: str, what: str):
+    word, _, key = what.partition(" ")
+    return controls.key(state, player, key) if key else controls.click(state, player, word)
+
+
+def assert_same(action, expected: str) -> None:
+    name, _, arguments = expected.rstrip(")").partition("(")
+    assert action.name == name
+    assert set(action.arguments) == set(filter(None, arguments.split(", ")))
+
+
+@pytest.mark.parametrize(("lines", "what", "expected"), KITCHEN)
+def test_the_kitchen(play, lines: list[str], what: str, expected: str) -> None:
+    world = World("asynchronous/09")
+    state = play(world, *lines)[-1]
+    found = meaning(Controls(world), state, "robot1", what)
+    assert found.valid
+    assert found.hint == found.action.sentence
+    assert_same(found.action, expected)
+
+
+def test_fry(play) -> None:
+    world = World("asynchronous/03")
+    fryer = next(o.name for o in world.placed if o.kind == "fryer")
+    chicken = next(o.name for o in world.placed if o.kind == "chicken")
+    table = next(p.host for n, p in _scene(world).items() if n == chicken)
+    state = play(world, f"move {table}", "pick-up-item", f"move {fryer}", "place-item")[-1]
+    found = Controls(world).key(state, "robot1", "e")
+    assert found.valid
+    assert found.action.name == "fry"
+
+
+def _scene(world):
+    from robotouille.world.scene import scene
+
+    return scene(world.initial)
+
+
+def test_every_action_of_the_kitchen_is_covered() -> None:
+    covered = {expected.partition("(")[0] for _, _, expected in KITCHEN} | {"fry"}
+    assert covered == {schema.name for schema in World("asynchronous/09").schemas}
+
+
+WORKSHOP = [
+    ([], "anvil1", "walk(fitter1, trestle2, anvil1)"),
+    ([], "trestle2", "grab(fitter1, trestle2, gear1)"),
+    (["grab gear1", "walk anvil1"], "anvil1", "drop(fitter1, anvil1, gear1)"),
+    (["grab gear1", "walk anvil1", "drop"], "key r", "hammer(fitter1, anvil1, gear1)"),
+    (["walk booth1"], "key r", "paint(fitter1, booth1, offcut1)"),
+    (["walk dispenser1"], "key r", "dispense(fitter1, dispenser1)"),
+    (
+        ["walk dispenser1", "dispense", "-", "-", "grab bolt1", "walk trestle2"],
+        "key f",
+        "bolt-on(fitter1, trestle2, bolt1, gear1)",
+    ),
+    (["grab gear1", "walk trestle3"], "key f", "pack(fitter1, trestle3, gear1, box1)"),
+    (["walk booth1", "grab", "walk bin1"], "key f", "recycle(fitter1, bin1, offcut1)"),
+    ([], "key space", "rest()"),
+]
+
+
+@pytest.mark.parametrize(("lines", "what", "expected"), WORKSHOP)
+def test_the_workshop(play, lines: list[str], what: str, expected: str) -> None:
+    world = World("workshop/01")
+    state = play(world, *lines)[-1]
+    found = meaning(Controls(world), state, "fitter1", what)
+    assert found.valid
+    assert_same(found.action, expected)
+
+
+def test_every_action_of_the_workshop_is_covered() -> None:
+    covered = {expected.partition("(")[0] for _, _, expected in WORKSHOP}
+    assert covered == {schema.name for schema in World("workshop/01").schemas}
+
+
+@pytest.mark.parametrize(
+    ("lines", "what", "action", "reason"),
+    [
+        (CHICKEN[:3], "key e", None, "nothing to do at stove1"),
+        (["move table9"], "key e", "cut", "table9 is a board for cutting"),
+        ([*CHICKEN, "cook"], "key e", "cook", "not: chicken1 is cooking now"),
+        (POT[:3], "key e", "fill-pot", "robot1 has empty hands"),
+        ([], "table8", None, "nothing to do at table8"),
+        ([*CHICKEN[:2], "move table2"], "table2", "place-item", "table2 has a free surface"),
+        ([], "key e", None, "nothing to do at table8"),
+        ([], "key q", None, ""),
+    ],
+)
+def test_what_cannot_be_done_is_tried_or_explained(
+    play, lines: list[str], what: str, action: str | None, reason: str
+) -> None:
+    world = World("asynchronous/09")
+    state = play(world, *lines)[-1]
+    found = meaning(Controls(world), state, "robot1", what)
+    assert not found.valid
+    assert (found.action.name if found.action else None) == action
+    assert reason in found.hint
+    if found.action is not None:
+        assert world.unmet(state, found.action)
+
+
+def test_a_taken_station_is_tried(play) -> None:
+    world = World("multi_agent/09")
+    other = _scene(world)[world.players[1]].at
+    found = Controls(world).click(world.initial, world.players[0], other)
+    assert found.action.name == "move"
+    assert "nobody standing" in found.hint
+
+
+def test_who_is_busy_does_nothing(play) -> None:
+    world = World(load_task("asynchronous/09", timing=Timing.PEOPLE))
+    state = play(world, "move table2")[-1]
+    found = Controls(world).click(state, "robot1", "table3")
+    assert found.action is None
+    assert "is busy for" in found.hint
+
+
+def test_options_are_the_keys_that_do_something(play) -> None:
+    world = World("asynchronous/09")
+    controls = Controls(world)
+    assert controls.options(world.initial, "robot1") == ()
+    (option,) = controls.options(play(world, *CHICKEN)[-1], "robot1")
+    assert (option.key, option.action.name) == ("e", "cook")
+
+
+def test_help_lists_every_binding() -> None:
+    rows = dict(Controls(World("workshop/01")).help())
+    assert rows == {
+        "Left click": "walk, grab, drop",
+        "F": "bolt on, pack, recycle",
+        "R": "paint, hammer, dispense",
+        "Space": "rest",
+    }
+
+
+@pytest.mark.skipif(not PUBLISHED.is_file(), reason="the published files are not here")
+def test_the_published_input_file_works() -> None:
+    world = World("asynchronous/09")
+    controls = Controls(world, read_model(PUBLISHED, InputFile))
+    assert controls.click(world.initial, "robot1", "table3").action.name == "move"
+
+
+def test_a_domain_without_an_input_file_gets_one() -> None:
+    domain = World("workshop/01").task.domain
+    bindings = bindings_of(domain.model_copy(update={"input_json": "none.json"}))
+    clicks = [b.name for b in bindings.mouse_click_actions]
+    keys = {b.name: b.input_instructions.at for b in bindings.keyboard_actions}
+    assert clicks == ["walk"]
+    assert keys["hammer"] == "b1"
+    assert keys["rest"] is None

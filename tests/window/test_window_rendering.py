@@ -1,0 +1,113 @@
+"""Rendering files: both dialects load, faults are named, and every picture exists."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pygame
+import pytest
+
+from robotouille import FileError, load_task
+from robotouille.domain.files import read_model, validate
+from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.resources import data_folder
+
+PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/rendering/robotouille_config.json"
+OURS = data_folder("renderings") / "robotouille.json"
+
+
+def ours() -> RenderingFile:
+    return read_model(OURS, RenderingFile)
+
+
+def test_ours_names_no_missing_and_no_superfluous_picture() -> None:
+    rendering = ours()
+    folder = data_folder("assets") / rendering.assets
+    assert {path.name for path in folder.iterdir()} == rendering.files()
+
+
+@pytest.mark.parametrize("name", sorted(ours().files()))
+def test_every_picture_can_be_drawn(name: str) -> None:
+    picture = pygame.image.load_sized_svg(data_folder("assets") / "kitchen" / name, (32, 32))
+    assert picture.get_size() == (32, 32)
+    assert pygame.mask.from_surface(picture, 10).count() > 60
+
+
+@pytest.mark.skipif(not PUBLISHED.is_file(), reason="the published files are not here")
+def test_the_published_dialect_loads() -> None:
+    rendering = read_model(PUBLISHED, RenderingFile)
+    assert rendering.version == "1.0.0"
+    assert rendering.player["robot"][0].front == "robot_front.png"
+    assert rendering.station.entities["table"].assets.tile == "T"
+    assert rendering.item.entities["cheese"].constants.stack_offset == -0.05
+    onion = rendering.item.entities["onion"].assets
+    assert onion.choose({"iscut", "isfried"}) == "friedonion.png"
+    pot = rendering.container.entities["pot"].assets.named["water"]
+    soup = {("isboiling", "water"), ("addedto", "onion", "water")}
+    assert pot.choose((), soup) == "pot_soup.png"
+
+
+def changed(*path: str, to: Any) -> RenderingFile:
+    raw: dict[str, Any] = {
+        "item": {"constants": {}, "entities": {"onion": {"assets": {"default": "onion.svg"}}}},
+        "player": {"robot": {s: f"{s}.svg" for s in ("front", "back", "left", "right")}},
+    }
+    place = raw
+    for part in path[:-1]:
+        place = place.setdefault(part, {})
+    place[path[-1]] = to
+    return validate(raw, RenderingFile, "r.json")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "fault"),
+    [
+        (("floors",), {}, "unknown field 'floors'; did you mean 'floor'?"),
+        (("assets",), "../secret", "assets: string should match pattern"),
+        (("item", "constants", "SCAL"), 1, "item.constants.SCAL: unknown field 'SCAL'"),
+        (("item", "constants", "SCALE"), float("nan"), "item.constants.SCALE"),
+        (("item", "entities", "onion", "assets"), {}, "item.entities.onion.assets: needs"),
+        (("item", "entities", "onion", "assets", "cut"), 3, "item.entities.onion.assets.cut"),
+        (
+            ("item", "entities", "onion", "assets", "cut"),
+            {"predicates": ["iscut"]},
+            "item.entities.onion.assets.cut: 'predicates' needs an 'asset' beside it",
+        ),
+        (
+            ("item", "entities", "onion", "assets", "cut"),
+            {"asset": "a.svg", "predicates": [{"nam": "iscut"}]},
+            "item.entities.onion.assets.cut.predicates[0].name",
+        ),
+        (
+            ("item", "entities", "onion", "assets", "cut"),
+            {"asset": "a.svg", "other": "b.svg"},
+            "cannot hold others (other)",
+        ),
+        (("player", "robot"), {"front": "a.svg"}, "player.robot[0].back"),
+        (("player", "robot"), [], "player.robot"),
+        (("floor",), {"tiles": {"CC": "a.svg"}}, "floor.tiles.CC"),
+    ],
+)
+def test_faults_are_named(path: tuple[str, ...], value: Any, fault: str) -> None:
+    with pytest.raises(FileError) as caught:
+        changed(*path, to=value)
+    assert fault in str(caught.value)
+
+
+def test_the_picture_with_the_most_predicates_wins() -> None:
+    chicken = ours().item.entities["chicken"].assets
+    assert chicken.choose(()) == "chicken.svg"
+    assert chicken.choose({"iscooked", "isfried"}) == "chicken_fried.svg"
+
+
+def test_a_domain_without_a_rendering_has_the_kitchens_floor() -> None:
+    rendering = rendering_of(load_task("workshop/01").domain)
+    assert rendering.floor.default == "floor_tile.svg"
+    assert rendering.group_of("gear") is None
+
+
+def test_a_domain_cannot_name_a_file_elsewhere() -> None:
+    domain = load_task("workshop/01").domain
+    domain = domain.model_copy(update={"rendering_json": "/etc/../renderings/robotouille.json"})
+    assert rendering_of(domain) == ours()
