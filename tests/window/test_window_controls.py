@@ -16,6 +16,7 @@ POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
 FULL = [*POT, "fill-pot", "-", "-", "-", "pick-up-container pot1", "move stove1", "place-container"]
 ONION = ["move table10", "pick-up-item onion1", "move stove1"]
 CHICKEN = ["move table11", "pick-up-item chicken1", "move stove1", "place-item"]
+TOMATO = ["move table9", "pick-up-item", "move board1", "place-item"]
 
 KITCHEN = [
     ([], "table3", "move(robot1, table8, table3)"),
@@ -29,12 +30,13 @@ KITCHEN = [
     ),
     (["move table2"], "table2", "pick-up-container(robot1, table2, pot1)"),
     (POT[:3], "sink1", "place-container(robot1, sink1, pot1)"),
-    (["move table9", "pick-up-item", "move board1", "place-item"], "key e", "cut(robot1, board1, tomato1)"),
+    (TOMATO, "key e", "cut(robot1, board1, tomato1)"),
     (CHICKEN, "key e", "cook(robot1, stove1, chicken1)"),
     (POT, "key e", "fill-pot(robot1, sink1, pot1)"),
     (FULL, "key e", "boil-water(robot1, stove1, pot1, water1)"),
     ([*FULL, *ONION], "key e", "add-to(robot1, stove1, onion1, pot1, water1)"),
-    ([*FULL, "pick-up-container", "move table1"], "key e", "fill-bowl(robot1, pot1, water1, bowl1, table1)"),
+    ([*FULL, "pick-up-container", "move table1"], "key e",
+     "fill-bowl(robot1, pot1, water1, bowl1, table1)"),
     ([], "key space", "wait()"),
 ]  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robotouille.world.floor import Floor, Tile
 from robotouille.world.scene import Placed
@@ -11,6 +11,8 @@ from robotouille.world.state import State
 __all__ = ["Motion", "Pose", "along"]
 
 Point = tuple[float, float]
+
+_SIDE_BY_SIDE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +83,7 @@ class Motion:
             placed = now.get(name)
             if placed is not None and placed.tile is not None:
                 poses[name] = self._pose(placed, self._walks.get(name), step, phase)
-        return poses
+        return _apart(poses)
 
     def _advance(
         self, state: State, now: dict[str, Placed], before: dict[str, Placed], step: int
@@ -116,3 +118,17 @@ class Motion:
             return Pose(placed.tile, looking(placed.facing or (0, -1)))
         at, direction, stride = along(walk.path, share)
         return Pose(at, looking(direction), True, stride)
+
+
+def _apart(poses: dict[str, Pose]) -> dict[str, Pose]:
+    """Players who have to share a tile stand side by side on it."""
+    sharing: dict[Point, list[str]] = {}
+    for name, pose in poses.items():
+        sharing.setdefault(pose.at, []).append(name)
+    for (x, y), names in sharing.items():
+        if len(names) > 1:
+            gap = _SIDE_BY_SIDE / (len(names) - 1)
+            for i, name in enumerate(names):
+                at = (x - _SIDE_BY_SIDE / 2 + i * gap, y)
+                poses[name] = replace(poses[name], at=at)
+    return poses

@@ -49,9 +49,11 @@ class Overlays:
         self._progress(target, layout, view, stage, poses)
         self._names(target, layout, view, poses)
         self._states_of_players(target, layout, view, poses)
+        lift: dict[str, int] = defaultdict(int)
         for bubble in view.bubbles:
             if bubble.player in poses:
-                self._bubble(target, layout, bubble, poses[bubble.player])
+                pose, above = poses[bubble.player], lift[bubble.player]
+                lift[bubble.player] += self._bubble(target, layout, bubble, pose, above)
         if chrome.tips and chrome.pointer is not None:
             self._tips(target, layout, chrome.pointer, chrome.tips)
 
@@ -185,28 +187,29 @@ class Overlays:
                 middle = (round(x + 0.85 * layout.tile), round(y))
                 target.blit(picture, picture.get_rect(center=middle))
 
-    def _bubble(self, target: pygame.Surface, layout: Layout, bubble: Bubble, pose: Pose) -> None:
+    def _bubble(
+        self, target: pygame.Surface, layout: Layout, bubble: Bubble, pose: Pose, above: int
+    ) -> int:
+        """A speech bubble, `above` pixels higher than where it would be; its height."""
         size, pad = max(11, layout.text - 2), 8
         most = max(110, min(round(layout.tile * 2.6), layout.kitchen.width * 2 // 3))
         lines = self._text.wrap(bubble.text, size, most, 5)
         if not lines:
-            return
+            return 0
         step = self._text.height(size)
         width = max(24, max(self._text.width(line, size) for line in lines) + 2 * pad)
         height = step * len(lines) + pad
         x, y = layout.corner(pose.at)
-        x, y = x + layout.tile / 2, y - 0.1 * layout.tile
+        x, y = x + layout.tile / 2, y - 0.1 * layout.tile - above
         area = pygame.Rect(round(x - width / 2), round(y - height - 8), width, height + 8)
         area.clamp_ip(pygame.Rect(0, 0, max(area.width, layout.panel.left), layout.size[1]))
         tail = min(width - 14, max(14, round(x) - area.x))
-        edge = BAD if bubble.kind == "rejected" else INK
+        edge, ink = (BAD, mixed(BAD, INK, 0.45)) if bubble.kind == "rejected" else (INK, INK)
         target.blit(speech((width, height), PAPER, edge, tail), area)
         for i, line in enumerate(lines):
-            colour = mixed(BAD, INK, 0.45) if bubble.kind == "rejected" else INK
-            target.blit(
-                self._text.line(line, size, colour),
-                (area.x + pad, area.y + pad // 2 + 1 + i * step),
-            )
+            words = self._text.line(line, size, ink)
+            target.blit(words, (area.x + pad, area.y + pad // 2 + 1 + i * step))
+        return area.height
 
 
 def _rows(state: State | None) -> tuple[Progress, ...]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pygame
 
+from robotouille.world.state import State
 from robotouille_client.window.chat import ChatLine
 from robotouille_client.window.chrome import Chrome
 from robotouille_client.window.controls import Button, Controls, Meaning
@@ -20,9 +21,9 @@ from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
 
-_SMALLEST = (480, 320)
 _NOTICE_SECONDS = 3.0
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
+_Asked = tuple[State, str | None, str | None]
 _OWN_KEYS = (
     ("T or Enter", "say something (Enter sends, Esc cancels)"),
     ("H", "this help"),
@@ -68,6 +69,7 @@ class Window:
         self._notice_until = 0.0
         self._pending: Callable[[View], Meaning] | None = None
         self._surface: pygame.Surface | None = None
+        self._advice: tuple[_Asked, tuple[str, ...], str] | None = None
 
     async def run(self, source: Source, *, linger: float | None = 5.0) -> None:
         """Show a source until the window is closed, or `linger` seconds after it has finished.
@@ -92,12 +94,11 @@ class Window:
 
     def frame(self, source: Source) -> None:
         """Handle what has happened since the last frame, then draw."""
-        view = source.view()
         if self._surface is None:
-            self._open(view)
+            self._open(source.view())
         for event in pygame.event.get():
-            self._handle(event, source, view)
-        self._retry(source, view)
+            self._handle(event, source, source.view())
+        self._retry(source, source.view())
         self._draw(source.view())
 
     def screenshot(self, path: Path | str) -> None:
@@ -139,11 +140,14 @@ class Window:
         self.frames += 1
 
     def _chrome(self, view: View, hover: str | None) -> Chrome:
-        prompt = self._notice if self._clock() < self._notice_until else self._prompt(view)
+        key = (view.state, view.me, hover)
+        if self._advice is None or self._advice[0] != key:
+            self._advice = (key, self._tips(view, hover), self._prompt(view))
+        _, tips, prompt = self._advice
         return Chrome(
             pointer=self._pointer,
-            tips=self._tips(view, hover),
-            prompt=prompt,
+            tips=tips,
+            prompt=self._notice if self._clock() < self._notice_until else prompt,
             typing=self._chat.typed,
             help=(*self._controls_of(view).help(), *_OWN_KEYS) if self._help else (),
         )

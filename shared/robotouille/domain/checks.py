@@ -22,7 +22,14 @@ from robotouille.domain.schema import (
 )
 from robotouille.errors import Fault, did_you_mean
 
-__all__ = ["check_domain", "check_input", "check_problem", "fluents", "parameter_types"]
+__all__ = [
+    "check_domain",
+    "check_input",
+    "check_problem",
+    "fluents",
+    "parameter_types",
+    "placeholders",
+]
 
 
 def check_domain(domain: DomainFile) -> list[Fault]:
@@ -147,7 +154,7 @@ def _check_action(
     for name in action.travel or ():
         if name not in types:
             faults.append(_unknown(f"{path}.travel", "parameter", name, types))
-    for name in _placeholders(action.language_description):
+    for name in placeholders(action.language_description):
         if name not in types:
             where = f"{path}.language_description"
             faults.append(_unknown(where, "parameter", name, types))
@@ -199,7 +206,8 @@ def _created(effects: tuple[EffectDef, ...]) -> Iterator[Creation]:
             yield effect
 
 
-def _placeholders(text: str) -> Iterator[str]:
+def placeholders(text: str) -> Iterator[str]:
+    """The names in braces, in order."""
     rest = text
     while "{" in rest and "}" in rest.split("{", 1)[1]:
         name, rest = rest.split("{", 1)[1].split("}", 1)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from robotouille.planning.estimate import Binding, Part, Workbench
+from robotouille.planning.estimate import REDOING, Binding, Workbench
+from robotouille.planning.ordering import Ordering
+from robotouille.world.atoms import bits_of
 from robotouille.world.objects import Atom
 from robotouille.world.state import State
 
@@ -14,12 +16,14 @@ MAX_STATIONS = 4
 """How many stations are considered for a variable besides the one it stands for."""
 
 
-def assignments(bench: Workbench, state: State, limit: int = 1) -> list[Binding]:
+def assignments(
+    bench: Workbench, state: State, ordering: Ordering | None = None, limit: int = 1
+) -> list[Binding]:
     """Choices of objects that promise little work, the best first, at most `limit`.
 
     The first is a local optimum: no change of one variable and no exchange of two improves it.
     """
-    chooser = _Chooser(bench, state)
+    chooser = _Chooser(bench, state, ordering)
     start = chooser.greedy()
     if start is None:
         return []
@@ -36,7 +40,8 @@ def assignments(bench: Workbench, state: State, limit: int = 1) -> list[Binding]
 
 
 class _Chooser:
-    def __init__(self, bench: Workbench, state: State) -> None:
+    def __init__(self, bench: Workbench, state: State, ordering: Ordering | None) -> None:
+        self._ordering = ordering
         forecast = bench.forecast(state.facts, state.timers)
         self._bench = bench
         self._goal = state.world.goal
@@ -44,7 +49,6 @@ class _Chooser:
         self._facts = (state.facts | forecast.touched) ^ forecast.removed
         self._variables = dict(self._goal.variables)
         self._candidates = {v: self._available(v) for v in self._variables}
-        self._costs: dict[tuple[Part, int], float] = {}
 
     def _available(self, variable: int | str) -> list[str]:
         """The candidates that exist, then as many that are yet to be made as could be wanted."""
@@ -95,6 +99,10 @@ class _Chooser:
                 total += 0.01
         for part in self._bench.parts(atoms, self._facts):
             total += part.distance(self._facts)
+        if self._ordering is not None:
+            for late, early in self._ordering.rules(binding):
+                if self._facts & late == late and self._facts & early != early:
+                    total += REDOING
         return total
 
     def improve(self, binding: Binding) -> Binding:
@@ -131,6 +139,15 @@ class _Chooser:
         if not names or vocabulary.type_of(names[0]) not in vocabulary.station_types:
             return names
         met = {n: self._met({**binding, variable: n}, variable) for n in names}
-        least = met[binding[variable]] - (1.0 if wide else 0.0)
-        others = sorted((n for n in names if met[n] >= least), key=lambda n: -met[n])
-        return others[: MAX_STATIONS * (3 if wide else 1)]
+        others = sorted((n for n in names), key=lambda n: -met[n])
+        empty = [n for n in others if self._is_empty(n)]
+        if wide:
+            return others
+        least = met[binding[variable]] - 1.0
+        return [n for n in others if met[n] >= least][:MAX_STATIONS] + empty[:1]
+
+    def _is_empty(self, station: str) -> bool:
+        vocabulary = self._bench.vocabulary
+        atoms = self._table.atoms
+        about = self._facts & self._table.mentions(station)
+        return not any(vocabulary.movables_in(atoms[i]) for i in bits_of(about))

@@ -25,6 +25,10 @@ HELD = 1.5
 """The price of having to put down something that is of no use."""
 
 
+REDOING = 4.0
+"""The price of having done something before what has to be done first."""
+
+
 @dataclass
 class Part:
     """The work on one object: the smallest distance over the ways to support it.
@@ -186,14 +190,27 @@ class Guard(Part):
 
 
 class Estimate:
-    """The work left until one choice of objects meets the goal."""
+    """The work left until one choice of objects meets the goal.
 
-    def __init__(self, bench: Workbench, binding: Binding, facts: int) -> None:
+    `atoms` are the goal's under that choice, or some of them; `kept` is a mask of facts without
+    which a state is worthless; `rules` come from `ordering.py`.
+    """
+
+    def __init__(
+        self,
+        bench: Workbench,
+        binding: Binding,
+        facts: int,
+        atoms: list[Atom] | None = None,
+        kept: int = 0,
+    ) -> None:
         world = bench.world
         self.binding = binding
-        atoms = world.goal.atoms(binding)
+        atoms = world.goal.atoms(binding) if atoms is None else atoms
+        self.rules: list[tuple[int, int]] = []
         self.parts = bench.parts(atoms, facts)
         self.goal = world.table.mask(atoms)
+        self._kept = kept
         self._forecast = bench.forecast
         self._travel = bench.vocabulary.mean_travel
         self._wanted: dict[Effect, int] = {}
@@ -202,6 +219,8 @@ class Estimate:
 
     def __call__(self, facts: int, timers: Timers) -> float:
         """Steps of work left; 0 only where the goal is met, DEAD or more where it cannot be."""
+        if facts & self._kept != self._kept:
+            return DEAD
         total = 0.0
         places = facts
         if timers.entries:
@@ -221,6 +240,9 @@ class Estimate:
             else:
                 total += held.get(places & where, steps)
         total -= (places & useful).bit_count() * self._travel
+        for late, early in self.rules:
+            if facts & late == late and facts & early != early:
+                total += REDOING
         held_mask = places & self._idle_hands
         if held_mask:
             total += HELD * held_mask.bit_count()

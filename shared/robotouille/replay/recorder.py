@@ -26,9 +26,9 @@ from robotouille.episode.rules import Rules
 from robotouille.protocol.states import StateWriter
 from robotouille.replay.frames import MAGIC, pack_frame
 from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import Attempt, World
 
-__all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header"]
+__all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "step_frames"]
 
 HASH_EVERY = 10
 SNAPSHOT_EVERY = 100
@@ -67,7 +67,7 @@ class Recorder:
         """The magic, the header with its tables, and the initial state."""
         initial = self.world.initial
         head = {**self.head, "tables": self._writer.tables(initial)}
-        return MAGIC + pack_frame(head) + self._keyframe(0, initial)
+        return MAGIC + pack_frame(head) + keyframe(self._writer, 0, initial)
 
     def record(self, events: Iterable[Event]) -> bytes:
         """The frames of some events; rejections, chat and roster changes wait for the next step."""
@@ -83,23 +83,11 @@ class Recorder:
         return output
 
     def _step(self, event: Stepped) -> bytes:
-        frame: dict[str, Any] = {"kind": "step", "step": event.step, "t": _ms(event.time)}
-        frame["moves"] = [self._move(move) for move in event.moves]
-        unmet = {
-            str(i): list(attempt.unmet)
-            for i, attempt in enumerate(event.attempts)
-            if not attempt.applied
-        }
-        if unmet:
-            frame["unmet"] = unmet
-        frame |= self._take_notes()
-        frame |= self._writer.changes(event.before, event.state)
-        if event.step % HASH_EVERY == 0:
-            frame["hash"] = event.state.digest
-        output = pack_frame(frame)
-        if event.step % SNAPSHOT_EVERY == 0:
-            output += self._keyframe(event.step, event.state)
-        return output
+        rows = {"t": _ms(event.time), "moves": [self._move(move) for move in event.moves]}
+        rows |= self._take_notes()
+        return step_frames(
+            self._writer, event.step, rows, event.attempts, event.before, event.state
+        )
 
     def _move(self, move: Move) -> dict[str, Any]:
         row: dict[str, Any] = {
@@ -115,13 +103,39 @@ class Recorder:
         frame = {"kind": "footer", "outcome": event.outcome.to_json(), **self._take_notes()}
         return pack_frame(frame)
 
-    def _keyframe(self, step: int, state: State) -> bytes:
-        values = self._writer.values(state)
-        return pack_frame({"kind": "state", "step": step, "hash": state.digest, **values})
-
     def _take_notes(self) -> dict[str, Any]:
         notes, self._notes = self._notes, []
         return {"notes": notes} if notes else {}
+
+
+def step_frames(
+    writer: StateWriter,
+    step: int,
+    rows: dict[str, Any],
+    attempts: tuple[Attempt, ...],
+    before: State,
+    after: State,
+) -> bytes:
+    """The frame of a step, and the keyframe after it where one is due.
+
+    `rows` holds what re-simulation cannot know: `t`, `moves` and `notes`.
+    """
+    frame = {"kind": "step", "step": step, **rows}
+    unmet = {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
+    if unmet:
+        frame["unmet"] = unmet
+    frame |= writer.changes(before, after)
+    if step % HASH_EVERY == 0:
+        frame["hash"] = after.digest
+    output = pack_frame(frame)
+    if step % SNAPSHOT_EVERY == 0:
+        output += keyframe(writer, step, after)
+    return output
+
+
+def keyframe(writer: StateWriter, step: int, state: State) -> bytes:
+    """The frame of a whole state."""
+    return pack_frame({"kind": "state", "step": step, "hash": state.digest, **writer.values(state)})
 
 
 def _ms(seconds: float) -> int:

@@ -12,7 +12,8 @@ from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol.states import StateReader, StateWriter
 from robotouille.replay.frames import MAGIC, MAX_FILE, pack_frame, read_frames, unwrap
-from robotouille.replay.recorder import HASH_EVERY, SNAPSHOT_EVERY
+from robotouille.replay.recorder import keyframe, step_frames
+from robotouille.replay.schema import check_frame
 from robotouille.world.actions import GroundAction
 from robotouille.world.objects import atom_name
 from robotouille.world.state import State
@@ -48,9 +49,8 @@ class Recording:
         frames = list(read_frames(stream))
         if not frames or frames[0].get("kind") != "header":
             raise RecordingError(f"{source}: has no header")
-        missing = {"task", "digest", "tables", "rules"} - frames[0].keys()
-        if missing:
-            raise RecordingError(f"{source}: its header lacks {', '.join(sorted(missing))}")
+        for number, frame in enumerate(frames):
+            check_frame(frame, number)
         self.header: dict[str, Any] = frames[0]
         self.frames = frames
         self.steps = [frame for frame in frames if frame.get("kind") == "step"]
@@ -132,13 +132,16 @@ class Recording:
             fault = self._first_difference()
         except RobotouilleError as error:
             fault = str(error)
-        identical = not fault and self.resimulate() == self.stream
-        if not fault and not identical and self._whole_length() != len(self.stream):
-            identical = self.resimulate() == self.stream[: self._whole_length()]
+        identical = not fault and self._same_bytes(self.resimulate())
         return Verification(len(self.steps), fault, identical, complete)
 
-    def _whole_length(self) -> int:
-        return len(MAGIC) + sum(len(pack_frame(frame)) for frame in self.frames)
+    def _same_bytes(self, anew: bytes) -> bool:
+        """Whether the whole frames of the file are these; one that was cut off does not count,
+        nor does a keyframe that was not yet written."""
+        whole = len(MAGIC) + sum(len(pack_frame(frame)) for frame in self.frames)
+        if self.outcome is not None:
+            return anew == self.stream
+        return anew[:whole] == self.stream[:whole]
 
     def _first_difference(self) -> str:
         if self.task.digest != self.header["digest"]:
@@ -162,37 +165,18 @@ class Recording:
         """The recording written anew from the header, the actions and the notes alone."""
         writer = StateWriter(self.world)
         tables = writer.tables(self.world.initial)
-        output = MAGIC + pack_frame({**self.header, "tables": tables})
         state = self.world.initial
-        output += _keyframe(writer, 0, state)
-        for frame in self.frames[1:]:
+        output = MAGIC + pack_frame({**self.header, "tables": tables}) + keyframe(writer, 0, state)
+        for frame in self.frames:
             if frame["kind"] == "step":
                 before, result = state, state.step(self.actions(frame))
                 state = result.state
-                output += pack_frame(self._step_anew(frame, before, result.attempts, state, writer))
-                if frame["step"] % SNAPSHOT_EVERY == 0:
-                    output += _keyframe(writer, frame["step"], state)
+                kept = ("t", "moves", "notes")
+                rows: dict[str, Any] = {key: frame[key] for key in kept if key in frame}
+                output += step_frames(writer, frame["step"], rows, result.attempts, before, state)
             elif frame["kind"] == "footer":
                 output += pack_frame(frame)
         return output
-
-    def _step_anew(
-        self, frame: dict[str, Any], before: State, attempts: Any, after: State, writer: StateWriter
-    ) -> dict[str, Any]:
-        anew = {key: frame[key] for key in ("kind", "step", "t", "moves")}
-        unmet = {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
-        if unmet:
-            anew["unmet"] = unmet
-        if "notes" in frame:
-            anew["notes"] = frame["notes"]
-        anew |= writer.changes(before, after)
-        if frame["step"] % HASH_EVERY == 0:
-            anew["hash"] = after.digest
-        return anew
-
-
-def _keyframe(writer: StateWriter, step: int, state: State) -> bytes:
-    return pack_frame({"kind": "state", "step": step, "hash": state.digest, **writer.values(state)})
 
 
 def _name(row: list[int], predicates: list[str], names: list[str]) -> str:

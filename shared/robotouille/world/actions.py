@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robotouille.domain.checks import parameter_types
+from robotouille.domain.checks import parameter_types, placeholders
 from robotouille.domain.schema import ActionDef, Condition, EffectDef
 from robotouille.domain.task import Task
 from robotouille.world.objects import Atom
@@ -34,7 +34,8 @@ class EffectSchema:
 
 @dataclass(frozen=True)
 class ActionSchema:
-    """An action over typed parameters; the acting player's, if it has one, comes first."""
+    """An action over typed parameters: the acting player's first, if it has one, then the others
+    in the order in which the action's sentence mentions them."""
 
     index: int
     name: str
@@ -86,7 +87,8 @@ def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
     for index, definition in enumerate(task.domain.action_defs):
         types = parameter_types(definition, predicates)
         actor = next((n for n, kind in types.items() if kind in task.domain.player_types), None)
-        order = [n for n in types if n == actor] + [n for n in types if n != actor]
+        said = [n for n in placeholders(definition.language_description) if n in types]
+        order = list(dict.fromkeys([*([actor] if actor else []), *said, *types]))
         effects = tuple(_effect(e, frozenset(types)) for e in definition.sfx)
         schemas.append(
             ActionSchema(

@@ -1,0 +1,142 @@
+"""The frames of a recording as schemas: what a reader may rely on. Unknown fields are let pass."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from robotouille.errors import RecordingError
+
+__all__ = ["check_frame"]
+
+Index = Annotated[int, Field(ge=0)]
+Row = Annotated[list[int], Field(min_length=1)]
+ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
+
+
+class Frame(BaseModel):
+    model_config = ConfigDict(extra="allow", strict=True)
+
+
+class Tables(Frame):
+    predicates: list[str]
+    objects: list[ObjectRow]
+    atoms: list[Row]
+
+
+class PlayedTask(Frame):
+    name: str
+    domain: dict[str, Any]
+    problem: dict[str, Any]
+    timing: str
+
+
+class PlayedRules(Frame):
+    clock: str
+    max_steps: int
+
+
+class Header(Frame):
+    kind: Literal["header"]
+    software: str
+    episode: str
+    created: str
+    task: PlayedTask
+    digest: str
+    seed: int
+    rules: PlayedRules
+    tables: Tables
+
+
+class StateFrame(Frame):
+    kind: Literal["state"]
+    step: Index
+    hash: str
+    facts: list[Index]
+    timers: list[Annotated[list[str | list[int]], Field(min_length=2, max_length=2)]]
+    busy: dict[str, int]
+
+
+class RecordedMove(Frame):
+    player: str
+    action: Annotated[list[str], Field(min_length=1)]
+    seq: int
+    ms: int
+
+
+class RosterNote(Frame):
+    note: Literal["roster"]
+    t: int
+    player: str
+    name: str
+    kind: str
+    present: bool
+
+
+class RejectedNote(Frame):
+    note: Literal["rejected"]
+    t: int
+    player: str
+    seq: int
+    action: str
+    reasons: list[str]
+
+
+class SaidNote(Frame):
+    note: Literal["said"]
+    t: int
+    name: str
+    player: str
+    text: str
+
+
+class StartedNote(Frame):
+    note: Literal["started"]
+    t: int
+
+
+Note = Annotated[RosterNote | RejectedNote | SaidNote | StartedNote, Field(discriminator="note")]
+
+
+class StepFrame(Frame):
+    kind: Literal["step"]
+    step: Annotated[int, Field(ge=1)]
+    t: int
+    moves: list[RecordedMove]
+    unmet: dict[str, list[str]] = {}
+    notes: list[Note] = []
+    add: list[Index] = []
+    remove: list[Index] = []
+    timers: dict[str, list[int] | None] = {}
+    busy: dict[str, int] = {}
+    objects: list[ObjectRow] = []
+    atoms: list[Row] = []
+    hash: str = ""
+
+
+class RecordedOutcome(Frame):
+    reason: str
+    steps: int
+    seconds: float
+
+
+class Footer(Frame):
+    kind: Literal["footer"]
+    outcome: RecordedOutcome
+    notes: list[Note] = []
+
+
+_frames: TypeAdapter[Any] = TypeAdapter(
+    Annotated[Header | StateFrame | StepFrame | Footer, Field(discriminator="kind")]
+)
+
+
+def check_frame(frame: dict[str, Any], number: int) -> None:
+    """RecordingError names the field of a frame that is not as it must be."""
+    try:
+        _frames.validate_python(frame)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        field = ".".join(str(part) for part in first["loc"])
+        raise RecordingError(f"frame {number}: {field}: {first['msg']}") from None

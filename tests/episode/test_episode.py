@@ -1,0 +1,401 @@
+"""What seats, clocks, budgets and limits do."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robotouille import ProtocolError, World, load_task
+from robotouille.episode import (
+    Clock,
+    Ended,
+    Episode,
+    Phase,
+    Reason,
+    Rejected,
+    Rules,
+    Said,
+    Started,
+    Stepped,
+)
+from robotouille.episode.episode import LOBBY_SECONDS
+from tests.support.games import play_through, random_choice
+
+TWO = World("multi_agent/01")
+ONE = World("synchronous/01")
+
+
+def start(world: World = TWO, now: float = 0.0, **rules: object) -> Episode:
+    episode = Episode(world, Rules(**rules), now)  # type: ignore[arg-type]
+    for player in world.players:
+        episode.join(player, player.upper(), "bot", now)
+    episode.events()
+    return episode
+
+
+def steps(episode: Episode) -> list[Stepped]:
+    return [e for e in episode.events() if isinstance(e, Stepped)]
+
+
+def first(episode: Episode, player: str, name: str = "move"):  # type: ignore[no-untyped-def]
+    return next(a for a in episode.state.actions(player) if a.name == name)
+
+
+class TestSeats:
+    def test_begins_when_all_seats_are_taken(self) -> None:
+        episode = Episode(TWO, Rules())
+        assert episode.join(None, "ada", "human", 0.0) == "robot1"
+        assert episode.phase is Phase.WAITING
+        assert episode.join(None, "bob", "bot", 1.0) == "robot2"
+        assert episode.phase is Phase.RUNNING
+        assert any(isinstance(e, Started) for e in episode.events())
+
+    def test_a_taken_seat_names_who_has_it(self) -> None:
+        episode = Episode(TWO, Rules())
+        episode.join("robot2", "ada", "human", 0.0)
+        with pytest.raises(ProtocolError, match="robot2 is played by ada") as error:
+            episode.join("robot2", "bob", "human", 0.0)
+        assert error.value.code == "seat/taken"
+
+    def test_a_full_episode(self) -> None:
+        with pytest.raises(ProtocolError) as error:
+            start().join(None, "late", "human", 0.0)
+        assert error.value.code == "episode/full"
+
+    def test_an_unknown_seat(self) -> None:
+        with pytest.raises(ProtocolError, match="there are robot1, robot2") as error:
+            Episode(TWO, Rules()).join("robot7", "ada", "human", 0.0)
+        assert error.value.code == "seat/unknown"
+
+    def test_acting_before_the_start_says_for_whom_one_waits(self) -> None:
+        episode = Episode(TWO, Rules())
+        episode.join(None, "ada", "human", 0.0)
+        with pytest.raises(ProtocolError, match="waits for 1 more player") as error:
+            episode.submit("robot1", 1, None, 0.0)
+        assert error.value.code == "episode/waiting"
+
+    def test_somebody_else_can_take_a_seat_that_was_left(self) -> None:
+        episode = start()
+        episode.leave("robot1", 1.0)
+        assert episode.join(None, "carol", "human", 2.0) == "robot1"
+        assert episode.seat("robot1").name == "carol"
+
+
+class TestTurns:
+    def test_seats_act_one_after_the_other_one_action_a_step(self) -> None:
+        episode = start(clock=Clock.TURN)
+        assert episode.on_turn == "robot1"
+        episode.submit("robot1", 1, first(episode, "robot1"), 1.0)
+        assert episode.step == 1
+        assert episode.on_turn == "robot2"
+        episode.submit("robot2", 1, None, 2.0)
+        assert (episode.step, episode.on_turn) == (2, "robot1")
+
+    def test_out_of_turn_is_rejected_and_changes_nothing(self) -> None:
+        episode = start(clock=Clock.TURN)
+        episode.submit("robot2", 1, first(episode, "robot2"), 1.0)
+        rejected = [e for e in episode.events() if isinstance(e, Rejected)]
+        assert rejected[0].reasons == ("it is robot1's turn",)
+        assert episode.step == 0
+
+    def test_a_slow_seat_loses_its_turn_after_the_budget(self) -> None:
+        episode = start(clock=Clock.TURN, move_budget=5.0)
+        assert episode.due() == 5.0
+        episode.tick(4.999)
+        assert episode.step == 0
+        episode.tick(5.0)
+        assert (episode.step, episode.on_turn) == (1, "robot2")
+        assert episode.due() == 10.0
+
+    def test_the_turn_of_an_absent_seat_passes(self) -> None:
+        episode = start(clock=Clock.TURN)
+        episode.set_present("robot2", False, 0.5)
+        episode.submit("robot1", 1, None, 1.0)
+        assert (episode.step, episode.on_turn) == (2, "robot1")
+
+
+class TestLockstep:
+    def test_a_step_when_all_have_acted(self) -> None:
+        episode = start()
+        episode.submit("robot2", 1, first(episode, "robot2"), 1.0)
+        assert episode.step == 0
+        episode.submit("robot1", 1, first(episode, "robot1"), 2.0)
+        assert episode.step == 1
+        # In seat order, whoever was first.
+        assert [m.player for m in steps(episode)[0].moves] == ["robot1", "robot2"]
+
+    def test_or_when_the_budget_is_used_up(self) -> None:
+        episode = start(move_budget=3.0)
+        episode.submit("robot2", 1, first(episode, "robot2"), 1.0)
+        episode.tick(3.0)
+        assert [m.player for m in steps(episode)[0].moves] == ["robot2"]
+
+    def test_an_invalid_action_is_rejected_at_once_with_reasons_and_may_be_replaced(self) -> None:
+        episode = start()
+        bad = TWO.action("place-item", "robot1", "patty1", "table1")
+        episode.submit("robot1", 1, bad, 1.0)
+        rejected = [e for e in episode.events() if isinstance(e, Rejected)][0]
+        assert rejected.seq == 1
+        assert any("patty1" in reason for reason in rejected.reasons)
+        episode.submit("robot1", 2, first(episode, "robot1"), 1.5)
+        episode.submit("robot2", 1, None, 1.6)
+        assert episode.step == 1
+
+    def test_another_seats_robot_is_not_yours(self) -> None:
+        episode = start()
+        episode.submit("robot1", 1, first(episode, "robot2"), 1.0)
+        rejected = [e for e in episode.events() if isinstance(e, Rejected)][0]
+        assert rejected.reasons == ("robot2 is not yours to move: you play robot1",)
+
+    def test_a_conflict_within_a_step_rejects_the_later_one(self) -> None:
+        episode = start()
+        common = set.intersection(
+            *(
+                {a.arguments[2] for a in episode.state.actions(p) if a.name == "move"}
+                for p in TWO.players
+            )
+        )
+        place = sorted(common)[0]
+        for player in TWO.players:
+            here = next(a for a in episode.state.actions(player) if a.arguments[-1] == place)
+            episode.submit(player, 1, here, 1.0)
+        stepped = steps(episode)[0]
+        assert [attempt.applied for attempt in stepped.attempts] == [True, False]
+        assert stepped.attempts[1].unmet
+
+
+class TestRealTime:
+    def test_steps_follow_an_absolute_schedule(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10)
+        assert episode.due() == pytest.approx(0.1)
+        episode.tick(0.35)
+        assert episode.step == 3
+        assert episode.due() == pytest.approx(0.4)
+
+    def test_order_of_arrival_decides(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10)
+        episode.submit("robot2", 1, first(episode, "robot2"), 0.01)
+        episode.submit("robot1", 1, first(episode, "robot1"), 0.02)
+        episode.tick(0.1)
+        assert [m.player for m in steps(episode)[0].moves] == ["robot2", "robot1"]
+
+    def test_the_last_word_before_a_step_counts_and_the_former_is_answered(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10)
+        moves = [a for a in episode.state.actions("robot1") if a.name == "move"]
+        episode.submit("robot1", 1, moves[0], 0.01)
+        episode.submit("robot1", 2, moves[1], 0.02)
+        episode.tick(0.1)
+        events = episode.events()
+        assert [e.reasons for e in events if isinstance(e, Rejected)] == [
+            ("superseded by action 2",)
+        ]
+        assert [m.action for e in events if isinstance(e, Stepped) for m in e.moves] == [moves[1]]
+
+    def test_after_a_stall_it_does_not_race(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10)
+        episode.tick(100.0)
+        assert episode.step <= 10
+        assert episode.due() is not None
+        assert episode.due() > 100.0
+
+    def test_declared_thinking_time_is_charged_in_the_games_own_time(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10, thinking="declared")
+        assert episode.due() is None
+        episode.submit("robot1", 1, first(episode, "robot1"), 50.0, think_ms=250)
+        assert episode.step == 0
+        episode.submit("robot2", 1, first(episode, "robot2"), 99.0, think_ms=0)
+        # robot2 acts at once and is asked again; robot1's move is due three steps later.
+        assert episode.step == 1
+        for seq in (2, 3, 4):
+            episode.submit("robot2", seq, None, 100.0)
+        assert episode.step == 4
+        moved = [m.player for e in steps(episode) for m in e.moves]
+        assert moved == ["robot2", "robot1"]
+
+
+class TestSequenceNumbers:
+    def test_the_same_again_acts_no_second_time(self) -> None:
+        episode = start(ONE)
+        episode.submit("robot1", 1, first(episode, "robot1"), 1.0)
+        state = episode.state
+        episode.submit("robot1", 1, first(episode, "robot1"), 2.0)
+        assert (episode.step, episode.state) == (1, state)
+
+    def test_a_rejection_is_repeated_on_resend(self) -> None:
+        episode = start(ONE)
+        bad = ONE.action("place-item", "robot1", "cheese1", "table1")
+        for _ in range(2):
+            episode.submit("robot1", 1, bad, 1.0)
+        answers = [e for e in episode.events() if isinstance(e, Rejected)]
+        assert len(answers) == 2
+        assert answers[0] == answers[1]
+
+    def test_a_stale_one_is_refused(self) -> None:
+        episode = start(ONE)
+        episode.submit("robot1", 5, None, 1.0)
+        with pytest.raises(ProtocolError) as error:
+            episode.submit("robot1", 4, None, 2.0)
+        assert error.value.code == "action/stale"
+
+
+class TestEnds:
+    def test_step_limit(self) -> None:
+        episode = start(ONE, max_steps=2)
+        for seq in (1, 2):
+            episode.submit("robot1", seq, None, float(seq))
+        assert episode.outcome is not None
+        assert (episode.outcome.reason, episode.outcome.steps) == (Reason.STEP_LIMIT, 2)
+        with pytest.raises(ProtocolError) as error:
+            episode.submit("robot1", 3, None, 3.0)
+        assert error.value.code == "episode/over"
+
+    def test_abandoned_after_the_grace_period(self) -> None:
+        episode = start(grace=30.0)
+        episode.set_present("robot1", False, 10.0)
+        episode.leave("robot2", 20.0)
+        assert episode.due() == 50.0
+        episode.tick(49.0)
+        assert episode.outcome is None
+        episode.tick(50.0)
+        assert episode.outcome is not None
+        assert episode.outcome.reason is Reason.ABANDONED
+
+    def test_time_stands_still_while_nobody_is_there(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10, grace=30)
+        for player in TWO.players:
+            episode.set_present(player, False, 1.0)
+        episode.events()
+        episode.tick(20.0)
+        assert not steps(episode)
+        episode.set_present("robot1", True, 21.0)
+        episode.tick(21.1)
+        assert len(steps(episode)) == 1
+
+    def test_nobody_ever_came(self) -> None:
+        episode = Episode(TWO, Rules(grace=1), now=5.0)
+        assert episode.due() == 5.0 + LOBBY_SECONDS
+        episode.tick(5.0 + LOBBY_SECONDS)
+        assert episode.phase is Phase.OVER
+
+    def test_aborted_from_outside(self) -> None:
+        episode = start()
+        episode.abort(3.0, "closing time")
+        ended = [e for e in episode.events() if isinstance(e, Ended)]
+        assert (ended[0].outcome.reason, ended[0].outcome.detail) == (
+            Reason.ABORTED,
+            "closing time",
+        )
+        episode.abort(4.0, "again")
+        assert episode.events() == []
+
+    def test_tallies_add_up(self) -> None:
+        episode, _ = play_through("multi_agent/04@3", Rules(max_steps=80), random_choice(4))
+        assert episode.outcome is not None
+        for tally in episode.outcome.seats:
+            assert tally.applied + tally.idle <= 80
+            assert tally.applied > 0
+        assert [t.player for t in episode.outcome.seats] == list(episode.world.players)
+
+
+def test_chat_reaches_everybody_and_is_counted() -> None:
+    episode = start()
+    episode.say("ada", "robot1", "I take the patty", 1.0)
+    assert [e.text for e in episode.events() if isinstance(e, Said)] == ["I take the patty"]
+    assert episode.seat("robot1").tally.said == 1
+
+
+def test_busy_players_need_not_decide() -> None:
+    world = World(load_task("multi_agent/01", timing="people"))
+    episode = start(world)
+    far = max(
+        (a for a in episode.state.actions("robot1") if a.name == "move"), key=lambda a: a.duration
+    )
+    assert far.duration > 2
+    episode.submit("robot1", 1, far, 1.0)
+    episode.submit("robot2", 1, None, 1.0)
+    assert episode.state.busy_steps("robot1") == far.duration - 1
+    episode.submit("robot2", 2, None, 1.0)
+    assert episode.step == 2
+    episode.submit(
+        "robot1", 2, first(episode, "robot1") if episode.state.actions("robot1") else far, 1.0
+    )
+    reasons = [e.reasons for e in episode.events() if isinstance(e, Rejected)]
+    assert "busy" in reasons[0][0]
+
+
+class TestClocksAgree:
+    """One world, three clocks: the same joint actions lead to the same states."""
+
+    def test_real_time_replays_a_lockstep_game(self) -> None:
+        lockstep, events = play_through("multi_agent/02", Rules(max_steps=60), random_choice(8))
+        game = [e for e in events if isinstance(e, Stepped)]
+        episode = start(World("multi_agent/02"), clock=Clock.REALTIME, step_rate=10, max_steps=60)
+        now = 0.0
+        for seq, step in enumerate(game, 1):
+            for move in step.moves:
+                episode.submit(move.player, seq, move.action, now + 0.05)
+            now += 0.1
+            episode.tick(now + 1e-6)
+            applied = [a.applied for e in steps(episode) for a in e.attempts]
+            assert applied == [a.applied for a in step.attempts if a.applied] or applied == [
+                a.applied for a in step.attempts
+            ]
+            assert episode.state.digest == step.state.digest
+        assert episode.step == lockstep.step
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(
+                st.just("submit"),
+                st.sampled_from(TWO.players),
+                st.integers(0, 6),
+                st.integers(0, 40),
+            ),
+            st.tuples(st.just("presence"), st.sampled_from(TWO.players), st.booleans()),
+            st.tuples(st.just("leave"), st.sampled_from(TWO.players)),
+            st.tuples(st.just("join"), st.sampled_from(TWO.players)),
+            st.tuples(st.just("tick"), st.floats(0, 3)),
+            st.tuples(st.just("say")),
+        ),
+        max_size=40,
+    ),
+    st.sampled_from(list(Clock)),
+)
+def test_no_sequence_of_inputs_breaks_an_episode(inputs: list[tuple], clock: Clock) -> None:  # type: ignore[type-arg]
+    """Errors are ProtocolErrors, steps have no gaps, and what is over stays over."""
+    episode = Episode(TWO, Rules(clock=clock, max_steps=15, move_budget=1.0, grace=2.0))
+    now, seen, over = 0.0, 0, False
+    for kind, *arguments in inputs:
+        try:
+            if kind == "submit":
+                player, seq, index = arguments
+                options = [*episode.state.actions(player), None]
+                episode.submit(player, seq, options[index % len(options)], now)
+            elif kind == "presence":
+                episode.set_present(*arguments, now)
+            elif kind == "leave":
+                episode.leave(arguments[0], now)
+            elif kind == "join":
+                episode.join(arguments[0], "x", "bot", now)
+            elif kind == "say":
+                episode.say("x", "robot1", "hello", now)
+            else:
+                now += arguments[0]
+                episode.tick(now)
+        except ProtocolError as error:
+            assert "/" in error.code
+        for event in episode.events():
+            if isinstance(event, Stepped):
+                assert not over
+                assert event.step == seen + 1
+                assert event.before != event.state or event.before == event.state
+                seen = event.step
+            over = over or isinstance(event, Ended)
+    assert episode.step == seen <= 15
+    due = episode.due()
+    assert over == (episode.phase is Phase.OVER)
+    assert due is None or not over

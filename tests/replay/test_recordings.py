@@ -1,0 +1,187 @@
+"""Recordings verify, survive being cut off anywhere, and say where they differ."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgpack
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robotouille import RecordingError, RobotouilleError
+from robotouille.episode import Clock
+from robotouille.replay.export import json_lines
+from robotouille.replay.frames import MAGIC, compress, pack_frame, read_frames, unwrap
+from robotouille.replay.recording import Recording, read_recording
+from tests.support.games import recorded_game
+
+GAME = recorded_game("multi_agent/10@3", seed=5, steps=130)
+
+
+@pytest.mark.parametrize("clock", list(Clock))
+@pytest.mark.parametrize(
+    ("task", "timing"),
+    [
+        ("synchronous/07", "benchmark"),
+        ("asynchronous/06", "people"),
+        ("multi_agent/03@4", "benchmark"),
+        ("workshop/02", "benchmark"),
+    ],
+)
+def test_a_game_verifies_and_is_written_anew_byte_for_byte(
+    task: str, timing: str, clock: Clock
+) -> None:
+    stream = recorded_game(task, seed=1, clock=clock, timing=timing)
+    recording = Recording(stream)
+    assert recording.verify().ok
+    assert recording.resimulate() == stream
+    assert recording.outcome is not None
+    assert recording.task.timing == timing
+
+
+def test_facts_can_be_read_without_the_engine() -> None:
+    recording = Recording(GAME)
+    fluents = set(recording.world.table.fluents)
+    for (step, state), (recorded, facts) in zip(
+        recording.states(), recording.recorded_facts(), strict=True
+    ):
+        assert step == recorded
+        assert facts == {name for name in state.fact_names() if name.split("(")[0] in fluents}
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.integers(0, len(GAME)))
+def test_a_file_cut_off_anywhere_is_readable_up_to_its_last_whole_frame(length: int) -> None:
+    cut = GAME[:length]
+    try:
+        recording = Recording(unwrap(cut))
+    except RecordingError as error:
+        assert length < 40_000, error
+        return
+    whole = [f for f in Recording(GAME).frames if f["kind"] == "step"]
+    assert recording.steps == whole[: len(recording.steps)]
+    assert recording.verify().ok
+    if length < len(GAME):
+        assert recording.outcome is None or length == len(GAME)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.integers(0, len(GAME) - 1), st.integers(1, 255))
+def test_no_damaged_byte_goes_unnoticed(position: int, change: int) -> None:
+    damaged = bytearray(GAME)
+    damaged[position] ^= change
+    try:
+        recording = Recording(unwrap(bytes(damaged)))
+    except RobotouilleError:
+        return
+    assert not recording.verify().ok or len(recording.steps) < len(Recording(GAME).steps)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.binary(max_size=300))
+def test_arbitrary_bytes_are_refused_with_a_reason(content: bytes) -> None:
+    for stream in (content, MAGIC + content):
+        with pytest.raises(RecordingError):
+            Recording(unwrap(stream))
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**31), 2**31) | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    st.integers(0, 8),
+    st.sampled_from(["step", "t", "moves", "add", "remove", "timers", "hash", "kind", "facts", "task",
+                     "rules", "digest", "tables", "notes", "atoms", "objects", "outcome"]),
+    json_values,
+)  # fmt: skip
+def test_well_framed_nonsense_gives_an_error_not_a_crash(
+    index: int, key: str, value: object
+) -> None:
+    """Every field of every kind of frame, replaced by anything."""
+    frames = list(read_frames(GAME))
+    frames[index % len(frames)] = {**frames[index % len(frames)], key: value}
+    stream = MAGIC + b"".join(pack_frame(frame) for frame in frames)
+    try:
+        recording = Recording(stream)
+        result = recording.verify()
+        list(recording.notes())
+        assert result.steps == len(recording.steps)
+        list(json_lines(recording))
+    except RobotouilleError as error:
+        assert str(error)
+
+
+def test_the_first_step_and_fact_that_differ_are_named() -> None:
+    frames = list(read_frames(GAME))
+    step = next(f for f in frames if f["kind"] == "step" and f["step"] == 17)
+    initial = Recording(GAME)
+    atom = next(i for i in step.get("add", []))
+    step["add"] = [i for i in step["add"] if i != atom]
+    stream = MAGIC + b"".join(pack_frame(frame) for frame in frames)
+    result = Recording(stream).verify()
+    name = list(initial.recorded_facts())[17][1] - list(Recording(stream).recorded_facts())[17][1]
+    assert not result.ok
+    assert result.fault.startswith("step 17: ")
+    assert next(iter(name)) in result.fault
+
+
+def test_a_missing_step_is_named() -> None:
+    frames = [f for f in read_frames(GAME) if f.get("step") != 9 or f["kind"] != "step"]
+    result = Recording(MAGIC + b"".join(pack_frame(f) for f in frames)).verify()
+    assert "step 9 is missing" in result.fault
+
+
+def test_closed_files_are_compressed_and_read_alike(tmp_path: Path) -> None:
+    open_file, closed_file = tmp_path / "a.rbt.part", tmp_path / "a.rbt"
+    open_file.write_bytes(GAME)
+    closed_file.write_bytes(compress(GAME))
+    assert read_recording(open_file).frames == read_recording(closed_file).frames
+    assert closed_file.stat().st_size < open_file.stat().st_size / 3
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "does not begin"),
+        (b"PK\x03\x04", "does not begin"),
+        (b"RBTL\x09", "format version 9"),
+        (MAGIC, "no header"),
+        (compress(GAME)[:-20], "cut off"),
+        (MAGIC + pack_frame({"kind": "header"}), "frame 0: header.software"),
+    ],
+)
+def test_a_wrong_file_is_named_with_the_reason(tmp_path: Path, content: bytes, reason: str) -> None:
+    path = tmp_path / "wrong.rbt"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=reason) as error:
+        read_recording(path)
+    assert str(path) in str(error.value)
+
+
+def test_export_is_json_lines_with_what_everybody_did() -> None:
+    recording = Recording(GAME)
+    lines = [json.loads(line) for line in json_lines(recording, texts=True)]
+    assert [line["kind"] for line in (lines[0], lines[1], lines[-1])] == [
+        "header",
+        "step",
+        "outcome",
+    ]
+    assert len(lines) == len(recording.steps) + 2
+    assert set(lines[1]["observations"]) == set(recording.world.players)
+    assert lines[1]["moves"][0]["text"]
+    assert {"added", "removed", "hash", "rejected"} <= lines[1].keys()
+
+
+def test_frames_are_plain_messagepack() -> None:
+    """Anybody can read them: four bytes of length, four of CRC-32, then MessagePack."""
+    length = int.from_bytes(GAME[5:9], "little")
+    assert msgpack.unpackb(GAME[13 : 13 + length])["kind"] == "header"

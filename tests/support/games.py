@@ -1,0 +1,62 @@
+"""Whole games played in this process, for tests that need recordings and messages."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+from robotouille import GroundAction, World, load_task
+from robotouille.episode import Clock, Episode, Event, Phase, Rules
+from robotouille.replay.recorder import Recorder, header
+
+Choose = Callable[[Episode, str], GroundAction | None]
+
+
+def random_choice(seed: int) -> Choose:
+    """Valid actions at random, and now and then nothing or one that does not apply."""
+    generator = random.Random(seed)
+
+    def choose(episode: Episode, player: str) -> GroundAction | None:
+        actions = episode.state.actions(player)
+        if not actions or generator.random() < 0.05:
+            return None
+        return generator.choice(actions)
+
+    return choose
+
+
+def play_through(
+    task: str, rules: Rules, choose: Choose, *, timing: str = "benchmark"
+) -> tuple[Episode, list[Event]]:
+    """One episode to its end with all seats taken; time passes by 0.1 s a round."""
+    world = World(load_task(task, timing=timing))
+    episode = Episode(world, rules)
+    for player in world.players:
+        episode.join(player, f"{player}-bot", "bot", 0.0)
+    events = episode.events()
+    now, seq = 0.0, 0
+    while episode.phase is Phase.RUNNING:
+        now += 0.1
+        seq += 1
+        for player in world.players:
+            mine = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
+            if episode.phase is Phase.RUNNING and mine:
+                episode.submit(player, seq, choose(episode, player), now)
+        episode.tick(now)
+        events += episode.events()
+    return episode, events
+
+
+def record(episode: Episode, events: list[Event]) -> bytes:
+    """The bytes of an episode's recording."""
+    head = header(episode.world.task, episode.rules, episode="test")
+    recorder = Recorder(episode.world, head)
+    return recorder.begin() + recorder.record(events)
+
+
+def recorded_game(
+    task: str, *, seed: int = 0, clock: Clock = Clock.LOCKSTEP, steps: int = 120, **options: str
+) -> bytes:
+    """The recording of a random game."""
+    rules = Rules(clock=clock, max_steps=steps)
+    return record(*play_through(task, rules, random_choice(seed), **options))

@@ -1,0 +1,269 @@
+"""The window's loop: events become actions and words; time is injected."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+
+import pygame
+import pytest
+
+from robotouille import GroundAction, State, Timing, World, load_task
+from robotouille_client.window.layout import layout
+from robotouille_client.window.view import View
+from robotouille_client.window.window import Window
+
+SIZE = (800, 600)
+
+
+def plain(action: GroundAction) -> str:
+    """An action without the order of its arguments, which is the domain's affair."""
+    return " ".join([action.name, *sorted(action.arguments)])
+
+
+class Script:
+    """A source that plays by itself what it is told, and notes what it is told."""
+
+    def __init__(self, world: World, me: str | None = "robot1") -> None:
+        self.world = world
+        self.me = me
+        self.states: list[State] = [world.initial]
+        self.acted: list[str] = []
+        self.said: list[str] = []
+        self.finished = False
+
+    def view(self) -> View:
+        before = self.states[-2] if len(self.states) > 1 else None
+        step = len(self.states) - 1
+        return View(self.world, self.states[-1], before, step, me=self.me)
+
+    def act(self, action: GroundAction) -> None:
+        self.acted.append(plain(action))
+        self.states.append(self.states[-1].step(action).state)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def wait(self) -> None:
+        self.states.append(self.states[-1].step([]).state)
+
+
+class Timer:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    async def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        await asyncio.sleep(0)
+
+
+@pytest.fixture
+def source() -> Script:
+    return Script(World("asynchronous/09"))
+
+
+@pytest.fixture
+def window(tmp_path):
+    timer = Timer()
+    window = Window(SIZE, fps=50, headless=True, pictures=tmp_path, clock=timer, sleep=timer.sleep)
+    window.timer = timer
+    yield window
+    window.close()
+
+
+def spot(world: World, name: str) -> tuple[int, int]:
+    problem = world.task.problem
+    return layout(SIZE, problem.width, problem.height).cell(world.thing(name).tile).center
+
+
+def click(world: World, name: str, button: int = 1) -> None:
+    pos = spot(world, name)
+    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
+    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=button))
+
+
+def press(*keys: int | str) -> None:
+    """Keys by number, or text as typed."""
+    for key in keys:
+        if isinstance(key, str):
+            for letter in key:
+                code = pygame.key.key_code("space" if letter == " " else letter)
+                pygame.event.post(pygame.Event(pygame.KEYDOWN, key=code, mod=0, unicode=letter))
+                pygame.event.post(pygame.Event(pygame.TEXTINPUT, text=letter))
+        else:
+            pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
+
+
+def test_clicks_and_keys_act(window: Window, source: Script) -> None:
+    window.frame(source)
+    for name in ("table11", "table11", "stove1", "stove1"):
+        click(source.world, name)
+        window.frame(source)
+    press(pygame.K_e, pygame.K_SPACE)
+    window.frame(source)
+    assert source.acted == [
+        "move robot1 table11 table8",
+        "pick-up-item chicken1 robot1 table11",
+        "move robot1 stove1 table11",
+        "place-item chicken1 robot1 stove1",
+        "cook chicken1 robot1 stove1",
+        "wait",
+    ]
+
+
+def test_a_click_of_another_button_or_beside_the_stations_does_nothing(window, source) -> None:
+    window.frame(source)
+    click(source.world, "table11", button=3)
+    click(source.world, "table11", button=4)
+    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=(1, 1), button=1))
+    press(pygame.K_q, pygame.K_F5)
+    window.frame(source)
+    assert source.acted == []
+
+
+def test_a_spectator_cannot_act(window: Window) -> None:
+    source = Script(World("asynchronous/09"), me=None)
+    window.frame(source)
+    click(source.world, "table11")
+    press(pygame.K_e)
+    window.frame(source)
+    assert source.acted == []
+
+
+def test_who_is_busy_does_it_afterwards(window: Window) -> None:
+    source = Script(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
+    window.frame(source)
+    click(source.world, "table2")
+    click(source.world, "table2")
+    window.frame(source)
+    window.frame(source)
+    assert source.acted == ["move robot1 table2 table8"]
+    while source.states[-1].busy_steps("robot1"):
+        source.wait()
+    window.frame(source)
+    assert source.acted[-1] == "pick-up-container pot1 robot1 table2"
+
+
+def test_escape_forgets_what_was_to_come(window: Window) -> None:
+    source = Script(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
+    window.frame(source)
+    for _ in range(2):
+        click(source.world, "table2")
+        window.frame(source)
+    press(pygame.K_ESCAPE)
+    window.frame(source)
+    while source.states[-1].busy_steps("robot1"):
+        source.wait()
+    window.frame(source)
+    assert len(source.acted) == 1
+
+
+def test_chat(window: Window, source: Script) -> None:
+    window.frame(source)
+    press("the", pygame.K_BACKSPACE, "i there e", pygame.K_RETURN)
+    press("tx", pygame.K_ESCAPE)
+    press(pygame.K_RETURN, "ok", pygame.K_RETURN)
+    press("t", pygame.K_RETURN)
+    window.frame(source)
+    assert source.said == ["hi there e", "ok"]
+    assert source.acted == []
+
+
+def test_help_covers_the_kitchen_until_a_click(window: Window, source: Script) -> None:
+    window.frame(source)
+    before = pygame.image.tobytes(pygame.display.get_surface(), "RGB")
+    press(pygame.K_h)
+    window.frame(source)
+    assert pygame.image.tobytes(pygame.display.get_surface(), "RGB") != before
+    click(source.world, "table11")
+    window.frame(source)
+    assert source.acted == []
+    click(source.world, "table11")
+    window.frame(source)
+    assert len(source.acted) == 1
+
+
+def test_hovering_is_seen(window: Window, source: Script) -> None:
+    window.frame(source)
+    before = pygame.image.tobytes(pygame.display.get_surface(), "RGB")
+    pos = spot(source.world, "stove1")
+    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
+    window.frame(source)
+    during = pygame.image.tobytes(pygame.display.get_surface(), "RGB")
+    pygame.event.post(pygame.Event(pygame.WINDOWLEAVE))
+    window.frame(source)
+    assert during != before
+    assert pygame.image.tobytes(pygame.display.get_surface(), "RGB") == before
+
+
+def test_pictures(window: Window, source: Script, tmp_path) -> None:
+    window.frame(source)
+    press(pygame.K_F12)
+    window.frame(source)
+    (path,) = tmp_path.glob("robotouille-*.png")
+    assert pygame.image.load(path).get_size() == SIZE
+    window.screenshot(tmp_path / "own.png")
+    assert (tmp_path / "own.png").is_file()
+
+
+def test_a_picture_that_cannot_be_saved_is_no_error(window, source, tmp_path) -> None:
+    window.pictures = tmp_path / "missing"
+    window.frame(source)
+    press(pygame.K_F12)
+    window.frame(source)
+    assert not window.closed
+
+
+async def test_closing_ends_the_run(window: Window, source: Script) -> None:
+    task = asyncio.create_task(window.run(source))
+    await asyncio.sleep(0)
+    pygame.event.post(pygame.Event(pygame.QUIT))
+    await asyncio.wait_for(task, 5)
+    assert window.closed
+
+
+@pytest.mark.parametrize("linger", [0.0, 2.0])
+async def test_the_run_lingers_after_the_end(window, source, linger: float) -> None:
+    source.finished = True
+    await asyncio.wait_for(window.run(source, linger=linger), 5)
+    assert window.frames == pytest.approx(linger * 50 + 1, abs=1)
+    assert window.timer.now == pytest.approx(100 + linger, abs=0.03)
+
+
+async def test_an_outcome_stays_until_closed(window: Window, source: Script) -> None:
+    source.finished = True
+    task = asyncio.create_task(window.run(source, linger=None))
+    while window.frames < 50:
+        await asyncio.sleep(0)
+    assert not task.done()
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert window.closed
+
+
+async def test_a_slow_frame_is_not_made_up_for(window: Window, source: Script) -> None:
+    original = window.frame
+
+    def slow(of: Script) -> None:
+        original(of)
+        window.timer.now += 0.5
+        source.finished = window.frames == 4
+
+    window.frame = slow  # type: ignore[method-assign]
+    await asyncio.wait_for(window.run(source, linger=0.0), 5)
+    assert window.frames == 4
+    assert window.timer.now == pytest.approx(102.0)
+
+
+def test_another_world_in_the_same_window(window: Window, source: Script) -> None:
+    window.frame(source)
+    other = Script(World("workshop/01"), me="fitter1")
+    window.frame(other)
+    click(other.world, "anvil1")
+    window.frame(other)
+    assert other.acted == ["walk anvil1 fitter1 trestle2"]
+    assert dataclasses.is_dataclass(other.view())

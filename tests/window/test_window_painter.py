@@ -1,0 +1,168 @@
+"""Every task can be painted at any size, and what a view says is seen."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+
+import pygame
+import pytest
+
+from robotouille import World, task_names
+from robotouille_client.window.chrome import Chrome
+from robotouille_client.window.layout import layout
+from robotouille_client.window.painter import Painter, paint
+from robotouille_client.window.text import Typesetter
+from robotouille_client.window.view import Bubble, SeatView, View
+
+
+def picture(view: View, size=(640, 400), chrome: Chrome | None = None) -> bytes:
+    surface = pygame.Surface(size)
+    Painter().paint(surface, view, chrome)
+    return pygame.image.tobytes(surface, "RGB")
+
+
+def colours(pixels: bytes) -> int:
+    return len({pixels[i : i + 3] for i in range(0, len(pixels), 3 * 7)})
+
+
+def full_view(world: World, steps: int, seed: int = 1) -> View:
+    """A view in the middle of a game of random actions, with everything a view can have."""
+    generator = random.Random(seed)
+    previous = state = world.initial
+    for _ in range(steps):
+        previous = state
+        state = state.step(
+            {p: generator.choice(a) for p in world.players if (a := state.actions(p))}
+        ).state
+    seats = [SeatView(p, f"Name {p}", actions=3, rejected=1) for p in world.players]
+    return View(
+        world, state, previous, steps, 50, "real time", 0.4, tuple(seats), world.players[0],
+        (Bubble(world.players[0], "no"),), (("Ada", "hello"),), "waiting", "CODE", "", None,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_every_task(name: str) -> None:
+    view = full_view(World(name), 12)
+    assert colours(picture(view)) > 250
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (800, 600), (300, 900), (1000, 120), (1, 1)])
+def test_any_size(size: tuple[int, int]) -> None:
+    world = World("multi_agent/10")
+    shown = picture(
+        full_view(world, 5), size, Chrome((0, 0), ("tip",), "prompt", "hi", (("H", "x"),))
+    )
+    assert len(shown) == size[0] * size[1] * 3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"step": 6}, {"max_steps": 70}, {"clock": "lockstep"}, {"phase": 0.9}, {"me": None},
+        {"bubbles": ()}, {"chat": ()}, {"status": ""}, {"code": ""}, {"outcome": "Goal reached"},
+        {"hover": "table1"}, {"seats": ()},
+    ],
+)  # fmt: skip
+def test_every_field_is_seen(change) -> None:
+    view = full_view(World("multi_agent/09"), 5)
+    assert picture(dataclasses.replace(view, **change)) != picture(view)
+
+
+@pytest.mark.parametrize(
+    "chrome",
+    [
+        Chrome(prompt="E: cut"),
+        Chrome(typing=""),
+        Chrome(help=(("E", "cut"),)),
+        Chrome(pointer=(200, 200), tips=("Move", "there")),
+    ],
+)
+def test_chrome_is_seen(chrome: Chrome) -> None:
+    view = full_view(World("multi_agent/09"), 5)
+    assert picture(view, chrome=chrome) != picture(view)
+
+
+def test_any_text_can_be_drawn() -> None:
+    view = full_view(World("multi_agent/09"), 1)
+    nasty = "nul \0 lone \ud800 tab \t new\nline 厨房 " + "x" * 5000
+    seats = tuple(dataclasses.replace(s, name=nasty, kind=nasty) for s in view.seats)
+    chat = ((nasty, nasty), ("", ""))
+    picture(dataclasses.replace(
+        view, seats=seats, chat=chat, status=nasty, code=nasty, outcome=nasty, clock=nasty,
+        bubbles=(Bubble("robot1", nasty), Bubble("robot2", ""), Bubble("nobody", "x")),
+    ))  # fmt: skip
+
+
+def test_progress_is_drawn_where_something_cooks(play) -> None:
+    world = World("asynchronous/09")
+    lines = ["move table11", "pick-up-item chicken1", "move stove1", "place-item", "cook", "-"]
+    course = play(world, *lines)
+    place = layout((640, 400), world.task.problem.width, world.task.problem.height)
+    cell = place.cell(world.thing("stove1").tile)
+    badge = pygame.Rect(0, 0, place.tile // 3, place.tile // 3)
+    badge.center = (cell.x + round(0.8 * place.tile), cell.y + round(0.12 * place.tile))
+    parts = []
+    for step in (4, 5, 6):
+        surface = pygame.Surface((640, 400))
+        Painter().paint(surface, View(world, course[step], step=step))
+        parts.append(pygame.image.tobytes(surface.subsurface(badge), "RGB"))
+    assert len(set(parts)) == 3
+
+
+def test_paused_progress_is_drawn_with_who_holds_it(play) -> None:
+    world = World("asynchronous/09")
+    lines = ["move table11", "pick-up-item chicken1", "move stove1", "place-item", "cook",
+             "pick-up-item"]  # fmt: skip
+    state = play(world, *lines)[-1]
+    (row,) = state.progress()
+    assert not row.running
+    picture(View(world, state))
+
+
+def test_painting_again_gives_the_same_picture() -> None:
+    painter, view = Painter(), full_view(World("multi_agent/09"), 5)
+    surfaces = [pygame.Surface((640, 400)) for _ in range(2)]
+    for surface in surfaces:
+        painter.paint(surface, view)
+    first, second = (pygame.image.tobytes(s, "RGB") for s in surfaces)
+    assert first == second
+
+
+def test_one_painter_paints_several_worlds_and_sizes() -> None:
+    for name, size in [("workshop/01", (500, 300)), ("multi_agent/09", (640, 480))]:
+        surface = pygame.Surface(size)
+        paint(surface, full_view(World(name), 2))
+        assert surface.get_at((size[0] // 3, size[1] // 2)) != (0, 0, 0, 255)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (801, 601)])
+def test_a_tile_is_found_again(size: tuple[int, int]) -> None:
+    place = layout(size, 9, 7)
+    for tile in [(0, 0), (8, 6), (4, 2)]:
+        cell = place.cell(tile)
+        assert place.tile_at(cell.topleft) == tile
+        assert place.tile_at((cell.right - 1, cell.bottom - 1)) == tile
+    assert place.tile_at((place.kitchen.x - 1, 100)) is None
+    assert place.tile_at((place.left, place.top - 1)) is None
+    assert not place.kitchen.colliderect(place.panel)
+
+
+def test_text_is_wrapped_and_cut_off() -> None:
+    text = Typesetter()
+    lines = text.wrap("some words and averyveryverylongword that must be broken", 14, 90, 4)
+    assert len(lines) == 4
+    assert lines[-1].endswith("…")
+    assert all(text.width(line, 14) <= 90 for line in lines)
+    assert text.wrap("", 14, 90) == ()
+
+
+def test_rejections_in_words() -> None:
+    def words(reason: str) -> str:
+        return Bubble.rejection("robot1", [reason]).text
+
+    assert words("not: lettuce1 has been cut") == "But lettuce1 has been cut!"
+    assert words("table1 has a free surface") == "Needs: table1 has a free surface."
+    assert words("robot1 is busy for 2 more steps") == "Robot1 is busy for 2 more steps."
+    assert Bubble.rejection("robot1", []).text
