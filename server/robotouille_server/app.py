@@ -210,6 +210,7 @@ class Server:
         session.peer = peer
         welcome = messages.Welcome(
             ref=hello.ref,
+            protocol=messages.PROTOCOL_VERSION,
             server=f"robotouille {version('robotouille')}",
             session=session.id,
             resume=session.token,

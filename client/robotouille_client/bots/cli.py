@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from robotouille.errors import FileError, Fault, RobotouilleError
+from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.world.state import State
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.bots.policies import Policy, RandomPolicy, ScriptedPolicy
@@ -45,6 +45,7 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     from robotouille.planning.plan import read_plan
+
     from robotouille.world.world import World
 
     if plan is None:

@@ -37,7 +37,8 @@ def play(
 
     from robotouille import World, load_task
     from robotouille.episode import Episode, Rules
-    from robotouille_client.window.theatre import parse_size, require_pygame
+    from robotouille_client.window import require_pygame
+    from robotouille_client.window.theatre import parse_size
 
     try:
         require_pygame()

@@ -97,7 +97,8 @@ def command(
     ] = None,
 ) -> None:
     """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
-    from robotouille_client.window.theatre import parse_size, require_pygame
+    from robotouille_client.window import require_pygame
+    from robotouille_client.window.theatre import parse_size
 
     try:
         require_pygame()

@@ -6,7 +6,6 @@ None of these draws; time is passed in as a function.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Literal
 
 from robotouille.episode import (
     Ended,
@@ -55,16 +54,16 @@ class Talk:
         self._lines: list[tuple[str, str]] = []
 
     def refused(self, player: str, reasons: tuple[str, ...]) -> None:
-        self._add(player, "; ".join(reasons), "rejected")
+        self._add(Bubble.rejection(player, reasons))
 
     def said(self, name: str, player: str, text: str) -> None:
         self._lines.append((name, text))
         if player:
-            self._add(player, text, "chat")
+            self._add(Bubble(player, text, "chat"))
 
-    def _add(self, player: str, text: str, kind: Literal["rejected", "chat"]) -> None:
-        kept = [(t, b) for t, b in self._bubbles if b.player != player]
-        self._bubbles = [*kept, (self._now(), Bubble(player, text, kind))]
+    def _add(self, bubble: Bubble) -> None:
+        kept = [(t, b) for t, b in self._bubbles if b.player != bubble.player]
+        self._bubbles = [*kept, (self._now(), bubble)]
 
     @property
     def bubbles(self) -> tuple[Bubble, ...]:

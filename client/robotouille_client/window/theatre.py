@@ -8,21 +8,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
+from robotouille_client.window import require_pygame
 
-__all__ = ["film", "parse_size", "require_pygame", "watch"]
+__all__ = ["film", "parse_size", "watch"]
 
 T = TypeVar("T")
 FPS = 24
-
-
-def require_pygame() -> None:
-    """MissingExtraError with the install line where pygame is absent."""
-    try:
-        import pygame  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("the window", "window") from None
 
 
 def parse_size(size: str) -> tuple[int, int]:
@@ -57,9 +50,10 @@ def film(recording: Recording, output: Path, speed: float, size: str) -> int:
     bubbles: dict[int, tuple[Bubble, ...]] = {}
     for note in recording.notes():
         if note["note"] in ("said", "rejected") and note["step"] is not None and note["player"]:
-            words = note["text"] if note["note"] == "said" else "; ".join(note["reasons"])
-            said = note["note"] == "said"
-            bubble = Bubble(note["player"], words, "chat" if said else "rejected")
+            if note["note"] == "said":
+                bubble = Bubble(note["player"], note["text"], "chat")
+            else:
+                bubble = Bubble.rejection(note["player"], note["reasons"])
             for step in range(note["step"], note["step"] + 3):
                 bubbles[step] = (*bubbles.get(step, ()), bubble)
     seats = [

@@ -24,6 +24,9 @@ __all__ = ["Found", "Search"]
 PATIENCE = 14
 """Layers without progress after which a search gives up, besides the longest delay."""
 
+EFFORT = 0.1
+"""What an action costs besides its time: among equal states, the lazier one is kept."""
+
 Joint = tuple[GroundAction, ...]
 
 
@@ -35,6 +38,7 @@ class Node(NamedTuple):
     parent: Node | None
     joint: Joint
     score: float
+    actions: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +76,7 @@ class Search:
         """Search with a number of states per layer, for plans shorter than `limit` steps."""
         start = self._start
         score = self._estimate(start.facts, start.timers)
-        root = best = Node(start.facts, start.timers, None, (), score)
+        root = best = Node(start.facts, start.timers, None, (), score, 0.0)
         goal = self._estimate.goal
         if start.facts & goal == goal:
             return Found((), True, 0.0, 0)
@@ -101,7 +105,7 @@ class Search:
     def _layer(
         self, layer: list[Node], width: int, random: Random, seen: set[tuple[int, Timers]]
     ) -> list[Node]:
-        partial: list[Node] = [Node(n.facts, n.timers, n, (), n.score) for n in layer]
+        partial: list[Node] = [Node(n.facts, n.timers, n, (), n.score, n.actions) for n in layer]
         last = len(self._team) - 1
         for i, player in enumerate(self._team):
             partial = self._choose(partial, player)
@@ -115,7 +119,7 @@ class Search:
         result: list[Node] = []
         known: set[tuple[int, Timers]] = set()
         for node in nodes:
-            facts, timers, parent, joint, score = node
+            facts, timers, parent, joint, score, actions = node
             key = (facts, timers)
             if key not in known:
                 known.add(key)
@@ -131,7 +135,8 @@ class Search:
                 key = (after, timers_after)
                 if key not in known:
                     known.add(key)
-                    result.append(Node(after, timers_after, parent, (*joint, action), score))
+                    joint_after = (*joint, action)
+                    result.append(Node(after, timers_after, parent, joint_after, score, actions + EFFORT))
         return result
 
     def _actions(self, valid: tuple[GroundAction, ...]) -> list[GroundAction]:
@@ -142,24 +147,24 @@ class Search:
 
     def _scored(self, nodes: list[Node]) -> Iterator[Node]:
         estimate = self._estimate
-        for facts, timers, parent, joint, _ in nodes:
-            yield Node(facts, timers, parent, joint, estimate(facts, timers))
+        for facts, timers, parent, joint, _, actions in nodes:
+            yield Node(facts, timers, parent, joint, estimate(facts, timers), actions)
 
     def _ended(self, nodes: list[Node], seen: set[tuple[int, Timers]]) -> Iterator[Node]:
         """Let the step's time pass."""
         estimate = self._estimate
-        for facts, timers, parent, joint, _ in nodes:
+        for facts, timers, parent, joint, _, actions in nodes:
             if timers.entries or timers.busy:
                 touched, removed, timers = timers.tick(facts)  # noqa: PLW2901
                 facts = (facts | touched) ^ removed  # noqa: PLW2901
             key = (facts, timers)
             if key not in seen:
                 seen.add(key)
-                yield Node(facts, timers, parent, joint, estimate(facts, timers))
+                yield Node(facts, timers, parent, joint, estimate(facts, timers), actions)
 
     def _select(self, nodes: Iterator[Node], width: int, random: Random) -> list[Node]:
         """The best nodes; ties are broken at random, so that they do not all look alike."""
-        ranked = [(node.score, random.random(), node) for node in nodes if node.score < DEAD]
+        ranked = [(node.score + node.actions, random.random(), node) for node in nodes if node.score < DEAD]
         ranked.sort()
         return [node for _, _, node in ranked[:width]]
 

@@ -21,6 +21,10 @@ __all__ = ["Binding", "Estimate", "Workbench"]
 
 Binding = dict[int | str, str]
 
+Entry = tuple[float, int, "dict[int, float] | None"]
+
+MAX_SUPPORTS = 4
+
 HELD = 1.5
 """The price of having to put down something that is of no use."""
 
@@ -31,7 +35,7 @@ REDOING = 4.0
 
 @dataclass
 class Part:
-    """The work on one object: the smallest distance over the ways to support it.
+    """The work on one object: the largest of its distances in several projections.
 
     An entry of `known` is (steps, mask of places, held). If nobody holds the object, being at one
     of the places saves a walk; if somebody does, `held` gives the steps by the place of the holder.
@@ -39,15 +43,14 @@ class Part:
 
     vocabulary: Vocabulary
     projections: list[Projection]
-    names: tuple[str, ...]
     mask: int = 0
-    known: dict[int, tuple[float, int, dict[int, float] | None]] = field(default_factory=dict)
+    known: dict[int, Entry] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for projection in self.projections:
             self.mask |= projection.mask
 
-    def entry(self, facts: int) -> tuple[float, int, dict[int, float] | None]:
+    def entry(self, facts: int) -> Entry:
         """The entry for a state's facts."""
         facts &= self.mask
         found = self.known.get(facts)
@@ -59,19 +62,19 @@ class Part:
         """The distance for whoever is to come from elsewhere."""
         return self.entry(facts)[0]
 
-    def _look(self, facts: int) -> tuple[float, int, dict[int, float] | None]:
-        nodes = [(p.distance(p.node(facts)), i, p) for i, p in enumerate(self.projections)]
-        steps, _, best = min(nodes)
-        node = best.node(facts)
+    def _look(self, facts: int) -> Entry:
+        ranked = [(p.distance(p.node(facts)), i, p) for i, p in enumerate(self.projections)]
+        steps, _, hardest = max(ranked)
+        node = hardest.node(facts)
         places = self.vocabulary.place_mask
-        holder = self._holder(best, facts)
+        holder = self._holder(hardest, facts)
         if holder is None:
             mask = 0
-            for station in best.near(node):
+            for station in hardest.near(node):
                 mask |= places[station]
             return steps, mask, None
         own = self.vocabulary.places[holder]
-        held = {own & places[s]: best.distance(node, s) for s in best.near(node)}
+        held = {own & places[s]: hardest.distance(node, s) for s in hardest.near(node)}
         return steps, own, held
 
     def _holder(self, projection: Projection, facts: int) -> str | None:
@@ -92,8 +95,8 @@ class Workbench:
         self.world = world
         self.vocabulary = Vocabulary(world)
         self.forecast = Forecaster(world)
-        self._parts: dict[tuple[str, frozenset[Atom], frozenset[str]], Part] = {}
-        self._guards: dict[tuple[str, frozenset[Atom]], Part | None] = {}
+        self._parts: dict[tuple[tuple[str, ...], frozenset[Atom], frozenset[Atom]], Part] = {}
+        self._supporters: dict[tuple[str, frozenset[Atom], frozenset[str]], list[str]] = {}
         self._size = 0
 
     def refresh(self) -> None:
@@ -111,7 +114,7 @@ class Workbench:
             self.vocabulary = Vocabulary(self.world)
             self.forecast = Forecaster(self.world)
             self._parts.clear()
-            self._guards.clear()
+            self._supporters.clear()
 
     def _make_room(self) -> bool:
         """Have the world number one more object of each kind that can be created."""
@@ -124,69 +127,76 @@ class Workbench:
 
     def parts(self, atoms: list[Atom], facts: int) -> list[Part]:
         """The parts of a goal; each atom is the work of the first movable it mentions."""
-        vocabulary = self.vocabulary
-        owners: dict[str, list[Atom]] = {}
+        owned: dict[str, list[Atom]] = {}
         guests: dict[str, list[Atom]] = {}
         for atom in atoms:
-            first, *others = vocabulary.movables_in(atom) or [""]
-            owners.setdefault(first, []).append(atom)
+            first, *others = self.vocabulary.movables_in(atom) or [""]
+            owned.setdefault(first, []).append(atom)
             for other in others:
                 guests.setdefault(other, []).append(atom)
-        taken = frozenset(owners) | frozenset(guests)
-        parts = [self._part(name, frozenset(goal), taken) for name, goal in owners.items()]
-        for name, goal in guests.items():
-            for atom in goal:
-                guard = self._guard(name, atom, facts)
-                if guard is not None:
-                    parts.append(guard)
-        return parts
+        names = list(dict.fromkeys([*owned, *guests]))
+        taken = frozenset(names)
+        parts: list[Part] = []
+        made: list[list[Part]] = []
+        for name in names:
+            goal, hosted = frozenset(owned.get(name, ())), frozenset(guests.get(name, ()))
+            options = [
+                self._part((name, s) if s else (name,), goal, hosted)
+                for s in self._supports(name, goal, taken)
+            ]
+            if len(options) > 1:
+                made.append(options)
+            elif name in owned or self._can_fail(options[0], facts):
+                parts.append(options[0])
+        return parts + _share(made, facts)
 
-    def _part(self, name: str, goal: frozenset[Atom], taken: frozenset[str]) -> Part:
-        key = (name, goal, taken if self._needs_support(name) else frozenset())
+    def _part(self, names: tuple[str, ...], goal: frozenset[Atom], hosted: frozenset[Atom]) -> Part:
+        key = (names, goal, hosted)
         part = self._parts.get(key)
         if part is None:
-            part = self._parts[key] = self._new_part(name, goal, taken)
+            focus = tuple(name for name in names if name)
+            projections = [
+                Projection(self.vocabulary, focus, goal, guest)
+                for guest in sorted(hosted) or [None]
+            ]
+            part = self._parts[key] = Part(self.vocabulary, projections)
         return part
 
-    def _needs_support(self, name: str) -> bool:
-        return not name or (EXISTS, name) in self.world.table.bit
+    def _can_fail(self, part: Part, facts: int) -> bool:
+        part.distance(facts)
+        return any(projection.has_dead_ends for projection in part.projections)
 
-    def _new_part(self, name: str, goal: frozenset[Atom], taken: frozenset[str]) -> Part:
-        focus = (name,) if name else ()
-        plain = Projection(self.vocabulary, focus, goal)
-        projections = [plain]
-        if self._needs_support(name):
-            supports = self._supports(plain, taken)
-            projections = [
-                Projection(self.vocabulary, (*focus, s), goal) for s in supports
-            ] or projections
-        return Part(self.vocabulary, projections, focus)
+    def _supports(self, name: str, goal: frozenset[Atom], taken: frozenset[str]) -> list[str]:
+        """The objects, none of the goal's own, one of which the work cannot do without.
 
-    def _supports(self, plain: Projection, taken: frozenset[str]) -> list[str]:
-        """The objects, none of the goal's own, one of which the work cannot do without."""
-        for stranger in sorted(plain.strangers):
-            members = self.vocabulary.classes[stranger]
-            if not any(member in taken for member in members):
-                return members[:4]
-        return []
-
-    def _guard(self, name: str, atom: Atom, facts: int) -> Part | None:
-        """A part that only tells whether an atom owned by another object is still possible."""
-        key = (name, atom)
-        if key not in self._guards:
-            projection = Projection(self.vocabulary, (name,), frozenset([atom]))
-            projection.distance(projection.node(facts))
-            useful = projection.has_dead_ends
-            self._guards[key] = Guard(self.vocabulary, [projection], ()) if useful else None
-        return self._guards[key]
+        Looked for only where the object is yet to be made or there is none; else [""].
+        """
+        if name and (EXISTS, name) not in self.world.table.bit:
+            return [""]
+        key = (name, goal, taken)
+        found = self._supporters.get(key)
+        if found is None:
+            plain = Projection(self.vocabulary, (name,) if name else (), goal)
+            found = [""]
+            for stranger in sorted(plain.strangers):
+                members = self.vocabulary.classes[stranger]
+                if not any(member in taken for member in members):
+                    found = members[:MAX_SUPPORTS]
+                    break
+            self._supporters[key] = found
+        return found
 
 
-class Guard(Part):
-    """A part without work of its own: DEAD, or nothing."""
-
-    def _look(self, facts: int) -> tuple[float, int, dict[int, float] | None]:
-        steps, _, _ = super()._look(facts)
-        return (DEAD if steps >= DEAD else 0.0), 0, None
+def _share(made: list[list[Part]], facts: int) -> list[Part]:
+    """One option of each list, no two with the same support while there are enough."""
+    chosen: list[Part] = []
+    used: set[str] = set()
+    for options in sorted(made, key=lambda options: min(p.distance(facts) for p in options)):
+        free = [p for p in options if p.projections[0].focus.names[-1] not in used] or options
+        best = min(free, key=lambda p: p.distance(facts))
+        used.add(best.projections[0].focus.names[-1])
+        chosen.append(best)
+    return chosen
 
 
 class Estimate:

@@ -66,13 +66,15 @@ class Focus:
     """What a projection is about, and the numbering of its atoms.
 
     `names` are told apart and tracked; `partners` are told apart from other movables because the
-    goal names them; `stations` are those whose own facts are tracked.
+    goal names them; `stations` are those whose own facts are tracked. `guests` are atoms of the
+    goal that are the work of a partner, and free here.
     """
 
     vocabulary: Vocabulary
     names: tuple[str, ...]
     partners: tuple[str, ...]
     stations: frozenset[str]
+    guests: tuple[Atom, ...] = ()
     bits: dict[Atom, int] = field(default_factory=dict)
 
     def abstract(self, atom: Atom) -> Atom:
@@ -173,12 +175,16 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
             found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
             outcomes += found
             cost += _price(action, i) if any(o.sets or o.clears for o in found) else 0.0
-    if strangers and not _handles(definition.precons + definition.immediate_fx, binding, focus):
-        cost += DISTURBING
+    place = _place(schema, binding, focus)
+    if not _handles(definition.precons + definition.immediate_fx, binding, focus):
+        if condition.sets & focus.mask(focus.guests):
+            place, cost = None, 0.0
+        elif strangers:
+            cost += DISTURBING
     touched = condition.sets | condition.clears
     if not touched and not any(o.sets or o.clears for o in outcomes):
         return None
-    return Operator(_place(schema, binding, focus), cost, condition, tuple(outcomes), strangers)
+    return Operator(place, cost, condition, tuple(outcomes), strangers)
 
 
 def _handles(conditions: tuple[Condition, ...], binding: Binding, focus: Focus) -> bool:

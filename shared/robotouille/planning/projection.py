@@ -36,13 +36,15 @@ class Projection:
         vocabulary: Vocabulary,
         names: tuple[str, ...],
         goal: frozenset[Atom],
+        guest: Atom | None = None,
     ) -> None:
         self._vocabulary = vocabulary
-        mentioned = sorted(goal)
+        guests = () if guest is None else (guest,)
+        mentioned = sorted({*goal, *guests})
         others = (n for atom in mentioned for n in vocabulary.movables_in(atom))
         partners = tuple(dict.fromkeys(n for n in others if n not in names))
         stations = frozenset(s for atom in mentioned for s in vocabulary.stations_in(atom))
-        self.focus = Focus(vocabulary, names, partners, stations)
+        self.focus = Focus(vocabulary, names, partners, stations, guests)
         table = vocabulary.world.table
         self._goal = self.focus.mask(
             self.focus.abstract(a) for a in mentioned if a[0] not in table.static_predicates

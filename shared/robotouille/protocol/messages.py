@@ -167,7 +167,7 @@ class Welcome(Message):
 
     type: Literal["welcome"] = "welcome"
     ref: Ref | None = None
-    protocol: int = PROTOCOL_VERSION
+    protocol: int
     server: str
     session: Identifier
     resume: Identifier

@@ -83,8 +83,9 @@ class Recording:
     def notes(self) -> Iterator[dict[str, Any]]:
         """Rejections, chat and roster changes, in order, each with the step it came before."""
         for frame in self.frames:
-            for note in frame.get("notes", ()):
-                yield {"step": frame.get("step"), **note}
+            if frame["kind"] in ("step", "footer"):
+                for note in frame.get("notes", ()):
+                    yield {"step": frame.get("step"), **note}
 
     def actions(self, frame: dict[str, Any]) -> list[GroundAction]:
         """The joint action of a step, in the order in which it applied."""

@@ -1,0 +1,78 @@
+"""Servers and raw connections for tests, in virtual time."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+from websockets.asyncio.client import ClientConnection
+from websockets.asyncio.client import connect as open_socket
+
+from robotouille.protocol.codec import JSON, MSGPACK
+from robotouille_server import Server, ServerSettings, serve
+from robotouille_server.logs import configure_logs
+
+configure_logs("error", "console")
+
+STAMP = "20260101T000000Z"
+
+
+@asynccontextmanager
+async def serving(folder: Path, *, seed: int = 1, **options: Any) -> AsyncIterator[Server]:
+    """A server on a free port whose ids, codes and timestamps are always the same."""
+    settings = ServerSettings(port=0, recordings=folder, **options)
+    async with serve(settings, randomness=random.Random(seed), timestamp=lambda: STAMP) as server:
+        yield server
+
+
+class Raw:
+    """A WebSocket that speaks the protocol word by word."""
+
+    def __init__(self, socket: ClientConnection, text: bool) -> None:
+        self.socket = socket
+        self.text = text
+
+    async def send(self, message: Any) -> None:
+        await self.socket.send(json.dumps(message) if self.text else msgpack.packb(message))
+
+    async def receive(self) -> dict[str, Any]:
+        payload = await self.socket.recv()
+        plain: dict[str, Any] = (
+            json.loads(payload) if isinstance(payload, str) else msgpack.unpackb(payload)
+        )
+        return plain
+
+    async def expect(self, *kinds: str) -> dict[str, Any]:
+        """The next message of one of these types; others are passed over."""
+        while True:
+            message = await self.receive()
+            if message["type"] in kinds:
+                return message
+
+    async def ask(self, message: Any, *kinds: str) -> dict[str, Any]:
+        await self.send(message)
+        return await self.expect(*kinds, "error")
+
+
+@asynccontextmanager
+async def raw(
+    server: Server, *, text: bool = True, hello: bool = True, name: str = "raw"
+) -> AsyncIterator[Raw]:
+    """A raw connection, introduced unless told otherwise."""
+    codec = JSON if text else MSGPACK
+    async with open_socket(
+        server.url,
+        subprotocols=[codec.name],
+        max_size=None,
+        compression=None,  # type: ignore[list-item]
+    ) as socket:
+        connection = Raw(socket, text)
+        if hello:
+            answer = await connection.ask({"type": "hello", "protocol": 1, "name": name}, "welcome")
+            assert answer["type"] == "welcome", answer
+        yield connection
