@@ -288,6 +288,9 @@ class Game:
         self.seats, self.clock = tuple(message.seats), message.clock
         self.left, self.step_time = message.left, now
         self._seq = max(self._seq, message.seq)
+        reasons = tuple(message.last_reasons)
+        code = "action/invalid" if reasons else ""
+        self._settle(message.last_seq, ActResult(not reasons, message.last_step, reasons, code))
         self._emit(Changed(message.step, self.state, turn=message.turn))
         if message.outcome is not None:
             self._finish(message.outcome)
@@ -340,8 +343,7 @@ class Game:
         self.observation = observed
         self._emit(observed)
         if not self.has_state:
-            for seq in [s for s in self._waiting if s <= message.seq and message.step > 0]:
-                self._resolve(seq, ActResult(True, message.step))
+            self._settle(message.seq, ActResult(True, message.step))
 
     def _rejected(self, message: messages.Rejected) -> None:
         reasons = tuple(message.reasons)
@@ -359,6 +361,13 @@ class Game:
         for seq in list(self._waiting):
             self._resolve(seq, ActResult(False, self.step, (reason,), "episode/over"))
         self._emit(Over(self.outcome or {}, reason))
+
+    def _settle(self, seq: int, result: ActResult) -> None:
+        """The fate of action `seq` is known; those before it were replaced."""
+        for earlier in [s for s in self._waiting if s < seq]:
+            reasons = (f"superseded by action {seq}",)
+            self._resolve(earlier, ActResult(False, result.step, reasons, "action/invalid"))
+        self._resolve(seq, result)
 
     def _resolve(self, seq: int, result: ActResult) -> None:
         self._unanswered.pop(seq, None)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from robotouille.episode import (
+    Answer,
     Ended,
     Episode,
     Event,
@@ -320,6 +321,7 @@ class Room:
         episode, state = self.episode, self.episode.state
         task = self.world.task
         due = episode.due()
+        answer = self._answer(session)
         known = task.digest in session.known
         session.known.add(task.digest)
         return messages.Snapshot(
@@ -331,6 +333,9 @@ class Room:
             hash=state.digest,
             seat=session.player,
             seq=self._seq(session),
+            last_seq=answer.seq,
+            last_step=answer.step,
+            last_reasons=list(answer.reasons),
             turn=episode.on_turn,
             clock=episode.rules.model_dump(mode="json"),
             left=None if due is None else max(0.0, due - self._now()),
@@ -351,12 +356,15 @@ class Room:
             text=state.text(player),
             actions=[a.sentence for a in state.actions(player)] if player else [],
             turn=self.episode.on_turn,
-            seq=self._seq(session),
+            seq=self._answer(session).seq,
         )
         self._send(session, observation)
 
     def _seq(self, session: Session) -> int:
         return self.episode.seats[session.player].seq if session.player else 0
+
+    def _answer(self, session: Session) -> Answer:
+        return self.episode.seats[session.player].answer if session.player else Answer(0, 0)
 
     def _seats(self) -> list[messages.SeatInfo]:
         return [

@@ -86,6 +86,8 @@ class ServerSettings(BaseSettings):
         file = {**env_settings(), **init_settings()}.get("config")
         sources: list[PydanticBaseSettingsSource] = [init_settings, env_settings]
         if file:
+            if not Path(file).is_file():
+                raise FileNotFoundError(f"there is no file {file}")
             sources.append(TomlConfigSettingsSource(settings_cls, Path(file)))
         return tuple(sources)
 

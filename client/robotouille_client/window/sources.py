@@ -54,6 +54,8 @@ class Talk:
         self._lines: list[tuple[str, str]] = []
 
     def refused(self, player: str, reasons: tuple[str, ...]) -> None:
+        if any(reason.startswith("superseded") for reason in reasons):
+            return
         self._add(Bubble.rejection(player, reasons))
 
     def said(self, name: str, player: str, text: str) -> None:

@@ -13,7 +13,15 @@ from robotouille.world.world import World
 __all__ = ["Bubble", "SeatView", "Source", "View"]
 
 
-_PLAIN = (" is busy for ", " does not exist", " has acted in this step")
+_PLAIN = (
+    " is busy for ",
+    " does not exist",
+    " has acted in this step",
+    "'s turn",
+    "too late",
+    " is not yours",
+    " waits for ",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Seats, turn order, clocks as data and the outcome: a state machine without I/O."""
 
-from robotouille.episode.episode import Episode, Phase, Seat
+from robotouille.episode.episode import Answer, Episode, Phase, Seat
 from robotouille.episode.events import (
     Ended,
     Event,
@@ -17,6 +17,7 @@ from robotouille.episode.events import (
 from robotouille.episode.rules import Clock, Rules
 
 __all__ = [
+    "Answer",
     "Clock",
     "Ended",
     "Episode",

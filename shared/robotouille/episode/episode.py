@@ -29,7 +29,7 @@ from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Episode", "Phase", "Seat"]
+__all__ = ["Answer", "Episode", "Phase", "Seat"]
 
 MAX_CATCH_UP = 10
 LOBBY_SECONDS = 600.0
@@ -62,9 +62,19 @@ class Pending:
     due_step: int
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What became of a seat's action: taken in `step`, or rejected for some reasons."""
+
+    seq: int
+    step: int
+    reasons: tuple[str, ...] = ()
+
+
 @dataclass(slots=True)
 class Seat:
-    """A player of the world and who plays it. `asked` is when it was last asked to move."""
+    """A player of the world and who plays it. `asked` is when it was last asked to move, `answer`
+    what became of the last of its actions that was decided."""
 
     player: str
     name: str = ""
@@ -74,7 +84,7 @@ class Seat:
     seq: int = 0
     asked: float = 0.0
     pending: Pending | None = None
-    refusal: tuple[int, Rejected] | None = None
+    answer: Answer = field(default_factory=lambda: Answer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
 
 
@@ -108,7 +118,7 @@ class Episode:
             raise ProtocolError("seat/taken", f"{seat.player} is played by {seat.name}", "seat")
         seat.name, seat.kind, seat.taken, seat.present = name, kind, True, True
         seat.asked = now
-        seat.seq, seat.pending, seat.refusal = 0, None, None
+        seat.seq, seat.pending, seat.answer = 0, None, Answer(0, 0)
         self._roster(seat, now)
         self._continue_without(now)
         if self.phase is Phase.WAITING and all(s.taken for s in self.seats.values()):
@@ -184,8 +194,8 @@ class Episode:
             message = f"action {seq} is older than {seat.seq}; ask for a snapshot"
             raise ProtocolError("action/stale", message, "seq")
         if seq == seat.seq and seq > 0:
-            if seat.refusal is not None and seat.refusal[0] == seq:
-                self._emit(seat.refusal[1])
+            if seat.answer.seq == seq and seat.answer.reasons:
+                self._refuse_again(seat, action, now)
             return
         seat.seq = seq
         reasons = self._refusals(seat, action)
@@ -237,10 +247,14 @@ class Episode:
         now: float,
     ) -> None:
         sentence = action.sentence if action is not None else "nothing"
-        event = Rejected(seat.player, seq, sentence, reasons, self._elapsed(now))
-        seat.refusal = (seq, event)
+        seat.answer = Answer(seq, self.step, reasons)
         seat.tally = replace(seat.tally, rejected=seat.tally.rejected + 1)
-        self._emit(event)
+        self._emit(Rejected(seat.player, seq, sentence, reasons, self._elapsed(now)))
+
+    def _refuse_again(self, seat: Seat, action: GroundAction | None, now: float) -> None:
+        sentence = action.sentence if action is not None else "nothing"
+        seq, reasons = seat.answer.seq, seat.answer.reasons
+        self._emit(Rejected(seat.player, seq, sentence, reasons, self._elapsed(now)))
 
     def _thinking_steps(self, think_ms: int) -> int:
         if self.rules.clock is Clock.REALTIME and self.rules.thinking == "declared":
@@ -347,6 +361,9 @@ class Episode:
         result = before.step([move.action for move in moves])
         self.step += 1
         self.state = result.state
+        for move, attempt in zip(moves, result.attempts, strict=True):
+            if not attempt.applied:
+                self.seats[move.player].answer = Answer(move.seq, self.step, attempt.unmet)
         self._count(moves, [attempt.applied for attempt in result.attempts])
         time = self._elapsed(now)
         self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state))
@@ -365,6 +382,7 @@ class Episode:
             pending = seat.pending
             if pending is not None and pending.due_step <= self.step:
                 seat.pending = None
+                seat.answer = Answer(pending.seq, self.step + 1)
                 if pending.action is not None:
                     move = Move(seat.player, pending.action, pending.seq, pending.latency)
                     ready.append((pending.order, move))

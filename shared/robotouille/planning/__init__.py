@@ -1,0 +1,19 @@
+"""Planning: satisficing plans for one player or a team, and policies that play by them.
+
+Pure and deterministic: nothing here reads a clock, a file or a global source of randomness.
+"""
+
+from robotouille.planning.plan import Plan, read_plan, write_plan
+from robotouille.planning.planner import Planner, Solution
+from robotouille.planning.validate import PlanReport, Rejection, replay
+
+__all__ = [
+    "Plan",
+    "PlanReport",
+    "Planner",
+    "Rejection",
+    "Solution",
+    "read_plan",
+    "replay",
+    "write_plan",
+]

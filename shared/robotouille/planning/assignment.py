@@ -100,7 +100,7 @@ class _Chooser:
         for part in self._bench.parts(atoms, self._facts):
             total += part.distance(self._facts)
         if self._ordering is not None:
-            for late, early in self._ordering.rules(binding):
+            for late, early in self._ordering.rules(binding).values():
                 if self._facts & late == late and self._facts & early != early:
                     total += REDOING
         return total

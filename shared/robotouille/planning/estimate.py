@@ -6,6 +6,7 @@ as if the timers that run had run out, and takes off what is done of repeated ac
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from robotouille.planning.forecast import Forecast, Forecaster
@@ -43,12 +44,33 @@ class Part:
 
     vocabulary: Vocabulary
     projections: list[Projection]
+    owned: bool = True
     mask: int = 0
     known: dict[int, Entry] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for projection in self.projections:
             self.mask |= projection.mask
+
+    @property
+    def focus(self) -> tuple[str, ...]:
+        """The object, and what supports it."""
+        return self.projections[0].focus.names
+
+    @property
+    def name(self) -> str:
+        """The object whose work this is."""
+        return next(iter(self.focus), "")
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """The objects that the work on this one leads it to."""
+        return self.projections[0].focus.partners if self.owned else ()
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the goal says at which station the object is to be."""
+        return bool(self.projections[0].focus.stations)
 
     def entry(self, facts: int) -> Entry:
         """The entry for a state's facts."""
@@ -63,19 +85,21 @@ class Part:
         return self.entry(facts)[0]
 
     def _look(self, facts: int) -> Entry:
-        ranked = [(p.distance(p.node(facts)), i, p) for i, p in enumerate(self.projections)]
-        steps, _, hardest = max(ranked)
-        node = hardest.node(facts)
+        nodes = [(p, p.node(facts)) for p in self.projections]
+        distances = [p.distance(node) for p, node in nodes]
+        steps = max(distances)
+        hardest = [pair for pair, d in zip(nodes, distances, strict=True) if d == steps]
         places = self.vocabulary.place_mask
-        holder = self._holder(hardest, facts)
+        holder = self._holder(hardest[0][0], facts)
         if holder is None:
+            near = set.intersection(*(set(p.near(node)) for p, node in hardest))
             mask = 0
-            for station in hardest.near(node):
+            for station in near:
                 mask |= places[station]
             return steps, mask, None
         own = self.vocabulary.places[holder]
-        held = {own & places[s]: hardest.distance(node, s) for s in hardest.near(node)}
-        return steps, own, held
+        projection, node = hardest[0]
+        return steps, own, {own & places[s]: d for s, d in projection.nearer(node).items()}
 
     def _holder(self, projection: Projection, facts: int) -> str | None:
         """The player that an atom about the focus mentions."""
@@ -159,7 +183,7 @@ class Workbench:
                 Projection(self.vocabulary, focus, goal, guest)
                 for guest in sorted(hosted) or [None]
             ]
-            part = self._parts[key] = Part(self.vocabulary, projections)
+            part = self._parts[key] = Part(self.vocabulary, projections, bool(goal))
         return part
 
     def _can_fail(self, part: Part, facts: int) -> bool:
@@ -192,9 +216,9 @@ def _share(made: list[list[Part]], facts: int) -> list[Part]:
     chosen: list[Part] = []
     used: set[str] = set()
     for options in sorted(made, key=lambda options: min(p.distance(facts) for p in options)):
-        free = [p for p in options if p.projections[0].focus.names[-1] not in used] or options
+        free = [p for p in options if p.focus[-1] not in used] or options
         best = min(free, key=lambda p: p.distance(facts))
-        used.add(best.projections[0].focus.names[-1])
+        used.add(best.focus[-1])
         chosen.append(best)
     return chosen
 
@@ -202,8 +226,8 @@ def _share(made: list[list[Part]], facts: int) -> list[Part]:
 class Estimate:
     """The work left until one choice of objects meets the goal.
 
-    `atoms` are the goal's under that choice, or some of them; `kept` is a mask of facts without
-    which a state is worthless; `rules` come from `ordering.py`.
+    `atoms` are the goal's under that choice, or some of them; `rules` come from `ordering.py`;
+    `kept` is a mask of facts without which a state is worthless.
     """
 
     def __init__(
@@ -211,28 +235,38 @@ class Estimate:
         bench: Workbench,
         binding: Binding,
         facts: int,
+        rules: Mapping[str, tuple[int, int]] | None = None,
         atoms: list[Atom] | None = None,
         kept: int = 0,
     ) -> None:
         world = bench.world
         self.binding = binding
         atoms = world.goal.atoms(binding) if atoms is None else atoms
-        self.rules: list[tuple[int, int]] = []
+        rules = rules or {}
         self.parts = bench.parts(atoms, facts)
         self.goal = world.table.mask(atoms)
         self._kept = kept
+        self._rules = list(rules.values())
         self._forecast = bench.forecast
         self._travel = bench.vocabulary.mean_travel
         self._wanted: dict[Effect, int] = {}
-        self._rows = [(p.mask, p.known, p) for p in self.parts]
+        self._rows = [
+            (p.mask, p.known, p, rules.get(p.name, (0, 0))[1], _meetings(p, self.parts, bench))
+            for p in self.parts
+        ]
+        self._hands = _hands(bench.vocabulary)
         self._idle_hands = _useless(bench.vocabulary, self.parts)
 
-    def __call__(self, facts: int, timers: Timers) -> float:
-        """Steps of work left; 0 only where the goal is met, DEAD or more where it cannot be."""
+    def __call__(self, facts: int, timers: Timers, chain: float = 0.0) -> float:
+        """Steps of work left; DEAD or more where the goal cannot be met any more.
+
+        `chain` is the additional weight of the object with most work left, which nobody can speed
+        up: 0 estimates the work, more gives attention to the time it takes a team.
+        """
         if facts & self._kept != self._kept:
             return DEAD
+        now = facts
         total = 0.0
-        places = facts
         if timers.entries:
             forecast = self._forecast(facts, timers)
             facts = (facts | forecast.touched) ^ forecast.removed
@@ -240,22 +274,32 @@ class Estimate:
             if forecast.repeated:
                 total -= self._repeated(forecast, facts)
         useful = 0
-        for mask, known, part in self._rows:
-            facts_about = facts & mask
-            entry = known.get(facts_about) or part.entry(facts_about)
-            steps, where, held = entry
+        longest = 0.0
+        for mask, known, part, early, meetings in self._rows:
+            about = facts & mask
+            steps, where, held = known.get(about) or part.entry(about)
+            total += steps
+            if steps > longest:
+                longest = steps
             if held is None:
                 useful |= where
-                total += steps
-            else:
-                total += held.get(places & where, steps)
-        total -= (places & useful).bit_count() * self._travel
-        for late, early in self.rules:
+            elif facts & early == early:
+                place = now & where
+                total += held.get(place, steps) - steps
+                if meetings and not any(now & at and place & there for at, there in meetings):
+                    total += self._travel
+        total += chain * longest
+        if useful:
+            for places, hold in self._hands:
+                if now & hold:
+                    useful &= ~places
+            total -= (now & useful).bit_count() * self._travel
+        for late, early in self._rules:
             if facts & late == late and facts & early != early:
                 total += REDOING
-        held_mask = places & self._idle_hands
-        if held_mask:
-            total += HELD * held_mask.bit_count()
+        useless = now & self._idle_hands
+        if useless:
+            total += HELD * useless.bit_count()
         return total
 
     def _repeated(self, forecast: Forecast, facts: int) -> float:
@@ -278,18 +322,47 @@ class Estimate:
         return sets if any(nearer) else 0
 
 
-def _useless(vocabulary: Vocabulary, parts: list[Part]) -> int:
-    """The atoms between a player and a movable on which no work is left to do."""
-    wanted = 0
-    for part in parts:
-        wanted |= part.mask
+def _hands(vocabulary: Vocabulary) -> list[tuple[int, int]]:
+    """For each player, the masks of where it can be and of what it can hold."""
+    movable = _about_movables(vocabulary)
+    mentions = vocabulary.world.table.mentions
+    return [(vocabulary.places[p], mentions(p) & movable) for p in vocabulary.world.players]
+
+
+def _about_movables(vocabulary: Vocabulary) -> int:
     table = vocabulary.world.table
     mask = 0
-    for player in vocabulary.world.players:
-        mask |= table.mentions(player)
-    movable = 0
     for kind, names in table.by_type.items():
         if vocabulary.is_movable(kind):
             for name in names:
-                movable |= table.mentions(name)
-    return mask & movable & ~wanted
+                mask |= table.mentions(name)
+    return mask
+
+
+def _useless(vocabulary: Vocabulary, parts: list[Part]) -> int:
+    """The atoms between a player and a movable on which no work is left to do."""
+    mask = 0
+    for _, hold in _hands(vocabulary):
+        mask |= hold
+    for part in parts:
+        mask &= ~part.mask
+    return mask
+
+
+def _meetings(part: Part, parts: list[Part], bench: Workbench) -> list[tuple[int, int]]:
+    """Where an object can be that has to be brought to another, wherever that one is.
+
+    Pairs of masks: the other is at a station; some player is there.
+    """
+    vocabulary = bench.vocabulary
+    if part.fixed or not part.partners:
+        return []
+    others = {n for p in parts if p.name in part.partners for n in p.focus} | set(part.partners)
+    table = bench.world.table
+    pairs = []
+    for station in vocabulary.stations:
+        about = 0
+        for name in sorted(others):
+            about |= table.mentions(name) & table.mentions(station)
+        pairs.append((about, vocabulary.place_mask[station]))
+    return pairs

@@ -1,7 +1,7 @@
 """Which parts of a goal have to wait for others, found by trying.
 
 The top of a sandwich laid first would have to come off again. To see such things without knowing
-about sandwiches, a little experiment is made for two objects of the goal: bring the one to its
+about sandwiches, a little experiment is made for two objects of the goal, with one player alone: bring the one to its
 goal, then try to bring the other to its own without disturbing the first. What cannot be done in
 this order should be done in the other. Alike pairs are tried once.
 """
@@ -9,14 +9,16 @@ this order should be done in the other. Alike pairs are tried once.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from random import Random
+from dataclasses import replace
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.beam import Search
+from robotouille.planning.beam import Search, Style
 from robotouille.planning.estimate import Binding, Estimate, Workbench
 from robotouille.planning.relevance import Relevance
+from robotouille.world.atoms import bits_of
 from robotouille.world.objects import Atom
 from robotouille.world.state import State
+from robotouille.world.world import World
 
 __all__ = ["Ordering"]
 
@@ -30,9 +32,13 @@ class Ordering:
     """For each variable of a goal, the variables that should be dealt with before it."""
 
     def __init__(self, bench: Workbench, binding: Binding) -> None:
+        self._world = bench.world
+        if len(bench.world.players) > 1:
+            bench = Workbench(World(replace(bench.world.task, seats=1)))
+            bench.refresh()
         self._bench = bench
         self._goal = bench.world.goal
-        self._binding = binding
+        self._binding = self._on_free_stations(binding)
         self._lasting = _lasting(bench)
         self._terms = self._owned()
         self._after: dict[Id, State | None] = {}
@@ -42,18 +48,36 @@ class Ordering:
             for late in self._terms
         }
 
-    def rules(self, binding: Binding) -> list[tuple[int, int]]:
-        """Pairs of masks: once all of the first is true, all of the second should be."""
-        table = self._bench.world.table
+    def rules(self, binding: Binding) -> dict[str, tuple[int, int]]:
+        """For an object that has to wait, the masks of its own goal and of what comes before."""
+        table = self._world.table
         masks = {v: table.mask(self._atoms(v, binding)) for v in self._terms}
-        rules = []
+        rules = {}
         for late, earlier in self.before.items():
             needed = 0
             for early in earlier:
                 needed |= masks[early]
             if needed and masks[late]:
-                rules.append((masks[late], needed))
+                rules[binding[late]] = (masks[late], needed)
         return rules
+
+    def _on_free_stations(self, binding: Binding) -> Binding:
+        """The same choice, but for stations on which nothing lies where there are such."""
+        vocabulary = self._bench.vocabulary
+        table = self._bench.world.table
+        facts = self._bench.world.initial.facts
+        found = dict(binding)
+        for variable, chosen in binding.items():
+            if chosen not in vocabulary.stations:
+                continue
+            taken = set(found.values())
+            for name in self._goal.candidates(variable):
+                about = bits_of(facts & table.mentions(name))
+                free = not any(vocabulary.movables_in(table.atoms[i]) for i in about)
+                if free and name not in taken:
+                    found[variable] = name
+                    break
+        return found
 
     def _owned(self) -> dict[Id, list[GoalTerm]]:
         """For each variable, the goal's predicates that are its own and that can be undone."""
@@ -113,11 +137,11 @@ class Ordering:
     def _achieve(self, state: State, variable: Id, kept: int) -> State | None:
         """The state once a variable's predicates are true, `kept` having been so throughout."""
         atoms = self._atoms(variable, self._binding)
-        estimate = Estimate(self._bench, self._binding, state.facts, atoms, kept)
+        estimate = Estimate(self._bench, self._binding, state.facts, None, atoms, kept)
         team = self._bench.world.players
         relevance = Relevance(self._bench, state, estimate, len(team))
         search = Search(self._bench.world, state, estimate, relevance, team)
-        found = search.run(WIDTH, Random(0), LAYERS, WIDTH * LAYERS)
+        found = search.run(Style(WIDTH), 0, LAYERS, WIDTH * LAYERS)
         if not found.reached:
             return None
         for joint in found.steps:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable
 from itertools import count
 
 from robotouille.planning.operators import Focus, Operator, operators
@@ -78,33 +77,28 @@ class Projection:
         return self._distance.get((node, ANYWHERE), DEAD) if found is None else found
 
     def near(self, node: int) -> list[str]:
-        """The places from which it is a walk less."""
+        """The places where the work can go on at once; from elsewhere it is a walk more."""
         anywhere = self.distance(node)
-        return [
-            s
-            for s in self._vocabulary.stations
-            if self._distance.get((node, s), anywhere) < anywhere
-        ]
+        near = []
+        for operator, after in self._explored[node]:
+            place = operator.place
+            if place is not None and place not in near:
+                here = self._distance.get((node, place), DEAD)
+                through = operator.cost + self._distance.get((after, place), DEAD)
+                if through < here + 1e-6 and here < anywhere:
+                    near.append(place)
+        return near
+
+    def nearer(self, node: int) -> dict[str, float]:
+        """The distances from the places from which it is less far than from anywhere."""
+        anywhere = self.distance(node)
+        found = {s: self._distance.get((node, s), DEAD) for s in self._vocabulary.stations}
+        return {s: steps for s, steps in found.items() if steps < anywhere}
 
     @property
     def has_dead_ends(self) -> bool:
         """Whether some node explored so far cannot reach the goal."""
         return any((node, ANYWHERE) not in self._distance for node in self._explored)
-
-    def first_operators(self, node: int) -> Iterable[Operator]:
-        """The operators on a shortest way from a node to the goal."""
-        for _ in range(100):
-            if node & self._goal == self._goal:
-                return
-            here = self.distance(node)
-            options = [
-                (self._distance.get((after, operator.place or ANYWHERE), DEAD) + operator.cost, i)
-                for i, (operator, after) in enumerate(self._explored.get(node, ()))
-            ]
-            if here >= DEAD or not options:
-                return
-            operator, node = self._explored[node][min(options)[1]]
-            yield operator
 
     def _explore(self, start: int) -> None:
         frontier = [start]

@@ -237,7 +237,8 @@ class Snapshot(Message):
     `facts` lists the atoms that are true. `timers` are the active effects in order of creation,
     each with its counters; `busy` the steps for which players cannot act. `task` is absent where
     the client said it knows it. `period` is the seconds between steps in real time, `left` the
-    seconds until the next step or the end of the move's budget.
+    seconds until the next step or the end of the move's budget. `last_seq` is the seat's last
+    action whose fate is decided: taken in step `last_step`, or rejected for `last_reasons`.
     """
 
     type: Literal["snapshot"] = "snapshot"
@@ -255,6 +256,9 @@ class Snapshot(Message):
     hash: str
     seat: str | None = None
     seq: int = 0
+    last_seq: int = 0
+    last_step: int = 0
+    last_reasons: list[str] = []
     turn: str | None = None
     clock: dict[str, Any]
     left: float | None = None
@@ -289,7 +293,11 @@ class Delta(Message):
 
 
 class Observation(Message):
-    """The state in words for one seat, with its valid actions as sentences (text view)."""
+    """The state in words for one seat, with its valid actions as sentences (text view).
+
+    `seq` is the seat's last action whose fate is decided; if it was rejected, `rejected` came
+    before.
+    """
 
     type: Literal["observation"] = "observation"
     episode: Identifier

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from robotouille.domain.checks import parameter_types, placeholders
-from robotouille.domain.schema import ActionDef, Condition, EffectDef
+from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.world.objects import Atom
 
@@ -43,6 +43,12 @@ class ActionSchema:
     parameters: tuple[tuple[str, str], ...]
     player: bool
     effects: tuple[EffectSchema, ...]
+    born: tuple[EffectSchema, ...]
+
+    @property
+    def all_effects(self) -> tuple[EffectSchema, ...]:
+        """Its own effects, then those that start when one of them creates or deletes."""
+        return self.effects + self.born
 
     def bind(self, arguments: tuple[str, ...]) -> dict[str, str]:
         return {name: a for (name, _), a in zip(self.parameters, arguments, strict=True)}
@@ -89,7 +95,8 @@ def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
         actor = next((n for n, kind in types.items() if kind in task.domain.player_types), None)
         said = [n for n in placeholders(definition.language_description) if n in types]
         order = list(dict.fromkeys([*([actor] if actor else []), *said, *types]))
-        effects = tuple(_effect(e, frozenset(types)) for e in definition.sfx)
+        instants = [e for e in _walk(definition.sfx) if isinstance(e, Creation | Deletion)]
+        born = [nested for effect in instants for nested in effect.sfx]
         schemas.append(
             ActionSchema(
                 index=index,
@@ -97,15 +104,24 @@ def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
                 definition=definition,
                 parameters=tuple((name, types[name]) for name in order),
                 player=actor is not None,
-                effects=effects,
+                effects=tuple(_effect(e) for e in definition.sfx),
+                born=tuple(_effect(e) for e in born),
             )
         )
     return tuple(schemas)
 
 
-def _effect(definition: EffectDef, parameters: frozenset[str]) -> EffectSchema:
-    mentioned = dict.fromkeys(n for n in _variables(definition) if n in parameters)
+def _effect(definition: EffectDef) -> EffectSchema:
+    effects = _walk((definition,))
+    created = {e.created_obj.param for e in effects if isinstance(e, Creation)}
+    mentioned = dict.fromkeys(n for n in _variables(definition) if n not in created)
     return EffectSchema(definition, tuple(mentioned), _repeats(definition))
+
+
+def _walk(effects: tuple[EffectDef, ...]) -> Iterator[EffectDef]:
+    for effect in effects:
+        yield effect
+        yield from _walk(effect.sfx)
 
 
 def _variables(effect: EffectDef) -> Iterator[str]:

@@ -50,17 +50,18 @@ class AtomTable:
         self._patterns: dict[tuple[str | None, ...], int] = {}
 
     def add(self, objects: Iterable[Object]) -> None:
-        """Give bits to every atom that mentions one of these objects."""
+        """Give bits to every atom that mentions one of these objects (at first: or none at all)."""
         new = {thing.name: thing.type for thing in objects}
         for name, kind in new.items():
             self.by_type[kind].append(name)
+        first = not self.atoms
         for name, kind in new.items():
             if kind in self.transient:
                 self.internal |= self._append((EXISTS, name)) | self._append((USED, name))
         for predicate in self.fluents:
             pools = [self.by_type[kind] for kind in self.types[predicate]]
             for arguments in product(*pools):
-                if any(a in new for a in arguments):
+                if any(a in new for a in arguments) or (first and not arguments):
                     self._append((predicate, *arguments))
         self._patterns.clear()
 
@@ -97,6 +98,22 @@ class AtomTable:
         for atom in atoms:
             total |= self.bit.get(atom, 0)
         return total
+
+    def test(self, conditions: Iterable[tuple[Atom, bool]]) -> tuple[int, int, bool]:
+        """Masks `tested` and `required`, and whether the conditions can hold at all.
+
+        They cannot where a static fact rules one out, or two contradict each other.
+        """
+        required = forbidden = 0
+        possible = True
+        for atom, is_true in conditions:
+            bit = self.bit.get(atom, 0)
+            if is_true:
+                required |= bit
+            else:
+                forbidden |= bit
+            possible &= bool(bit) or (atom in self.static) == is_true
+        return required | forbidden, required, possible and not required & forbidden
 
     def true_atoms(self, facts: int) -> list[Atom]:
         """Every atom that holds, static ones included, in no particular order."""

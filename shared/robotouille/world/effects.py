@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from robotouille.domain.schema import Condition, CreatedObject, Creation, EffectDef
+from robotouille.domain.schema import Condition, CreatedObject, Creation, Deletion, EffectDef
 from robotouille.world.actions import bound
 from robotouille.world.atoms import EXISTS, USED, AtomTable
 
@@ -98,15 +98,11 @@ def _compile_node(
     next_slot: Callable[[], int],
 ) -> Node:
     slot = next_slot()
-    tested = required = 0
-    possible = True
-    for condition in getattr(definition, "conditions", ()):
-        atom = bound(condition, binding)
-        bit = table.bit.get(atom, 0)
-        tested |= bit
-        required |= bit if condition.is_true else 0
-        possible &= bool(bit) or (atom in table.static) == condition.is_true
+    tested, required, possible = table.test(
+        (bound(c, binding), c.is_true) for c in getattr(definition, "conditions", ())
+    )
     creation = definition if isinstance(definition, Creation) else None
+    instant = isinstance(definition, Creation | Deletion)
     sets = clears = 0
     if creation is None:
         sets = table.mask(bound(c, binding) for c in definition.fx if c.is_true)
@@ -124,22 +120,23 @@ def _compile_node(
         sets=sets,
         clears=clears & ~sets,
         nested=()
-        if creation
+        if instant
         else tuple(
             _compile_node(nested, binding, table, count, next_slot) for nested in definition.sfx
         ),
         created=creation.created_obj if creation else None,
         fx=creation.fx if creation else (),
-        sfx=creation.sfx if creation else (),
-        binding=tuple(binding.items()) if creation else (),
+        sfx=definition.sfx if instant else (),
+        binding=tuple(binding.items()) if instant else (),
     )
 
 
 class EffectRun:
     """Updates of effects within one step: facts in, facts out, and what was written.
 
-    `create(kind, type, facts)` names a new object; `born` compiles an effect nested in its
-    creation.
+    `create(kind, type, facts)` names a new object; `born` compiles an effect nested in a creation
+    or deletion, which completes at once: what is nested in it starts as an effect of its own. Of
+    an object once deleted nothing becomes true any more.
     """
 
     def __init__(
@@ -153,14 +150,19 @@ class EffectRun:
         self.written = 0
         self.deleted: list[str] = []
         self.started: list[Effect] = []
+        self._gone = 0
         self._table = table
         self._create = create
         self._born = born
 
     def write(self, sets: int, clears: int) -> None:
         """Make facts true and false; where both are asked for, true wins."""
-        self.facts = (self.facts & ~clears) | sets
+        self.facts = (self.facts & ~clears) | (sets & ~self._gone)
         self.written |= sets | clears
+
+    def concerns_deleted(self, effect: Effect) -> bool:
+        """Whether an effect is about an object that has been deleted: then it has ended."""
+        return any(name in effect.label[2] for name in self.deleted)
 
     def update(self, effect: Effect, progress: tuple[int, ...], active: bool) -> tuple[int, ...]:
         """One update of an effect; returns its new progress (root `DONE` when it completed)."""
@@ -215,12 +217,18 @@ class EffectRun:
         sets = self._table.mask(bound(c, binding) for c in node.fx if c.is_true)
         clears = self._table.mask(bound(c, binding) for c in node.fx if not c.is_true)
         self.write(sets | born, clears & ~sets)
-        self.started += [self._born(definition, binding) for definition in node.sfx]
+        self._start_nested(node, binding)
         return True
 
+    def _start_nested(self, node: Node, binding: dict[str, str]) -> None:
+        born = (self._born(definition, binding) for definition in node.sfx)
+        self.started += [effect for effect in born if not self.concerns_deleted(effect)]
+
     def _deletion(self, node: Node, progress: list[int], active: bool) -> bool:
-        used = self._table.mask([(USED, node.subject)])
+        gone = self._table.mentions(node.subject) & ~self._table.mask([(USED, node.subject)])
         self.write(node.sets, node.clears)
-        self.write(0, self._table.mentions(node.subject) & ~used)
+        self.write(0, gone)
+        self._gone |= gone
         self.deleted.append(node.subject)
+        self._start_nested(node, dict(node.binding))
         return True

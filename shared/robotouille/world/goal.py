@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from robotouille.domain.schema import GoalTerm
 from robotouille.domain.task import Task
-from robotouille.world.atoms import AtomTable
+from robotouille.world.atoms import EXISTS, AtomTable
 from robotouille.world.objects import Atom, Object
 
 __all__ = ["Goal", "Variable"]
@@ -63,6 +63,9 @@ class Goal:
                 mask = self._mask(position, {})
                 self.relevant |= mask
                 self._necessary.append(mask)
+            else:
+                names = {name for i in term.ids for name in self._candidates[i]}
+                self.relevant |= self._table.mask((EXISTS, name) for name in names)
 
     def reached(self, facts: int) -> bool:
         """Whether the goal holds. Most states fail here, one of its predicates being nowhere."""
@@ -129,7 +132,7 @@ class Goal:
             return
         term = self._order[position]
         if term.predicate in self._table.static_predicates:
-            choices = list(self._static_choices(term, binding))
+            choices = list(self._static_choices(term, facts))
         else:
             found = facts & self._mask(position, binding)
             choices = []
@@ -142,9 +145,9 @@ class Goal:
             if extended is not None:
                 yield from self._match(position + 1, extended, facts)
 
-    def _static_choices(self, term: GoalTerm, binding: Binding) -> Iterator[Atom]:
+    def _static_choices(self, term: GoalTerm, facts: int) -> Iterator[Atom]:
         for atom in sorted(self._table.static):
-            if atom[0] == term.predicate:
+            if atom[0] == term.predicate and self._table.holds(atom, facts):
                 yield atom
 
     def _extend(self, term: GoalTerm, atom: Atom, binding: Binding) -> Binding | None:

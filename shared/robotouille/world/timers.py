@@ -102,11 +102,14 @@ class TimerTable:
         run = self._world.effect_run(facts)
         entries = list(timers.entries)
         for effect in action.effects:
+            if run.concerns_deleted(effect):
+                continue
             place = next((i for i, (e, _) in enumerate(entries) if e is effect), None)
             if place is None:
                 place = len(entries)
                 entries.append((effect, effect.start))
             entries[place] = (effect, run.update(effect, entries[place][1], active=True))
+            self._settle(run, entries)
         busy = dict(timers.busy)
         if action.player is not None and action.duration > 1:
             busy[action.player] = action.duration
@@ -114,10 +117,26 @@ class TimerTable:
 
     def tick(self, timers: Timers, facts: int) -> tuple[Change, bool]:
         run = self._world.effect_run(facts)
-        entries = [(e, run.update(e, progress, active=False)) for e, progress in timers.entries]
+        entries = [
+            (effect, run.update(effect, progress, active=False))
+            for effect, progress in timers.entries
+            if not run.concerns_deleted(effect)
+        ]
+        self._settle(run, entries)
         entries = [(e, progress) for e, progress in entries if progress[0] != DONE]
         busy = tuple((name, steps - 1) for name, steps in timers.busy if steps > 1)
         return self._change(run, entries, busy)
+
+    def _settle(self, run: EffectRun, entries: list[Entry]) -> None:
+        """Add what a creation or deletion has started; drop what is about a deleted object."""
+        active = {effect for effect, _ in entries}
+        for effect in run.started:
+            if effect not in active:
+                active.add(effect)
+                entries.append((effect, effect.start))
+        run.started.clear()
+        if run.deleted:
+            entries[:] = [entry for entry in entries if not run.concerns_deleted(entry[0])]
 
     def _change(
         self,
@@ -125,10 +144,6 @@ class TimerTable:
         entries: list[Entry],
         busy: tuple[tuple[str, int], ...],
     ) -> tuple[Change, bool]:
-        entries += [(effect, effect.start) for effect in run.started]
-        if run.deleted:
-            gone = set(run.deleted)
-            entries = [(e, progress) for e, progress in entries if not gone & set(e.label[2])]
         repeatable = not run.written & self._world.table.internal
         timers = self.get(tuple(entries), busy)
         return Change(run.written, run.written & ~run.facts, timers), repeatable

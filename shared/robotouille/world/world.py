@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 from robotouille.domain.catalogue import load_task
+from robotouille.domain.checks import parameter_types
 from robotouille.domain.schema import Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import InapplicableError, did_you_mean
@@ -79,6 +80,11 @@ class World:
         self.table = AtomTable(domain, transient, facts)
         self.schemas = compile_schemas(self.task)
         self._schema = {schema.name: schema for schema in self.schemas}
+        self._nested_labels = {
+            id(effect.definition): (schema.name, i, effect.variables)
+            for schema in self.schemas
+            for i, effect in enumerate(schema.all_effects)
+        }
         self._descriptors = {p.name: p.language_descriptors for p in domain.predicate_defs}
         self._ground: dict[tuple[int, tuple[str, ...]], GroundAction] = {}
         self._effects: dict[tuple[str, int, tuple[str, ...]], Effect] = {}
@@ -249,12 +255,7 @@ class World:
         action = GroundAction(schema, arguments, (schema.index, *order), sentence)
         conditions = [(bound(c, binding), c.is_true) for c in definition.precons]
         conditions += [((EXISTS, a), True) for a in arguments if (EXISTS, a) in self.table.bit]
-        possible = True
-        for atom, is_true in conditions:
-            bit = self.table.bit.get(atom, 0)
-            action.tested |= bit
-            action.required |= bit if is_true else 0
-            possible &= bool(bit) or (atom in self.table.static) == is_true
+        action.tested, action.required, possible = self.table.test(conditions)
         if not possible:
             action.tested, action.required = 0, 1
         sets = self.table.mask(bound(c, binding) for c in definition.immediate_fx if c.is_true)
@@ -280,6 +281,11 @@ class World:
         if any(effect.repeats for effect in schema.effects):
             steps = max(steps, profile.repeat_steps)
         return steps
+
+    @property
+    def known_actions(self) -> tuple[GroundAction, ...]:
+        """The ground actions that have been needed so far."""
+        return tuple(self._ground.values())
 
     # Effects
 
@@ -317,13 +323,7 @@ class World:
         return EffectRun(facts, self.table, self._create, self._born)
 
     def _born(self, definition: EffectDef, binding: dict[str, str]) -> Effect:
-        names = tuple(binding.values())
-        label = (f"{definition.type}:{definition.param}", 0, names)
-        effect = self._effects.get(label)
-        if effect is None:
-            effect = compile_effect(definition, label, binding, self.table, self._count)
-            self._effects[label] = effect
-        return effect
+        return self._effect(definition, self._nested_labels[id(definition)], binding)
 
     # Steps
 
@@ -371,7 +371,7 @@ class World:
             if actor is not None and actor in acted:
                 unmet = (f"{actor} has acted in this step already",)
             elif facts & action.tested != action.required or timers.busy:
-                unmet = self._unmet(facts, timers, action)
+                unmet = self._unmet(facts, timers, action, actor)
             if unmet:
                 attempts.append(Attempt(action, False, unmet))
                 continue
@@ -390,13 +390,15 @@ class World:
 
     def unmet(self, state: State, action: GroundAction) -> tuple[str, ...]:
         """The preconditions of an action that do not hold in a state, in words."""
-        return self._unmet(state.facts, state.timers, action)
+        return self._unmet(state.facts, state.timers, action, action.player)
 
-    def _unmet(self, facts: int, timers: Timers, action: GroundAction) -> tuple[str, ...]:
+    def _unmet(
+        self, facts: int, timers: Timers, action: GroundAction, actor: str | None
+    ) -> tuple[str, ...]:
         unmet = []
-        steps = timers.busy_steps(action.player)
+        steps = timers.busy_steps(actor)
         if steps:
-            unmet.append(f"{action.player} is busy for {steps} more step{'s' * (steps > 1)}")
+            unmet.append(f"{actor} is busy for {steps} more step{'s' * (steps > 1)}")
         binding = action.schema.bind(action.arguments)
         for name in action.arguments:
             if not self._exists(self._things[name], facts):
@@ -448,9 +450,14 @@ class World:
         known = self._effects.get((action, index, arguments))
         if known is not None:
             return known
-        schema = self._schema[action]
-        effect = schema.effects[index]
+        effects = self._schema[action].all_effects
+        if not 0 <= index < len(effects):
+            raise ValueError(f"{action!r} has {len(effects)} effects, found number {index}")
+        effect = effects[index]
         binding = dict(zip(effect.variables, arguments, strict=True))
+        for name in arguments:
+            if name not in self._things:
+                raise KeyError(f"no object {name!r}")
         return self._effect(effect.definition, (action, index, effect.variables), binding)
 
 
@@ -487,11 +494,9 @@ def _creations(task: Task) -> Iterator[tuple[str, str]]:
 
 
 def _deletions(task: Task) -> Iterator[str]:
-    predicates = {p.name: p.param_types for p in task.domain.predicate_defs}
+    predicates = {p.name: p for p in task.domain.predicate_defs}
     for action in task.domain.action_defs:
-        types: dict[str, str] = {}
-        for condition in (*action.precons, *action.immediate_fx):
-            types.update(zip(condition.params, predicates[condition.predicate], strict=True))
+        types = parameter_types(action, predicates)
         for effect in _nested(action.sfx):
             if isinstance(effect, Deletion) and effect.param in types:
                 yield types[effect.param]

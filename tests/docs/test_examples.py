@@ -1,0 +1,121 @@
+"""What the pages show, done."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import Task, World, load_task
+from robotouille.domain.rendering import RenderingFile
+from robotouille.domain.schema import InputFile
+from robotouille.resources import data_folder
+from robotouille_client import connect
+from robotouille_client.cli.main import lint_file
+from robotouille_server import ServerSettings, serve
+from tests.docs.pages import blocks, titled
+from tests.support.virtual_time import run
+
+
+def run_blocks(page: str) -> dict[str, Any]:
+    """Run the Python blocks of a page one after the other."""
+    names: dict[str, Any] = {}
+    for block in blocks(page, "python"):
+        exec(compile(block, page, "exec"), names)
+    return names
+
+
+def settings(**changes: Any) -> ServerSettings:
+    return ServerSettings(port=0, record=False, log_level="error", **changes)
+
+
+def test_recordings_examples() -> None:
+    names = run_blocks("recordings.md")
+    assert names["recording"].verify().ok
+    assert names["recording"].outcome["steps"] == 3
+
+
+def test_api_examples() -> None:
+    """The page's own assertions hold, and its bots play a game on a real server."""
+    names = run_blocks("api.md")
+
+    async def play() -> list[dict[str, Any]]:
+        async with serve(settings()) as server:
+            return await names["host"](server.url)
+
+    outcomes = run(play())
+    assert [outcome["steps"] for outcome in outcomes] == [20, 20]
+    assert sum(seat["said"] for seat in outcomes[0]["seats"]) == 2
+
+
+@pytest.mark.parametrize("mode", ["turn", "lockstep", "realtime"])
+@pytest.mark.parametrize("seats", [1, 2])
+def test_the_json_bot_plays(mode: str, seats: int) -> None:
+    source = titled("protocol.md", "random_bot.py")
+    assert "robotouille" not in source.replace("robotouille.v1.json", "")
+    names: dict[str, Any] = {"__name__": "random_bot"}
+    exec(compile(source, "random_bot.py", "exec"), names)
+    task = ["synchronous/01", "multi_agent/01@2"][seats - 1]
+
+    async def game() -> list[dict[str, Any]]:
+        import asyncio
+
+        async with serve(settings(mode=mode, max_steps=30)) as server:
+            async with connect(server.url, name="host") as host:
+                code = (await host.create(task)).code
+            bots = (names["play"](server.url, code, f"bot {i}") for i in range(seats))
+            return await asyncio.gather(*bots)
+
+    for outcome in run(game()):
+        assert outcome["reason"] == "step_limit"
+        assert outcome["steps"] == 30
+        assert all(seat["applied"] > 5 for seat in outcome["seats"])
+
+
+@pytest.fixture
+def bistro(tmp_path: Path) -> Path:
+    """The files of the page's new dish, made as it says."""
+    domain = json.loads((data_folder("domains") / "robotouille.json").read_text(encoding="utf-8"))
+    additions = json.loads(titled("formats.md", "additions to bistro.json"))
+    for key, value in additions.items():
+        domain[key] = domain[key] + value if isinstance(value, list) else value
+    (tmp_path / "bistro.json").write_text(json.dumps(domain), encoding="utf-8")
+    problem = titled("formats.md", "mushroom_toast.json")
+    (tmp_path / "mushroom_toast.json").write_text(problem, encoding="utf-8")
+    return tmp_path
+
+
+def test_the_new_dish_has_no_faults(bistro: Path) -> None:
+    assert lint_file(str(bistro / "bistro.json")) == []
+    assert lint_file(str(bistro / "mushroom_toast.json")) == []
+
+
+def test_the_new_dish_can_be_cooked(bistro: Path) -> None:
+    world = World(load_task(str(bistro / "mushroom_toast.json")))
+    head, *lines = titled("formats.md", "mushroom_toast.plan").splitlines()
+    assert head == "# task: mushroom_toast.json@1"
+    state = world.initial
+    for line in lines:
+        assert not state.goal_reached
+        actions = [] if line == "-" else [parse(world, part) for part in line.split("; ")]
+        step = state.step(actions)
+        assert all(attempt.applied for attempt in step.attempts), (line, step.attempts)
+        state = step.state
+    assert len(lines) == 25
+    assert state.goal_reached
+
+
+def parse(world: World, text: str) -> Any:
+    name, _, arguments = text.removesuffix(")").partition("(")
+    return world.action(name, *arguments.split(", "))
+
+
+def test_the_new_dish_travels(bistro: Path) -> None:
+    """A task of one's own is complete in itself, as clients get it."""
+    task = load_task(str(bistro / "mushroom_toast.json"))
+    assert Task.from_json(json.loads(json.dumps(task.to_json()))).digest == task.digest
+
+
+def test_parts_of_files_are_valid() -> None:
+    RenderingFile.model_validate(json.loads(titled("formats.md", "part of a rendering")))
+    InputFile.model_validate(json.loads(titled("formats.md", "part of an input file")))

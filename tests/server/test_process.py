@@ -1,0 +1,159 @@
+"""The server as a process: flags, files, signals, health and metrics."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.request import urlopen
+
+import pytest
+
+from robotouille.replay.recording import read_recording
+from robotouille_client import Over, connect
+
+COMMAND = [sys.executable, "-c", "from robotouille_server.cli import main; main()"]
+
+
+@contextmanager
+def process(
+    folder: Path, *flags: str, **environment: str
+) -> Iterator[tuple[subprocess.Popen[str], str, str]]:
+    """A server process, its URL and the code of its first kitchen."""
+    arguments = [*COMMAND, "--port", "0", "--recordings", str(folder), *flags]
+    server = subprocess.Popen(
+        arguments,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **environment},
+    )
+    assert server.stdout is not None
+    try:
+        text = ""
+        for line in server.stdout:
+            text += line
+            if "stop:" in line:
+                break
+        found = re.search(r"(ws://\S+)[\s\S]*code is (\w+)", text)
+        assert found, (text, server.stderr.read() if server.stderr else "")
+        yield server, found.group(1), found.group(2)
+    finally:
+        if server.poll() is None:
+            server.kill()
+        server.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_tells_the_clients_and_closes_the_recordings(tmp_path: Path, number: int) -> None:
+    async def play(url: str, code: str, server: subprocess.Popen[str]) -> Over:
+        async with connect(url, name="ada") as client:
+            game = await client.join(code)
+            result = await game.act(game.actions[0])
+            assert result.applied
+            server.send_signal(number)
+            async for event in game:
+                if isinstance(event, Over):
+                    return event
+        raise AssertionError("the game did not end")
+
+    with process(tmp_path, "--task", "synchronous/01") as (server, url, code):
+        over = asyncio.run(play(url, code, server))
+        assert over.outcome["reason"] == "aborted"
+        assert over.outcome["detail"] == "the server shuts down"
+        assert server.wait(timeout=20) == 0
+    (file,) = tmp_path.iterdir()
+    assert file.suffix == ".rbt"
+    recording = read_recording(file)
+    assert recording.verify().ok
+    assert recording.outcome == over.outcome
+
+
+def test_health_and_metrics_on_the_same_port(tmp_path: Path) -> None:
+    async def play(url: str, code: str) -> None:
+        async with connect(url, name="ada") as client:
+            game = await client.join(code)
+            for _ in range(3):
+                await game.act(None)
+
+    with process(tmp_path, "--task", "synchronous/01", "--max-steps", "3") as (_, url, code):
+        http = url.replace("ws://", "http://")
+        assert urlopen(f"{http}/healthz").read() == b"ok\n"
+        asyncio.run(play(url, code))
+        page = urlopen(f"{http}/metrics")
+        assert page.headers["Content-Type"].startswith("text/plain; version=0.0.4")
+        text = page.read().decode()
+    assert "robotouille_steps_total 3.0" in text
+    assert 'robotouille_outcomes_total{reason="step_limit"} 1.0' in text
+    assert "robotouille_connections " in text
+
+
+def test_settings_come_from_flag_then_environment_then_file(tmp_path: Path) -> None:
+    config = tmp_path / "server.toml"
+    config.write_text(
+        'max_steps = 11\nstep_rate = 7.0\nmode = "realtime"\ntask = "synchronous/02"\n'
+    )
+
+    async def rules(url: str, code: str) -> dict[str, object]:
+        async with connect(url, name="ada") as client:
+            game = await client.join(code, role="spectator")
+            return {**game.clock, "task": game.world.task.name}
+
+    flags = ("--config", str(config), "--max-steps", "33")
+    with process(tmp_path, *flags, ROBOTOUILLE_MAX_STEPS="22", ROBOTOUILLE_STEP_RATE="9") as (
+        _,
+        url,
+        code,
+    ):
+        found = asyncio.run(rules(url, code))
+    assert found["max_steps"] == 33
+    assert found["step_rate"] == 9.0
+    assert found["clock"] == "realtime"
+    assert str(found["task"]).startswith("synchronous/02")
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--mode", "sundial"], "--mode: Input should be 'turn', 'lockstep' or 'realtime'"),
+        (["--port", "70000"], "--port: Input should be less than or equal to 65535"),
+        (["--task", "synchronus/01"], "no task or file 'synchronus/01'"),
+        (["--task", "synchronous/01", "--seats", "3"], "possible: 1"),
+        (["--config", "no-such.toml"], "no-such.toml"),
+        (["--frobnicate"], "No such option"),
+    ],
+)
+def test_a_wrong_flag_is_named(tmp_path: Path, flags: list[str], words: str) -> None:
+    arguments = [*COMMAND, "--recordings", str(tmp_path)]
+    if "--port" not in flags:
+        arguments += ["--port", "0"]
+    done = subprocess.run([*arguments, *flags], capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0
+    assert words in re.sub(r"\s+", " ", done.stderr.replace("│", " "))
+    assert "Traceback" not in done.stderr
+
+
+def test_a_port_in_use_is_said(tmp_path: Path) -> None:
+    with process(tmp_path, "--task", "synchronous/01") as (_, url, _code):
+        port = url.rsplit(":", 1)[1]
+        arguments = [*COMMAND, "--port", port, "--recordings", str(tmp_path)]
+        done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert f"cannot listen on 127.0.0.1:{port}" in done.stderr
+
+
+def test_logs_as_json(tmp_path: Path) -> None:
+    import json
+
+    with process(tmp_path, "--task", "synchronous/01", "--log-format", "json") as (server, _, code):
+        server.send_signal(signal.SIGTERM)
+        _, errors = server.communicate(timeout=20)
+    rows = [json.loads(line) for line in errors.splitlines()]
+    assert {"event": "episode opened", "code": code}.items() <= rows[1].items()
+    assert rows[-1]["event"] == "stopped"

@@ -1,0 +1,93 @@
+"""Walk the fast world and the reference side by side, and compare everything on the way."""
+
+from __future__ import annotations
+
+import random
+from itertools import product
+
+from robotouille import GroundAction, State, Task, World
+from tests.world.reference import Call, Reference, ReferenceState
+
+__all__ = ["compare", "walk_both"]
+
+
+def walk_both(task: Task, steps: int, seed: int) -> int:
+    """A random walk in both worlds; the number of actions that applied."""
+    choose = random.Random(seed)
+    world, reference = World(task), Reference(task)
+    state, expected = world.initial, reference.initial
+    compare(world, state, reference, expected)
+    count = 0
+    for _ in range(steps):
+        joint = [
+            (player, call)
+            for player in choose.sample(world.players, choose.randint(0, len(world.players)))
+            for call in [choose_call(world, state, player, choose)]
+        ]
+        actions = {player: world.action(name, *arguments) for player, (name, arguments) in joint}
+        result = world.step(state, actions)
+        after, applied = reference.step(expected, joint)
+        assert [attempt.applied for attempt in result.attempts] == applied, joint
+        assert [bool(attempt.unmet) for attempt in result.attempts] == [not a for a in applied]
+        compare(world, result.state, reference, after)
+        compare_changes(world, state, result.state, reference, expected, after)
+        if len(actions) == 1 and applied == [True]:
+            assert world.successor(state, *actions.values()) == result.state
+        state, expected = result.state, after
+        count += sum(applied)
+    return count
+
+
+def choose_call(world: World, state: State, player: str, choose: random.Random) -> Call:
+    """Mostly a valid action of the player's; now and then just any action."""
+    valid = state.actions(player)
+    if valid and choose.random() < 0.8:
+        # Rarer actions as often as the many ways to walk somewhere.
+        name = choose.choice(sorted({action.name for action in valid}))
+        action = choose.choice([action for action in valid if action.name == name])
+        return action.name, action.arguments
+    while True:
+        schema = choose.choice(world.schemas)
+        pools = [[o.name for o in world.all_objects() if o.type == k] for _, k in schema.parameters]
+        if schema.player and player in pools[0]:
+            pools[0] = [player]
+        if all(pools):
+            return schema.name, tuple(choose.choice(pool) for pool in pools)
+
+
+def compare(
+    world: World, state: State, reference: Reference, expected: ReferenceState
+) -> None:
+    """Everything that can be seen of a state."""
+    assert set(state.atoms()) == expected.facts
+    assert list(state.timer_rows()) == expected.timer_rows()
+    assert {p: state.busy_steps(p) for p in world.players if state.busy_steps(p)} == expected.busy
+    assert {o.name for o in state.objects} == set(expected.objects)
+    assert state.goal_reached == reference.goal_reached(expected)
+    for player in world.players:
+        actions = [(a.name, a.arguments) for a in state.actions(player)]
+        assert actions == reference.valid(expected, player)
+
+
+def compare_changes(
+    world: World,
+    before: State,
+    after: State,
+    reference: Reference,
+    expected_before: ReferenceState,
+    expected_after: ReferenceState,
+) -> None:
+    """The difference between two states; facts that never change leave with their object."""
+    added, removed = world.changes(before, after)
+    assert set(added) == expected_after.facts - expected_before.facts
+    gone = expected_before.facts - expected_after.facts
+    assert set(removed) == {f for f in gone if f[0] not in world.table.static_predicates}
+
+
+def all_actions(world: World) -> list[GroundAction]:
+    """Every action with every choice of the objects there is room for."""
+    found = []
+    for schema in world.schemas:
+        pools = [[o.name for o in world.all_objects() if o.type == k] for _, k in schema.parameters]
+        found += [world.action(schema.name, *arguments) for arguments in product(*pools)]
+    return found
