@@ -9,11 +9,13 @@ import pytest
 from robotouille import Task, World, load_task
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import InputFile
+from robotouille.planning.plan import read_plan
+from robotouille.planning.validate import replay
 from robotouille.resources import data_folder
 from robotouille_client import connect
 from robotouille_client.cli.main import lint_file
 from robotouille_server import ServerSettings, serve
-from tests.docs.pages import blocks, titled
+from tests.docs.pages import blocks, read, titled
 from tests.support.virtual_time import run
 
 
@@ -92,22 +94,15 @@ def test_the_new_dish_has_no_faults(bistro: Path) -> None:
 
 def test_the_new_dish_can_be_cooked(bistro: Path) -> None:
     world = World(load_task(str(bistro / "mushroom_toast.json")))
-    head, *lines = titled("formats.md", "mushroom_toast.plan").splitlines()
-    assert head == "# task: mushroom_toast.json@1"
-    state = world.initial
-    for line in lines:
-        assert not state.goal_reached
-        actions = [] if line == "-" else [parse(world, part) for part in line.split("; ")]
-        step = state.step(actions)
-        assert all(attempt.applied for attempt in step.attempts), (line, step.attempts)
-        state = step.state
-    assert len(lines) == 25
-    assert state.goal_reached
+    plan = read_plan(titled("formats.md", "mushroom_toast.plan"), world)
+    report = replay(plan, world)
+    assert report.ok, report
+    assert f"in {len(plan)} steps" in read("formats.md")
 
 
-def parse(world: World, text: str) -> Any:
-    name, _, arguments = text.removesuffix(")").partition("(")
-    return world.action(name, *arguments.split(", "))
+def test_plan_example() -> None:
+    names = run_blocks("formats.md")
+    assert f"{names['report'].ok} {names['report']}" in read("formats.md")
 
 
 def test_the_new_dish_travels(bistro: Path) -> None:

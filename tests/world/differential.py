@@ -55,9 +55,7 @@ def choose_call(world: World, state: State, player: str, choose: random.Random) 
             return schema.name, tuple(choose.choice(pool) for pool in pools)
 
 
-def compare(
-    world: World, state: State, reference: Reference, expected: ReferenceState
-) -> None:
+def compare(world: World, state: State, reference: Reference, expected: ReferenceState) -> None:
     """Everything that can be seen of a state."""
     assert set(state.atoms()) == expected.facts
     assert list(state.timer_rows()) == expected.timer_rows()

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from robotouille import State, World
+from robotouille import State, World, load_task
 from robotouille.domain.schema import ProblemFile
 from robotouille.domain.task import Timing, build_task, read_domain
 
-__all__ = ["act", "kitchen", "play", "problem", "waiting"]
+__all__ = [
+    "FILL",
+    "STATES",
+    "act",
+    "filling_pot",
+    "full_pot",
+    "kitchen",
+    "play",
+    "problem",
+    "waiting",
+]
 
 
 def problem(**fields: Any) -> dict[str, Any]:
@@ -37,7 +47,11 @@ def problem(**fields: Any) -> dict[str, Any]:
 
 
 def kitchen(
-    *, timing: str = "benchmark", seats: int | None = None, domain: str = "robotouille", **fields: Any
+    *,
+    timing: str = "benchmark",
+    seats: int | None = None,
+    domain: str = "robotouille",
+    **fields: Any,
 ) -> World:
     """The world of `problem(**fields)`."""
     task = build_task(
@@ -72,3 +86,38 @@ def waiting(state: State, steps: int) -> State:
     for _ in range(steps):
         state = state.step([]).state
     return state
+
+
+FILL = (
+    "Move robot1 from table3 to table2",
+    "Pick up pot1 at table2 with robot1",
+    "Move robot1 from table2 to sink1",
+    "Put down pot1 at sink1 with robot1",
+    "Start filling pot1 with water at sink1 with robot1",
+)
+
+
+def full_pot() -> State:
+    """A pot of water at the sink: `water1` has been created."""
+    state = waiting(play(World(load_task("asynchronous/06")).initial, *FILL), 3)
+    assert [o.name for o in state.objects if o.type == "meal"] == ["water1"]
+    return state
+
+
+def filling_pot() -> State:
+    return waiting(play(World(load_task("asynchronous/06")).initial, *FILL), 1)
+
+
+def walking() -> State:
+    world = World(load_task("multi_agent/01", timing="people"))
+    state = world.initial.step(world.action("move", "robot1", "table2", "table7")).state
+    assert state.busy_steps("robot1") > 0
+    return state
+
+
+STATES = {
+    "initial": lambda: World(load_task("multi_agent/01")).initial,
+    "filling": filling_pot,
+    "full": full_pot,
+    "walking": walking,
+}

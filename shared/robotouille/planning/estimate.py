@@ -144,7 +144,7 @@ class Workbench:
         """Have the world number one more object of each kind that can be created."""
         before = len(self.world.table.atoms)
         try:
-            self.world.restore(1 << before, ())
+            self.world.restore((2 << before) - 1, ())
         except ValueError:
             return False
         return len(self.world.table.atoms) > before

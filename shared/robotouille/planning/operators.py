@@ -111,7 +111,7 @@ def operators(focus: Focus) -> list[Operator]:
     """Every action that matters to a projection."""
     found: dict[Operator, None] = {}
     for schema in focus.vocabulary.world.schemas:
-        if schema in focus.vocabulary.walking:
+        if schema.name in focus.vocabulary.walking:
             continue
         for binding in _bindings(schema, focus):
             operator = _operator(schema, binding, focus)

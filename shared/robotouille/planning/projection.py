@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from itertools import count
+from collections.abc import Iterator
 
 from robotouille.planning.operators import Focus, Operator, operators
 from robotouille.planning.vocabulary import Vocabulary
@@ -49,6 +49,7 @@ class Projection:
             self.focus.abstract(a) for a in mentioned if a[0] not in table.static_predicates
         )
         self.operators = operators(self.focus)
+        self._by_bit = _by_bit(self.operators)
         self.strangers = {s for operator in self.operators for s in operator.strangers}
         self._explored: dict[int, list[tuple[Operator, int]]] = {}
         self._incoming: dict[int, list[tuple[int, Operator]]] = {}
@@ -73,26 +74,26 @@ class Projection:
         if node not in self._explored:
             self._explore(node)
             self._measure()
-        found = self._distance.get((node, place))
-        return self._distance.get((node, ANYWHERE), DEAD) if found is None else found
+        anywhere = self._distance.get((node, ANYWHERE), DEAD)
+        return min(anywhere, self._distance.get((node, place), anywhere))
 
     def near(self, node: int) -> list[str]:
         """The places where the work can go on at once; from elsewhere it is a walk more."""
-        anywhere = self.distance(node)
-        near = []
+        nearer = self.nearer(node)
+        found: dict[str, None] = {}
         for operator, after in self._explored[node]:
             place = operator.place
-            if place is not None and place not in near:
-                here = self._distance.get((node, place), DEAD)
-                through = operator.cost + self._distance.get((after, place), DEAD)
-                if through < here + 1e-6 and here < anywhere:
-                    near.append(place)
-        return near
+            if place in nearer:
+                through = operator.cost + self.distance(after, place)
+                if through < nearer[place] + 1e-6:
+                    found[place] = None
+        return list(found)
 
     def nearer(self, node: int) -> dict[str, float]:
         """The distances from the places from which it is less far than from anywhere."""
         anywhere = self.distance(node)
-        found = {s: self._distance.get((node, s), DEAD) for s in self._vocabulary.stations}
+        places = {o.place for o, _ in self._explored[node] if o.place is not None}
+        found = {s: self._distance.get((node, s), DEAD) for s in places}
         return {s: steps for s, steps in found.items() if steps < anywhere}
 
     @property
@@ -109,46 +110,63 @@ class Projection:
             successors = self._explored[node] = []
             if node & self._goal == self._goal or len(self._explored) > MAX_NODES:
                 continue
-            for operator in self.operators:
-                condition = operator.condition
-                if node & condition.holds != condition.holds or node & condition.lacks:
-                    continue
-                after = operator.apply(node)
-                if after != node:
-                    successors.append((operator, after))
-                    self._incoming.setdefault(after, []).append((node, operator))
-                    frontier.append(after)
+            for position in (-1, *bits_of(node)):
+                for operator in self._by_bit.get(position, ()):
+                    condition = operator.condition
+                    if node & condition.holds != condition.holds or node & condition.lacks:
+                        continue
+                    after = operator.apply(node)
+                    if after != node:
+                        successors.append((operator, after))
+                        self._incoming.setdefault(after, []).append((node, operator))
+                        frontier.append(after)
 
     def _measure(self) -> None:
-        """Dijkstra's algorithm from the goal back; unexplored nodes count as near it."""
-        places = self._vocabulary.stations
+        """Dijkstra's algorithm from the goal back; unexplored nodes count as near it.
+
+        Only the places where a node has work are keys; elsewhere one is as far as anywhere.
+        """
         travel = self._vocabulary.travel_to
-        self._distance.clear()
-        order = count()
-        queue: list[tuple[float, int, Key]] = []
-        for node in self._explored:
-            if node & self._goal == self._goal:
-                queue.append((0.0, next(order), (node, ANYWHERE)))
-            elif not self._explored[node] and len(self._explored) > MAX_NODES:
-                missing = (self._goal & ~node).bit_count()
-                queue.append((4.0 * missing, next(order), (node, ANYWHERE)))
+        distance = self._distance = {}
+        queue = [(d, n, key) for n, (d, key) in enumerate(self._ends())]
         heapq.heapify(queue)
+        order = len(queue)
         while queue:
             steps, _, key = heapq.heappop(queue)
-            if key in self._distance:
+            if key in distance:
                 continue
-            self._distance[key] = steps
+            distance[key] = steps
             node, place = key
-            if place == ANYWHERE:
-                reached = [(steps, (node, other)) for other in places]
-            else:
-                reached = [(steps + travel[place], (node, ANYWHERE))]
+            reached = []
+            if place != ANYWHERE:
+                reached.append((steps + travel[place], (node, ANYWHERE)))
             for before, operator in self._incoming.get(node, ()):
                 if operator.place is None or operator.place == place:
                     reached.append((steps + operator.cost, (before, place)))
+                elif place == ANYWHERE:
+                    reached.append((steps + operator.cost, (before, operator.place)))
             for further, other in reached:
-                if other not in self._distance:
-                    heapq.heappush(queue, (further, next(order), other))
+                if other not in distance:
+                    order += 1
+                    heapq.heappush(queue, (further, order, other))
+
+    def _ends(self) -> Iterator[tuple[float, Key]]:
+        """Where the way ends: at the goal, and where exploration did."""
+        full = len(self._explored) > MAX_NODES
+        for node, successors in self._explored.items():
+            if node & self._goal == self._goal:
+                yield 0.0, (node, ANYWHERE)
+            elif full and not successors:
+                yield 4.0 * (self._goal & ~node).bit_count(), (node, ANYWHERE)
+
+
+def _by_bit(operators: list[Operator]) -> dict[int, list[Operator]]:
+    """Operators by the position of one fact they need; -1 where they need none."""
+    found: dict[int, list[Operator]] = {}
+    for operator in operators:
+        needed = operator.condition.holds
+        found.setdefault(needed.bit_length() - 1, []).append(operator)
+    return found
 
 
 def _mask(vocabulary: Vocabulary, names: tuple[str, ...], stations: frozenset[str]) -> int:

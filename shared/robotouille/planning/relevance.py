@@ -51,7 +51,7 @@ class Relevance:
         for name in action.arguments:
             thing = self._world.thing(name)
             if thing.type in self._vocabulary.station_types:
-                start = action.schema in self._vocabulary.walking
+                start = action.name in self._vocabulary.walking
                 if name not in self.stations and not (start and name == self._leaving(action)):
                     return False
             elif self._vocabulary.is_movable(thing.type):

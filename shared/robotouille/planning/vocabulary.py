@@ -31,8 +31,9 @@ class Vocabulary:
         placed = world.placed
         self.stations = tuple(o.name for o in placed if o.type in self.station_types)
         self._types = {p.name: p.param_types for p in domain.predicate_defs}
-        self.walking = tuple(s for s in world.schemas if self._walks(s))
-        walked = {c.predicate for s in self.walking for c in s.definition.immediate_fx}
+        walking = [s for s in world.schemas if self._walks(s)]
+        self.walking = frozenset(s.name for s in walking)
+        walked = {c.predicate for s in walking for c in s.definition.immediate_fx}
         self.walked = frozenset(walked)
         self.place_predicates = frozenset(p for p in walked if len(self._types[p]) == 2)
         self.classes: dict[str, list[str]] = {}

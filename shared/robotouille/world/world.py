@@ -433,7 +433,9 @@ class World:
 
         Raises KeyError or ValueError where they do not belong to this world.
         """
-        while self._creations and facts.bit_length() > len(self.table.atoms):
+        # Each generation in use has a name that was given: no facts need more room than that.
+        most = facts.bit_count() if self._creations else 0
+        while facts.bit_length() > len(self.table.atoms) and self._generation < most:
             self._add_generation()
             self.goal.refresh()
         if facts < 0 or facts.bit_length() > len(self.table.atoms):
