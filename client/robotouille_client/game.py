@@ -256,6 +256,7 @@ class Game:
                 self._emit(Heard(message.name, message.seat, message.text))
             case messages.Roster():
                 self.phase, self.seats = message.phase, tuple(message.seats)
+                self.turn = message.turn
                 self._emit(RosterChanged(message.phase, self.seats))
             case messages.Ended():
                 self._finish(message.outcome)

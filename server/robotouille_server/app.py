@@ -257,18 +257,32 @@ class Server:
             self.metrics.received.inc()
             ref = None
             try:
-                if not budget.take(loop.time()):
-                    limit = f"{self.settings.messages_per_second:g}"
-                    raise ProtocolError("rate/limited", f"more than {limit} messages a second")
+                allowed = budget.take(loop.time())
                 message = peer.codec.decode_client(payload)
                 ref = getattr(message, "ref", None)
                 if session.peer is not peer:
                     return
-                self._handlers[type(message)](session, message)
+                if allowed:
+                    self._handlers[type(message)](session, message)
+                else:
+                    self._refuse(peer, message)
             except ProtocolError as error:
                 self._answer_error(peer, error, ref)
             if not await peer.drained():
                 return
+
+    def _refuse(self, peer: Peer, message: messages.ClientMessage) -> None:
+        """Too many messages: an action is rejected, anything else an error."""
+        limit = f"{self.settings.messages_per_second:g}"
+        error = ProtocolError("rate/limited", f"more than {limit} messages a second")
+        if not isinstance(message, messages.Act):
+            raise error
+        self.metrics.errors.labels(error.code).inc()
+        rejected = messages.Rejected(
+            seq=message.seq, step=message.basis or 0, action="", reasons=[error.message],
+            code=error.code,
+        )  # fmt: skip
+        peer.send(rejected)
 
     def _answer_error(self, peer: Peer, error: ProtocolError, ref: int | None) -> None:
         self.metrics.errors.labels(error.code).inc()

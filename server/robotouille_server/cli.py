@@ -48,8 +48,9 @@ def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Ca
 
 
 def _shown(default: Any) -> str:
-    value = getattr(default, "value", default)
-    return {None: "none", True: "yes", False: "no"}.get(value, str(value))
+    if default is None or isinstance(default, bool):
+        return {None: "none", True: "yes", False: "no"}[default]
+    return str(getattr(default, "value", default))
 
 
 def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings:

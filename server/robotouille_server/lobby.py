@@ -130,15 +130,14 @@ class Lobby:
 
     def _task(self, request: messages.Create, rules: Rules, seed: int) -> Task:
         name = request.task or self._settings.task
-        if request.task is not None and request.task.endswith(".json"):
-            message = "tasks are named, not read from files, over the network"
-            raise ProtocolError("task/unknown", message, "task")
         timing = request.timing or self._settings.timing_for(rules.clock)
         seats = request.seats if request.seats is not None else self._settings.seats
         if request.task is not None and request.seats is None:
             seats = None
         try:
-            return load_task(name, seats=seats, timing=timing, seed=seed)
+            return load_task(
+                name, seats=seats, timing=timing, seed=seed, files=request.task is None
+            )
         except UnknownTaskError as error:
             raise ProtocolError("task/unknown", str(error), "task") from None
         except FileError as error:

@@ -381,7 +381,10 @@ class Room:
 
     def roster(self) -> messages.Roster:
         return messages.Roster(
-            phase=self.episode.phase.value, seats=self._seats(), spectators=self.spectators
+            phase=self.episode.phase.value,
+            turn=self.episode.on_turn,
+            seats=self._seats(),
+            spectators=self.spectators,
         )
 
     def info(self) -> messages.EpisodeInfo:

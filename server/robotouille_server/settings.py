@@ -14,7 +14,15 @@ from pydantic_settings import (
 )
 
 from robotouille.domain.task import Timing
-from robotouille.episode.rules import Clock, Rules
+from robotouille.episode.rules import (
+    Clock,
+    Grace,
+    MaxSteps,
+    MoveBudget,
+    Rules,
+    StepRate,
+    Thinking,
+)
 
 __all__ = ["ServerSettings"]
 
@@ -30,13 +38,11 @@ class ServerSettings(BaseSettings):
         8765, description="TCP port; 0 takes a free one."
     )
     mode: Clock = Field(Clock.LOCKSTEP, description="Clock: turn, lockstep or realtime.")
-    step_rate: Annotated[float, Field(gt=0, le=60)] = Field(
-        5.0, description="Steps a second in real time."
-    )
-    move_budget: Annotated[float, Field(gt=0)] | None = Field(
+    step_rate: StepRate = Field(5.0, description="Steps a second in real time.")
+    move_budget: MoveBudget | None = Field(
         None, description="Seconds a seat may take for a move in turn and lockstep."
     )
-    thinking: Literal["wall", "declared"] = Field(
+    thinking: Thinking = Field(
         "wall", description="What thinking costs in real time: wall clock, or declared time."
     )
     timing: Timing | None = Field(
@@ -49,10 +55,8 @@ class ServerSettings(BaseSettings):
         None, description="Number of seats, where the task leaves a choice."
     )
     seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of everything random.")
-    max_steps: Annotated[int, Field(ge=1)] = Field(500, description="Step limit of an episode.")
-    grace: Annotated[float, Field(ge=0)] = Field(
-        30.0, description="Seconds a lost connection keeps its seat."
-    )
+    max_steps: MaxSteps = Field(500, description="Step limit of an episode.")
+    grace: Grace = Field(30.0, description="Seconds a lost connection keeps its seat.")
     recordings: Path = Field(Path("recordings"), description="Folder for recordings.")
     record: bool = Field(True, description="Record every episode.")
     max_episodes: Annotated[int, Field(ge=1)] = Field(2000, description="Episodes at a time.")

@@ -8,6 +8,7 @@ from typing import Any
 
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
+from robotouille.world.world import World
 from robotouille_client.bots.policies import Policy
 from robotouille_client.game import Changed, Game, GameEvent
 
@@ -35,6 +36,7 @@ class _Player:
         self._make_policy = make_policy
         self._threaded = threaded
         self._policy: Policy | None = None
+        self._world: World | None = None
         self._decided = -1
         self._tries = 0
 
@@ -74,8 +76,17 @@ class _Player:
             self._tries += 1
 
     async def _decide(self, state: State) -> GroundAction | None:
+        """Ask the policy, in a copy of the world of its own: it may think in another thread."""
+        mine = self._copy(state)
         if self._policy is None:
-            self._policy = self._make_policy(state, self._game.seat or "")
+            self._policy = self._make_policy(mine, self._game.seat or "")
         if self._threaded:
-            return await asyncio.to_thread(self._policy.act, state)
-        return self._policy.act(state)
+            action = await asyncio.to_thread(self._policy.act, mine)
+        else:
+            action = self._policy.act(mine)
+        return None if action is None else state.world.action(action.name, *action.arguments)
+
+    def _copy(self, state: State) -> State:
+        if self._world is None or self._world.task != state.world.task:
+            self._world = World(state.world.task)
+        return self._world.restore(state.facts, state.timer_rows(), state.timers.busy)

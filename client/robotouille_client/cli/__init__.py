@@ -1,5 +1,1 @@
-"""`robotouille`: everything that needs no server."""
-
-from robotouille_client.cli.main import main
-
-__all__ = ["main"]
+"""The commands that need no server, and what all commands share."""

@@ -82,11 +82,11 @@ def lint(
 def lint_file(name: str, domain: str | None = None) -> list[Fault]:
     """All faults of one file, whichever of the four kinds it is."""
     from robotouille import load_task
-    from robotouille.domain.checks import check_domain
+    from robotouille.domain.checks import check_domain, check_input
     from robotouille.domain.files import read_json, validate
     from robotouille.domain.rendering import RenderingFile
     from robotouille.domain.schema import DomainFile, InputFile
-    from robotouille.domain.task import complete_domain
+    from robotouille.domain.task import complete_domain, read_domain
     from robotouille.world.lint import lint_domain, lint_task
 
     try:
@@ -96,8 +96,10 @@ def lint_file(name: str, domain: str | None = None) -> list[Fault]:
             parsed = complete_domain(validate(raw, DomainFile, name))
             return check_domain(parsed) or lint_domain(parsed)
         if "keyboard_actions" in keys or "mouse_click_actions" in keys:
-            validate(raw, InputFile, name)
-            return []
+            inputs = validate(raw, InputFile, name)
+            own = Path(name.replace(".input.json", ".json"))
+            beside = str(own) if own.is_file() and str(own) != name else "robotouille"
+            return check_input(inputs, read_domain(domain or beside))
         if "floor" in keys and "goal" not in keys:
             validate(raw, RenderingFile, name)
             return []

@@ -10,7 +10,7 @@ import typer
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
-from robotouille_client.bots.cli import BotKind, policy_maker
+from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.cli.console import fail
 
 __all__ = ["play"]

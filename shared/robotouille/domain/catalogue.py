@@ -29,15 +29,18 @@ def load_task(
     timing: Timing | str = Timing.BENCHMARK,
     domain: DomainFile | str | None = None,
     seed: int = 0,
+    files: bool = True,
 ) -> Task:
     """A shipped task by its name (or an unambiguous start of it), or a problem file by its path.
 
     `name` may end in `@N` for N seats. `seed` decides the kinds of objects that the problem leaves
-    open. Raises UnknownTaskError or FileError.
+    open. Without `files`, only shipped tasks are found. Raises UnknownTaskError or FileError.
     """
     base, at, count = name.rpartition("@")
     if at and count.isdigit():
         name, seats = base, int(count)
+    if not files and name.endswith(".json"):
+        raise UnknownTaskError(name, task_names())
     path = _find(name)
     problem = validate(read_json(path), ProblemFile, str(path))
     if not isinstance(domain, DomainFile):

@@ -376,7 +376,7 @@ class Episode:
             self._ask(now)
 
     def _moves(self) -> tuple[Move, ...]:
-        """The joint action: in seat order, in real time in order of arrival."""
+        """The joint action: in order of arrival where the wall clock rules, else in seat order."""
         ready = []
         for seat in self.seats.values():
             pending = seat.pending
@@ -386,7 +386,7 @@ class Episode:
                 if pending.action is not None:
                     move = Move(seat.player, pending.action, pending.seq, pending.latency)
                     ready.append((pending.order, move))
-        if self.rules.clock is Clock.REALTIME:
+        if self.rules.scheduled:
             ready.sort(key=lambda pair: pair[0])
         return tuple(move for _, move in ready)
 

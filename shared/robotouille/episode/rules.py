@@ -7,7 +7,14 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Clock", "Rules"]
+__all__ = ["Clock", "Grace", "MaxSteps", "MoveBudget", "Rules", "StepRate", "Thinking"]
+
+
+StepRate = Annotated[float, Field(gt=0, le=60)]
+MoveBudget = Annotated[float, Field(gt=0, le=86_400)]
+MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
+Grace = Annotated[float, Field(ge=0, le=86_400)]
+Thinking = Literal["wall", "declared"]
 
 
 class Clock(StrEnum):
@@ -33,11 +40,11 @@ class Rules(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     clock: Clock = Clock.LOCKSTEP
-    step_rate: Annotated[float, Field(gt=0, le=1000)] = 5.0
-    move_budget: Annotated[float, Field(gt=0, le=86_400)] | None = None
-    max_steps: Annotated[int, Field(ge=1, le=1_000_000)] = 500
-    thinking: Literal["wall", "declared"] = "wall"
-    grace: Annotated[float, Field(ge=0, le=86_400)] = 30.0
+    step_rate: StepRate = 5.0
+    move_budget: MoveBudget | None = None
+    max_steps: MaxSteps = 500
+    thinking: Thinking = "wall"
+    grace: Grace = 30.0
 
     @property
     def period(self) -> float:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from robotouille.domain.task import Timing
-from robotouille.episode.rules import Clock
+from robotouille.episode.rules import Clock, MaxSteps, MoveBudget, StepRate, Thinking
 
 __all__ = [
     "CLIENT_MESSAGES",
@@ -93,10 +93,10 @@ class Create(Message):
     seats: Annotated[int, Field(ge=1, le=16)] | None = None
     clock: Annotated[Clock, Field(strict=False)] | None = None
     timing: Annotated[Timing, Field(strict=False)] | None = None
-    step_rate: Annotated[float, Field(gt=0, le=60)] | None = None
-    move_budget: Annotated[float, Field(gt=0, le=86_400)] | None = None
-    max_steps: Annotated[int, Field(ge=1, le=100_000)] | None = None
-    thinking: Literal["wall", "declared"] | None = None
+    step_rate: StepRate | None = None
+    move_budget: MoveBudget | None = None
+    max_steps: MaxSteps | None = None
+    thinking: Thinking | None = None
     seed: Annotated[int, Field(ge=0, le=2**53)] | None = None
 
 
@@ -332,10 +332,11 @@ class Said(Message):
 
 
 class Roster(Message):
-    """Who plays and who watches, sent when it changes."""
+    """Who plays and who watches, and whose turn it is; sent when it changes."""
 
     type: Literal["roster"] = "roster"
     phase: str
+    turn: str | None = None
     seats: list[SeatInfo]
     spectators: int = 0
 

@@ -1,0 +1,55 @@
+"""The bots that are shipped, by name."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.world.state import State
+from robotouille.world.world import World
+from robotouille_client.bots.player import MakePolicy
+from robotouille_client.bots.policies import Policy, RandomPolicy, ScriptedPolicy
+
+__all__ = ["BotKind", "policy_maker"]
+
+
+class BotKind(StrEnum):
+    """What decides: chance, a plan file, or search."""
+
+    RANDOM = "random"
+    SCRIPTED = "scripted"
+    PLANNER = "planner"
+
+
+def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> MakePolicy:
+    """How to make the policy of a seat."""
+
+    def make(state: State, player: str) -> Policy:
+        if kind is BotKind.RANDOM:
+            return RandomPolicy(player, seed)
+        if kind is BotKind.SCRIPTED:
+            return _scripted(state, player, plan)
+        from robotouille.planning.policy import PlannerPolicy
+
+        return PlannerPolicy(state.world, player, seed=seed)
+
+    return make
+
+
+def _scripted(state: State, player: str, plan: Path | None) -> Policy:
+    from robotouille.planning.plan import read_plan
+
+    from robotouille.world.world import World
+
+    from robotouille.planning.plan import read_plan
+
+    if plan is None:
+        raise RobotouilleError("a scripted bot plays a plan file: --plan FILE")
+    task = state.world.task
+    rehearsal = World(type(task).from_json({**task.to_json(), "timing": "benchmark"}))
+    try:
+        text = plan.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(str(plan), [Fault("", f"cannot be read: {error}")]) from None
+    return ScriptedPolicy(rehearsal, player, read_plan(text, rehearsal))

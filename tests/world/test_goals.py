@@ -1,0 +1,150 @@
+"""When a goal holds, and that finding out is quick."""
+
+from typing import Any
+
+import pytest
+
+from robotouille import World, load_task
+from robotouille.world.goal import Goal
+from tests.world.kitchens import FILL, act, kitchen, play, waiting
+
+
+def item(name: str, x: int, level: int = 0, **more: Any) -> dict[str, Any]:
+    return {"name": name, "x": x, "y": 0, "stack-level": level, **more}
+
+
+def term(predicate: str, *pairs: tuple[str, int | str]) -> dict[str, Any]:
+    return {
+        "predicate": predicate,
+        "args": [kind for kind, _ in pairs],
+        "ids": [identifier for _, identifier in pairs],
+    }
+
+
+def holds(*goal: dict[str, Any], **fields: Any) -> bool:
+    return kitchen(goal=list(goal), **fields).initial.goal_reached
+
+
+STACK = [item("bread", 0), item("lettuce", 0, 1), item("bread", 0, 2)]
+APART = [item("bread", 0), item("lettuce", 1), item("bread", 2)]
+
+
+def test_one_id_is_one_object_throughout() -> None:
+    on_table = term("item_on", ("bread", 1), ("table", 2))
+    clear = term("clear", ("bread", 1))
+    other = term("clear", ("bread", 3))
+    assert holds(on_table, items=STACK)
+    assert not holds(on_table, clear, items=STACK)
+    assert holds(on_table, other, items=STACK)
+    assert holds(on_table, clear, items=APART)
+
+
+def test_two_ids_of_a_kind_are_two_objects() -> None:
+    goal = [term("clear", ("bread", 1)), term("clear", ("bread", 2))]
+    assert holds(*goal, items=APART)
+    assert not holds(*goal, items=STACK)
+    tables = [term("item_on", ("bread", 1), ("table", n)) for n in (2, 3)]
+    assert not holds(*tables, items=APART)
+
+
+def test_a_wildcard_stands_for_any_object_of_its_type() -> None:
+    assert holds(term("item_on", ("item", 1), ("board", 2)), items=APART)
+    assert holds(term("item_on", ("lettuce", 1), ("station", 2)), items=APART)
+    assert not holds(term("item_on", ("item", 1), ("stove", 2)), items=APART)
+    two = [term("atop", ("item", 1), ("item", 2)), term("atop", ("item", 3), ("item", 1))]
+    assert holds(*two, items=STACK)
+    three = [*two, term("atop", ("item", 4), ("item", 3))]
+    assert not holds(*three, items=STACK)
+
+
+def test_a_wildcard_may_be_an_object_that_is_named_by_its_kind_too() -> None:
+    """Only ids of one kind have to differ."""
+    both = [term("clear", ("lettuce", 1)), term("clear", ("item", 2))]
+    assert holds(*both, items=[item("lettuce", 0)])
+    assert not holds(*both, term("clear", ("item", 3)), items=[item("lettuce", 0)])
+
+
+def test_a_string_id_is_the_object_that_carries_it() -> None:
+    items = [item("bread", 0, id="left"), item("bread", 1, id="right"), item("lettuce", 1, 1)]
+    assert holds(term("clear", ("bread", "left")), items=items)
+    assert not holds(term("clear", ("bread", "right")), items=items)
+    assert holds(term("atop", ("item", 1), ("bread", "right")), items=items)
+    assert not holds(term("clear", ("bread", "left")), term("clear", ("bread", 1)), items=items)
+
+
+def test_the_first_kind_of_an_id_counts() -> None:
+    goal = [term("clear", ("cheese", 1)), term("item_on", ("lettuce", 1), ("table", 2))]
+    assert holds(*goal, items=[item("cheese", 0)])
+    assert not holds(*goal, items=[item("lettuce", 0)])
+
+
+def test_an_empty_goal_holds_at_once() -> None:
+    assert holds()
+
+
+def test_static_facts_count_in_goals() -> None:
+    assert holds(term("iscuttable", ("lettuce", 1)), items=[item("lettuce", 0, predicates=["iscuttable"])])
+    assert not holds(term("iscuttable", ("lettuce", 1)), items=[item("lettuce", 0)])
+
+
+def test_created_objects_meet_goals_where_they_exist() -> None:
+    goal = [term("in", ("water", 1), ("pot", 2))]
+    cook = [{"name": "robot", "x": 5, "y": 1, "direction": [0, -1]}]
+    world = kitchen(goal=goal, containers=[{"name": "pot", "x": 5, "y": 0}], players=cook)
+    state = act(world.initial, "fill-pot", "robot1", "pot1", "sink1")
+    assert [waiting(state, n).goal_reached for n in range(5)] == [False] * 3 + [True] * 2
+    assert not world.initial.goal_reached
+
+
+def test_the_shipped_soup_is_served() -> None:
+    state = waiting(play(World(load_task("asynchronous/06")).initial, *FILL), 3)
+    state = play(
+        state,
+        "Pick up pot1 at sink1 with robot1",
+        "Move robot1 from sink1 to stove1",
+        "Put down pot1 at stove1 with robot1",
+        "Start boiling water1 in pot1 at stove1 with robot1",
+        "Move robot1 from stove1 to table4",
+        "Pick up potato1 at table4 with robot1",
+        "Move robot1 from table4 to stove1",
+        "Add potato1 to water1 in pot1 at stove1 with robot1",
+        "Pick up pot1 at stove1 with robot1",
+        "Move robot1 from stove1 to table1",
+    )
+    assert not state.goal_reached
+    state = play(state, "Pour water1 from pot1 into bowl1 at table1 with robot1")
+    assert state.goal_reached
+
+
+@pytest.mark.parametrize("last_is_cut", [True, False])
+def test_a_goal_of_many_alike_is_matched_without_trying_all(
+    last_is_cut: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Twelve tomatoes on twelve tables: 12! × 12! choices; a few hundred attempts must do."""
+    attempts = 0
+    extend = Goal._extend
+
+    def counting(self: Goal, *arguments: Any) -> Any:
+        nonlocal attempts
+        attempts += 1
+        assert attempts < 20_000, "too much work"
+        return extend(self, *arguments)
+
+    monkeypatch.setattr(Goal, "_extend", counting)
+    count = 12
+    done = [["iscut"]] * (count - 1) + [["iscut"] if last_is_cut else []]
+    goal = [
+        wanted
+        for i in range(count)
+        for wanted in (
+            term("iscut", ("tomato", i)),
+            term("item_on", ("tomato", i), ("table", 100 + i)),
+        )
+    ]
+    world = kitchen(
+        width=count,
+        stations=[{"name": "table", "x": x, "y": 0} for x in range(count)],
+        items=[item("tomato", x, predicates=done[x]) for x in range(count)],
+        goal=goal,
+    )
+    assert world.initial.goal_reached is last_is_cut
