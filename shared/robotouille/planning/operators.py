@@ -9,7 +9,7 @@ a price.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 from robotouille.domain.schema import Condition, Creation, Deletion, EffectDef
@@ -31,12 +31,16 @@ Binding = dict[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Facts that change if those in `holds` are true and those in `lacks` are not."""
+    """Facts that change if those in `holds` are true and those in `lacks` are not.
+
+    `deleted` is an object of which every fact is cleared.
+    """
 
     holds: int
     lacks: int
     clears: int
     sets: int
+    deleted: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +121,18 @@ def operators(focus: Focus) -> list[Operator]:
             operator = _operator(schema, binding, focus)
             if operator is not None:
                 found[operator] = None
-    return list(found)
+    return [_with_deletions(operator, focus) for operator in found]
+
+
+def _with_deletions(operator: Operator, focus: Focus) -> Operator:
+    """The operator with the facts of deleted objects cleared, now that all are numbered."""
+    if not any(outcome.deleted for outcome in operator.outcomes):
+        return operator
+    outcomes = []
+    for outcome in operator.outcomes:
+        about = sum(bit for atom, bit in focus.bits.items() if outcome.deleted in atom[1:])
+        outcomes.append(replace(outcome, clears=outcome.clears | about, deleted=""))
+    return replace(operator, outcomes=tuple(outcomes))
 
 
 def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
@@ -174,7 +189,7 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
         for i, effect in enumerate(definition.sfx):
             found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
             outcomes += found
-            cost += _price(action, i) if any(o.sets or o.clears for o in found) else 0.0
+            cost += _price(action, i) if any(o.sets or o.clears or o.deleted for o in found) else 0.0
     place = _place(schema, binding, focus)
     if not _handles(definition.precons + definition.immediate_fx, binding, focus):
         if condition.sets & focus.mask(focus.guests):
@@ -182,7 +197,7 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
         elif strangers:
             cost += DISTURBING
     touched = condition.sets | condition.clears
-    if not touched and not any(o.sets or o.clears for o in outcomes):
+    if not touched and not any(o.sets or o.clears or o.deleted for o in outcomes):
         return None
     return Operator(place, cost, condition, tuple(outcomes), strangers)
 
@@ -242,10 +257,10 @@ def _outcomes(effect: EffectDef, binding: Binding, focus: Focus, given: Outcome)
         0,
     )
     clears = focus.mask(_atoms(effect.fx, binding, False))
-    if isinstance(effect, Deletion) and binding[effect.param] in focus.names:
-        clears = -1
     sets = focus.mask(_atoms(effect.fx, binding, True))
-    found = [Outcome(given.holds, given.lacks, clears, sets)]
+    gone = binding[effect.param] if isinstance(effect, Deletion) else ""
+    gone = gone if gone in focus.names else ""
+    found = [Outcome(given.holds, given.lacks, clears, sets, gone)]
     for nested in effect.sfx:
         found += _outcomes(nested, binding, focus, given)
     return found

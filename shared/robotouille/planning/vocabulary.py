@@ -70,11 +70,13 @@ class Vocabulary:
 
     @cached_property
     def _distinguishing(self) -> frozenset[str]:
-        """Static predicates that decide which of several movables an action can combine."""
+        """Static predicates that decide which movables an action combines, or does something to
+        a station with."""
         found = set()
         for schema in self.world.schemas:
             movable = {n for n, kind in schema.parameters if self.is_movable(kind)}
-            if len(movable) > 1:
+            effects = schema.definition.immediate_fx
+            if len(movable) > 1 or any(self._is_about_stations(c.predicate) for c in effects):
                 found |= {
                     c.predicate
                     for c in schema.definition.precons
@@ -83,6 +85,9 @@ class Vocabulary:
                     and c.params[0] in movable
                 }
         return frozenset(found)
+
+    def _is_about_stations(self, predicate: str) -> bool:
+        return predicate not in self.walked and set(self._types[predicate]) <= self.station_types
 
     def class_of(self, name: str) -> str:
         """The placeholder that stands for a movable where it is not told apart from its like."""

@@ -5,17 +5,21 @@ A goal is never expanded into all its combinations (world.md, "Goals").
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 from robotouille.domain.schema import GoalTerm
 from robotouille.domain.task import Task
-from robotouille.world.atoms import EXISTS, AtomTable
+from robotouille.world.atoms import EXISTS, AtomTable, bits_of
 from robotouille.world.objects import Atom, Object
 
 __all__ = ["Goal", "Variable"]
 
 Binding = dict[int | str, str]
+Domains = dict[int | str, frozenset[str]]
+Rows = dict[GoalTerm, list[tuple[str, ...]]]
 
 MAX_KEPT = 100_000
 
@@ -48,19 +52,27 @@ class Goal:
                     fixed = labels.get(identifier) if isinstance(identifier, str) else None
                     variable = Variable(identifier, kind, kind in types, fixed)
                     self.variables[identifier] = variable
+        kinds = Counter(v.kind for v in self.variables.values())
+        self._groups = [
+            [v.id for v in self.variables.values() if v.kind == kind]
+            for kind, count in kinds.items()
+            if count > 1
+        ]
         self.refresh()
 
     def refresh(self) -> None:
         """Take account of objects that have been added to the world."""
         self._candidates = {v.id: self._candidates_of(v) for v in self.variables.values()}
-        self._masks: dict[tuple[int, tuple[str | None, ...]], int] = {}
-        self._order = self._ordered()
+        self._mask = {term: self._possible(term) for term in self.terms}
+        self._static = {
+            term: sorted(atom for atom in self._table.static if atom[0] == term.predicate)
+            for term in self.terms
+        }
         self.relevant = 0
         self._necessary: list[int] = []
         self._known: dict[int, bool] = {}
-        for position, term in enumerate(self._order):
+        for term, mask in self._mask.items():
             if term.predicate not in self._table.static_predicates:
-                mask = self._mask(position, {})
                 self.relevant |= mask
                 self._necessary.append(mask)
             else:
@@ -82,7 +94,8 @@ class Goal:
 
     def assignments(self, facts: int) -> Iterator[Binding]:
         """Every choice of objects that makes the goal true in `facts`."""
-        yield from self._match(0, {}, facts)
+        rows = {term: self._rows(term, facts) for term in self.terms}
+        yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows)
 
     def candidates(self, identifier: int | str) -> tuple[str, ...]:
         """The objects that a variable can stand for."""
@@ -94,7 +107,20 @@ class Goal:
 
     def possible_mask(self, term: GoalTerm) -> int:
         """The atoms that one predicate of the goal could be met by."""
-        return self._mask(self._order.index(term), {})
+        return self._mask[term]
+
+    def _possible(self, term: GoalTerm) -> int:
+        if term.predicate in self._table.static_predicates:
+            return 0
+        free = (None,) * len(term.ids)
+        mask = self._table.matching((term.predicate, *free))
+        for argument, identifier in enumerate(term.ids):
+            allowed = 0
+            for name in self._candidates[identifier]:
+                pattern = (*free[:argument], name, *free[argument + 1 :])
+                allowed |= self._table.matching((term.predicate, *pattern))
+            mask &= allowed
+        return mask
 
     def _candidates_of(self, variable: Variable) -> tuple[str, ...]:
         if variable.fixed is not None:
@@ -105,81 +131,80 @@ class Goal:
             if (o.type if variable.is_type else o.kind) == variable.kind
         )
 
-    def _ordered(self) -> list[GoalTerm]:
-        """Predicates with few possibilities first, then those that share objects with them."""
-        rest = list(self.terms)
-        order: list[GoalTerm] = []
-        known: set[int | str] = set()
-
-        def cost(term: GoalTerm) -> tuple[int, int]:
-            size = 1
-            for identifier in term.ids:
-                if identifier not in known:
-                    size *= len(self._candidates[identifier]) or 1
-            static = term.predicate in self._table.static_predicates
-            return (size, 0 if static else 1)
-
-        while rest:
-            best = min(rest, key=cost)
-            rest.remove(best)
-            order.append(best)
-            known.update(best.ids)
-        return order
-
-    def _match(self, position: int, binding: Binding, facts: int) -> Iterator[Binding]:
-        if position == len(self._order):
-            yield dict(binding)
-            return
-        term = self._order[position]
+    def _rows(self, term: GoalTerm, facts: int) -> list[tuple[str, ...]]:
+        """The choices of objects for one predicate that make it true."""
         if term.predicate in self._table.static_predicates:
-            choices = list(self._static_choices(term, facts))
+            atoms = [atom for atom in self._static[term] if self._table.holds(atom, facts)]
         else:
-            found = facts & self._mask(position, binding)
-            choices = []
-            while found:
-                low = found & -found
-                choices.append(self._table.atoms[low.bit_length() - 1])
-                found ^= low
-        for atom in choices:
-            extended = self._extend(term, atom, binding)
-            if extended is not None:
-                yield from self._match(position + 1, extended, facts)
+            atoms = [self._table.atoms[i] for i in bits_of(facts & self._mask[term])]
+        return [atom[1:] for atom in atoms if self._suits(term, atom[1:])]
 
-    def _static_choices(self, term: GoalTerm, facts: int) -> Iterator[Atom]:
-        for atom in sorted(self._table.static):
-            if atom[0] == term.predicate and self._table.holds(atom, facts):
-                yield atom
+    def _suits(self, term: GoalTerm, names: tuple[str, ...]) -> bool:
+        """Whether equal ids are equal objects, and different ids of a kind different ones."""
+        for (one, name), (other, taken) in combinations(zip(term.ids, names, strict=True), 2):
+            alike = self.variables[one].kind == self.variables[other].kind
+            if name != taken if one == other else name == taken and alike:
+                return False
+        return True
 
-    def _extend(self, term: GoalTerm, atom: Atom, binding: Binding) -> Binding | None:
-        extended = binding
-        for identifier, name in zip(term.ids, atom[1:], strict=True):
-            if identifier in extended:
-                if extended[identifier] != name:
+    def _search(self, domains: Domains, rows: Rows) -> Iterator[Binding]:
+        """Choose for the variable with the fewest choices left, and draw conclusions first."""
+        narrowed = self._narrow(domains, rows)
+        if narrowed is None:
+            return
+        domains, rows = narrowed
+        undecided = [identifier for identifier, names in domains.items() if len(names) > 1]
+        if not undecided:
+            yield {identifier: name for identifier, (name,) in domains.items()}
+            return
+        chosen = min(undecided, key=lambda identifier: len(domains[identifier]))
+        for name in self._candidates[chosen]:
+            if name in domains[chosen]:
+                yield from self._search({**domains, chosen: frozenset((name,))}, rows)
+
+    def _narrow(self, domains: Domains, rows: Rows) -> tuple[Domains, Rows] | None:
+        """Drop choices that contradict another predicate; None where nothing is left.
+
+        This, and the test that there are enough objects of each kind, spares the search from
+        trying all the orders of objects that are alike.
+        """
+        domains, rows = dict(domains), dict(rows)
+        before = None
+        while before != domains:
+            before = dict(domains)
+            for term, choices in rows.items():
+                pools = [domains[identifier] for identifier in term.ids]
+                kept = [
+                    names
+                    for names in choices
+                    if all(name in pool for name, pool in zip(names, pools, strict=True))
+                ]
+                if not kept:
                     return None
-                continue
-            if name not in self._candidates[identifier]:
-                return None
-            kind = self.variables[identifier].kind
-            for other, taken in extended.items():
-                if taken == name and self.variables[other].kind == kind:
+                rows[term] = kept
+                for identifier, column in zip(term.ids, zip(*kept, strict=True), strict=True):
+                    domains[identifier] = domains[identifier].intersection(column)
+            for group in self._groups:
+                if not _make_different(domains, group):
                     return None
-            extended = {**extended, identifier: name}
-        return extended
+        return domains, rows
 
-    def _mask(self, position: int, binding: Binding) -> int:
-        term = self._order[position]
-        pattern = tuple(binding.get(identifier) for identifier in term.ids)
-        mask = self._masks.get((position, pattern))
-        if mask is None:
-            mask = self._table.matching((term.predicate, *pattern))
-            for argument, identifier in enumerate(term.ids):
-                if pattern[argument] is None:
-                    allowed = 0
-                    for name in self._candidates[identifier]:
-                        single = [None] * len(pattern)
-                        allowed |= self._table.matching(
-                            (term.predicate, *single[:argument], name, *single[argument + 1 :])
-                        )
-                    mask &= allowed
-            self._masks[(position, pattern)] = mask
-        return mask
+
+def _make_different(domains: Domains, group: list[int | str]) -> bool:
+    """Take decided objects from the other variables of a kind; whether there are enough."""
+    for identifier in group:
+        if len(domains[identifier]) == 1:
+            for other in group:
+                if other != identifier:
+                    domains[other] -= domains[identifier]
+    owners: dict[str, int | str] = {}
+
+    def find(identifier: int | str, tried: set[str]) -> bool:
+        for name in domains[identifier] - tried:
+            tried.add(name)
+            if name not in owners or find(owners[name], tried):
+                owners[name] = identifier
+                return True
+        return False
+
+    return all(find(identifier, set()) for identifier in group)

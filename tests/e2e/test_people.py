@@ -1,0 +1,146 @@
+"""Two people play the first multi-agent task: real windows, a real mouse and real keys.
+
+A server process in real time, two `robotouille-client` processes under Xvfb that join by code, and
+xdotool in the place of hands. A spectator's connection tells when an action has taken effect.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import GroundAction, World, load_task
+from robotouille.domain.files import read_model
+from robotouille.domain.schema import InputFile
+from robotouille.planning.plan import read_plan
+from robotouille.replay.recording import read_recording
+from robotouille.resources import data_folder
+from robotouille_client import Changed, Game, connect
+from robotouille_client.bots import ScriptedPolicy
+from tests.server.test_process import process
+
+TASK = "multi_agent/01_lettuce_burger"
+SIZE = (1280, 720)
+
+pytestmark = pytest.mark.skipif(
+    not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
+)
+
+
+@contextmanager
+def screen() -> Iterator[str]:
+    """A virtual screen; yields its DISPLAY."""
+    reading, writing = os.pipe()
+    arguments = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24"]
+    server = subprocess.Popen(
+        [*arguments, "-nolisten", "tcp"], pass_fds=[writing], stderr=subprocess.DEVNULL
+    )
+    os.close(writing)
+    try:
+        with os.fdopen(reading) as pipe:
+            yield f":{pipe.readline().strip()}"
+    finally:
+        server.terminate()
+        server.wait()
+
+
+class Person:
+    """Somebody at a window: knows where things are on the screen, clicks and presses keys."""
+
+    def __init__(self, display: str, world: World) -> None:
+        from robotouille_client.window.painter import Painter
+
+        self._environment = {**os.environ, "DISPLAY": display}
+        self._layout = Painter().layout(SIZE, world)
+        self._world = world
+        inputs = read_model(data_folder("domains") / "robotouille.input.json", InputFile)
+        self._clicks = {c.name: c.input_instructions.click_on for c in inputs.mouse_click_actions}
+        self._keys = {k.name: k.input_instructions.key for k in inputs.keyboard_actions}
+
+    def do(self, action: GroundAction) -> None:
+        """What a person does to have this happen."""
+        if action.name in self._keys:
+            self._xdotool("key", self._keys[action.name])
+            return
+        station = action.schema.bind(action.arguments)[self._clicks[action.name]]
+        tile = self._world.thing(station).tile
+        assert tile is not None
+        x, y = self._layout.cell(tile).center
+        self._xdotool("mousemove", str(x), str(y), "click", "1")
+
+    def _xdotool(self, *words: str) -> None:
+        subprocess.run(["xdotool", *words], env=self._environment, check=True, timeout=10)
+
+
+def client(display: str, url: str, code: str, seat: str, picture: Path) -> subprocess.Popen[bytes]:
+    program = "from robotouille_client.window.cli import main; main()"
+    arguments = [code, "--url", url, "--name", f"person-{seat}", "--seat", seat]
+    arguments += ["--linger", "1", "--screenshot", str(picture)]
+    environment = {**os.environ, "DISPLAY": display, "SDL_VIDEODRIVER": "x11"}
+    return subprocess.Popen([sys.executable, "-c", program, *arguments], env=environment)
+
+
+async def cook(url: str, code: str, people: dict[str, Person]) -> dict[str, Any]:
+    """Act through the windows until the meal is ready."""
+    async with connect(url, name="eye") as eye:
+        game = await eye.join(code, role="spectator")
+        rehearsal = World(load_task(TASK, seats=2))
+        text = (data_folder("problems") / f"{TASK}@2.plan").read_text()
+        plan = read_plan(text, rehearsal)
+        scripts = {p: ScriptedPolicy(rehearsal, p, plan) for p in people}
+        async with asyncio.timeout(120):
+            while not game.running:
+                await game.next_event()
+            await asyncio.sleep(1.0)
+            while not game.ended:
+                await look(game, scripts)
+                for player, person in people.items():
+                    if game.running and not game.state.busy_steps(player):
+                        action = scripts[player].act(game.state)
+                        if action is not None:
+                            await asyncio.to_thread(person.do, action)
+        return game.outcome or {}
+
+
+async def look(game: Game, scripts: dict[str, ScriptedPolicy]) -> None:
+    """See what has happened for a few steps: hands are slower than messages."""
+    for _ in range(3):
+        event = await game.next_event()
+        if isinstance(event, Changed):
+            for script in scripts.values():
+                script.observe(event.did)
+        if game.ended:
+            return
+
+
+def test_two_people_finish_the_first_task(tmp_path: Path) -> None:
+    flags = ("--mode", "realtime", "--step-rate", "10", "--task", TASK, "--max-steps", "1000")
+    world = World(load_task(TASK, seats=2))
+    pictures = {player: tmp_path / f"{player}.png" for player in world.players}
+    with ExitStack() as stack:
+        _, url, code = stack.enter_context(process(tmp_path / "recordings", *flags))
+        people, windows = {}, []
+        for player in world.players:
+            display = stack.enter_context(screen())
+            people[player] = Person(display, world)
+            window = client(display, url, code, player, pictures[player])
+            stack.callback(window.kill)
+            windows.append(window)
+        outcome = asyncio.run(cook(url, code, people))
+        assert [window.wait(timeout=30) for window in windows] == [0, 0]
+    assert outcome["reason"] == "goal", outcome
+    (file,) = (tmp_path / "recordings").glob("*.rbt")
+    recording = read_recording(file)
+    assert recording.verify().ok
+    assert {kind for _, kind in recording.participants.values()} == {"human"}
+    for picture in pictures.values():
+        assert picture.stat().st_size > 20_000
