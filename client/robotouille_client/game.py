@@ -314,8 +314,23 @@ class Game:
         self.step, self.turn = message.step, message.turn
         self.left, self.step_time = None, now
         did = self._did(message)
+        self._tally(did)
         self._answer(message)
         self._emit(Changed(message.step, state, previous, did, message.turn))
+
+    def _tally(self, did: tuple[tuple[str, GroundAction, bool], ...]) -> None:
+        """Count what each seat has done since the roster last came."""
+        done = {player: applied for player, _, applied in did}
+        self.seats = tuple(
+            seat.model_copy(
+                update={"applied": seat.applied + 1}
+                if done[seat.player]
+                else {"rejected": seat.rejected + 1}
+            )
+            if seat.player in done
+            else seat
+            for seat in self.seats
+        )
 
     def _did(self, message: messages.Delta) -> tuple[tuple[str, GroundAction, bool], ...]:
         rows = []

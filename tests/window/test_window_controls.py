@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -184,8 +185,9 @@ def test_the_published_input_file_works() -> None:
 
 
 def test_a_domain_without_an_input_file_gets_one() -> None:
-    domain = World("workshop/01").task.domain
-    bindings = bindings_of(domain.model_copy(update={"input_json": "none.json"}))
+    task = World("workshop/01").task
+    domain = task.domain.model_copy(update={"input_json": "none.json"})
+    bindings = bindings_of(dataclasses.replace(task, domain=domain))
     clicks = [b.name for b in bindings.mouse_click_actions]
     keys = {b.name: b.input_instructions.at for b in bindings.keyboard_actions}
     assert clicks == ["walk"]

@@ -38,8 +38,8 @@ TASKS = {
 
 
 def stage_of(state: State) -> Stage:
-    domain = state.world.task.domain
-    return Artist(domain, rendering_of(domain)).stage(state)
+    task = state.world.task
+    return Artist(task.domain, rendering_of(task)).stage(state)
 
 
 def with_facts(state: State, *atoms: tuple[str, ...]) -> State:
@@ -119,7 +119,6 @@ def test_the_facts_of_a_kind_without_pictures_are_words(play) -> None:
 
 def test_players_without_pictures_borrow_some() -> None:
     world = World("workshop/02")
-    domain = world.task.domain
-    artist = Artist(domain, rendering_of(domain))
+    artist = Artist(world.task.domain, rendering_of(world.task))
     assert artist.player("fitter", 0, "left").asset == "robot1_left.svg"
     assert artist.player("fitter", 5, "back").asset == "robot2_back.svg"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -102,12 +103,13 @@ def test_the_picture_with_the_most_predicates_wins() -> None:
 
 
 def test_a_domain_without_a_rendering_has_the_kitchens_floor() -> None:
-    rendering = rendering_of(load_task("workshop/01").domain)
+    rendering = rendering_of(load_task("workshop/01"))
     assert rendering.floor.default == "floor_tile.svg"
     assert rendering.group_of("gear") is None
 
 
 def test_a_domain_cannot_name_a_file_elsewhere() -> None:
-    domain = load_task("workshop/01").domain
-    domain = domain.model_copy(update={"rendering_json": "/etc/../renderings/robotouille.json"})
-    assert rendering_of(domain) == ours()
+    task = load_task("workshop/01")
+    elsewhere = {"rendering_json": "/etc/../renderings/robotouille.json"}
+    domain = task.domain.model_copy(update=elsewhere)
+    assert rendering_of(dataclasses.replace(task, domain=domain)) == ours()

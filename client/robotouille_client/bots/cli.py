@@ -9,8 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.world.state import State
+from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import fail, server_url

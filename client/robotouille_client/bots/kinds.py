@@ -40,10 +40,6 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     from robotouille.planning.plan import read_plan
 
-    from robotouille.world.world import World
-
-    from robotouille.planning.plan import read_plan
-
     if plan is None:
         raise RobotouilleError("a scripted bot plays a plan file: --plan FILE")
     task = state.world.task

@@ -9,12 +9,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from robotouille.domain.files import read_model, validate
 from robotouille.domain.schema import DomainFile, InputFile
-from robotouille.resources import data_folder
+from robotouille.domain.task import Task
 from robotouille.world.actions import ActionSchema, GroundAction
 from robotouille.world.scene import Placed, scene
 from robotouille.world.state import State
@@ -61,7 +60,7 @@ class Controls:
 
     def __init__(self, world: World, bindings: InputFile | None = None) -> None:
         self.world = world
-        self.bindings = bindings or bindings_of(world.task.domain)
+        self.bindings = bindings or bindings_of(world.task)
         schemas = {schema.name: schema for schema in world.schemas}
         self._clicks: dict[str, list[_Binding]] = {}
         self._keys: dict[str, list[_Binding]] = {}
@@ -201,13 +200,10 @@ def _near(me: str, meant: list[str], placed: dict[str, Placed]) -> list[str]:
     return list(found)
 
 
-def bindings_of(domain: DomainFile) -> InputFile:
-    """The input file that ships for a domain, or one made up from its actions.
-
-    Only a file's name is taken from the domain, which may come from a stranger.
-    """
-    name = Path(domain.input_json or f"{domain.name}.input.json").name
-    path = data_folder("domains") / name
+def bindings_of(task: Task) -> InputFile:
+    """The input file beside a task or shipped for its domain, or one made up from its actions."""
+    domain = task.domain
+    path = task.companion("domains", domain.input_json or f"{domain.name}.input.json")
     return read_model(path, InputFile) if path.is_file() else _made_up(domain)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pygame
 
 from robotouille.domain.rendering import RenderingFile, rendering_of
-from robotouille.resources import data_folder
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.window.chrome import Chrome
@@ -75,8 +74,8 @@ class Painter:
             return
         self._world = world
         self._stages = []
-        self._art = self._rendering or rendering_of(world.task.domain)
-        self._sprites = Sprites(data_folder("assets") / self._art.assets, self._text)
+        self._art = self._rendering or rendering_of(world.task)
+        self._sprites = Sprites(world.task.companion("assets", self._art.assets), self._text)
         self._kitchen = Kitchen(world, self._art, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)

@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import DomainFile, Schema
+from robotouille.domain.task import Task
 from robotouille.resources import data_folder
 
 __all__ = ["Art", "Constants", "Entity", "Facings", "RenderingFile", "Trait", "rendering_of"]
@@ -194,13 +195,9 @@ class RenderingFile(Schema):
         return self.item, self.station, self.container
 
 
-def rendering_of(domain: DomainFile) -> RenderingFile:
-    """The rendering that ships for a domain; the kitchen's where there is none of its own.
-
-    Only a file's name is taken from the domain, which may come from a stranger.
-    """
-    name = Path(domain.rendering_json or f"{domain.name}.json").name
-    path = data_folder("renderings") / name
+def rendering_of(task: Task) -> RenderingFile:
+    """The rendering beside a task or shipped for its domain; the kitchen's where there is none."""
+    path = task.companion("renderings", task.domain.rendering_json or f"{task.domain.name}.json")
     if not path.is_file():
         path = data_folder("renderings") / "robotouille.json"
     return read_model(path, RenderingFile)

@@ -71,6 +71,16 @@ class Task:
     def profile(self) -> TimingProfile:
         return PROFILES[self.timing]
 
+    def companion(self, folder: str, name: str) -> Path:
+        """Where a file or folder that belongs to the task is: beside its problem file, or shipped.
+
+        Only the last part of `name` is used, since a task may come from a stranger.
+        """
+        beside = Path(self.source).parent / Path(name).name
+        if Path(self.source).is_file() and beside.exists():
+            return beside
+        return data_folder(folder) / Path(name).name
+
     @property
     def goal_description(self) -> str:
         return self.problem.goal_description

@@ -273,6 +273,8 @@ class Estimate:
             total = forecast.waiting
             if forecast.repeated:
                 total -= self._repeated(forecast, facts)
+        for _, steps_busy in timers.busy:
+            total += steps_busy
         useful = 0
         longest = 0.0
         for mask, known, part, early, meetings in self._rows:

@@ -111,8 +111,8 @@ class Focus:
         return total
 
 
-def operators(focus: Focus) -> list[Operator]:
-    """Every action that matters to a projection."""
+def operators(focus: Focus, goal: int) -> list[Operator]:
+    """Every action that matters to a projection and its goal (a mask of its facts)."""
     found: dict[Operator, None] = {}
     for schema in focus.vocabulary.world.schemas:
         if schema.name in focus.vocabulary.walking:
@@ -121,7 +121,30 @@ def operators(focus: Focus) -> list[Operator]:
             operator = _operator(schema, binding, focus)
             if operator is not None:
                 found[operator] = None
-    return [_with_deletions(operator, focus) for operator in found]
+    return _useful([_with_deletions(operator, focus) for operator in found], goal)
+
+
+def _useful(found: list[Operator], goal: int) -> list[Operator]:
+    """The operators that can help towards a goal, reduced to the facts that matter for it."""
+    wanted, before = goal, 0
+    while wanted != before:
+        before = wanted
+        for operator in found:
+            changes = (operator.condition, *operator.outcomes)
+            if any((o.sets | o.clears) & wanted for o in changes):
+                for o in changes:
+                    wanted |= o.holds | o.lacks
+    reduced: dict[Operator, None] = {}
+    for operator in found:
+        condition = _reduce(operator.condition, wanted)
+        outcomes = tuple(_reduce(o, wanted) for o in operator.outcomes)
+        if any(o.sets or o.clears for o in (condition, *outcomes)):
+            reduced[replace(operator, condition=condition, outcomes=outcomes)] = None
+    return list(reduced)
+
+
+def _reduce(outcome: Outcome, wanted: int) -> Outcome:
+    return replace(outcome, clears=outcome.clears & wanted, sets=outcome.sets & wanted)
 
 
 def _with_deletions(operator: Operator, focus: Focus) -> Operator:

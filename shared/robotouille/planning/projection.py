@@ -48,7 +48,11 @@ class Projection:
         self._goal = self.focus.mask(
             self.focus.abstract(a) for a in mentioned if a[0] not in table.static_predicates
         )
-        self.operators = operators(self.focus)
+        self.operators = operators(self.focus, self._goal)
+        self._tracked = self._goal
+        for operator in self.operators:
+            for outcome in (operator.condition, *operator.outcomes):
+                self._tracked |= outcome.holds | outcome.lacks
         self._by_bit = _by_bit(self.operators)
         self.strangers = {s for operator in self.operators for s in operator.strangers}
         self._explored: dict[int, list[tuple[Operator, int]]] = {}
@@ -66,6 +70,7 @@ class Projection:
             atoms = self._vocabulary.world.table.atoms
             for position in bits_of(facts):
                 known |= self.focus.bits.get(self.focus.abstract(atoms[position]), 0)
+            known &= self._tracked
             self._nodes[facts] = known
         return known
 

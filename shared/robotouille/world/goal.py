@@ -19,7 +19,7 @@ __all__ = ["Goal", "Variable"]
 
 Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
-Rows = dict[GoalTerm, list[tuple[str, ...]]]
+Rows = list[list[tuple[str, ...]]]
 
 MAX_KEPT = 100_000
 
@@ -94,7 +94,7 @@ class Goal:
 
     def assignments(self, facts: int) -> Iterator[Binding]:
         """Every choice of objects that makes the goal true in `facts`."""
-        rows = {term: self._rows(term, facts) for term in self.terms}
+        rows = [self._rows(term, facts) for term in self.terms]
         yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows)
 
     def candidates(self, identifier: int | str) -> tuple[str, ...]:
@@ -168,20 +168,20 @@ class Goal:
         This, and the test that there are enough objects of each kind, spares the search from
         trying all the orders of objects that are alike.
         """
-        domains, rows = dict(domains), dict(rows)
+        domains, rows = dict(domains), list(rows)
         before = None
         while before != domains:
             before = dict(domains)
-            for term, choices in rows.items():
+            for position, term in enumerate(self.terms):
                 pools = [domains[identifier] for identifier in term.ids]
                 kept = [
                     names
-                    for names in choices
+                    for names in rows[position]
                     if all(name in pool for name, pool in zip(names, pools, strict=True))
                 ]
                 if not kept:
                     return None
-                rows[term] = kept
+                rows[position] = kept
                 for identifier, column in zip(term.ids, zip(*kept, strict=True), strict=True):
                     domains[identifier] = domains[identifier].intersection(column)
             for group in self._groups:
