@@ -22,10 +22,10 @@ from robotouille import GroundAction, World, load_task
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import InputFile
 from robotouille.planning.plan import read_plan
+from robotouille.planning.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import Changed, Game, connect
-from robotouille_client.bots import ScriptedPolicy
 from tests.server.test_process import process
 
 TASK = "multi_agent/01_lettuce_burger"
@@ -96,7 +96,7 @@ async def cook(url: str, code: str, people: dict[str, Person]) -> dict[str, Any]
         rehearsal = World(load_task(TASK, seats=2))
         text = (data_folder("problems") / f"{TASK}@2.plan").read_text()
         plan = read_plan(text, rehearsal)
-        scripts = {p: ScriptedPolicy(rehearsal, p, plan) for p in people}
+        scripts = {p: Script(p, plan, rehearsal.initial) for p in people}
         async with asyncio.timeout(120):
             while not game.running:
                 await game.next_event()
@@ -111,7 +111,7 @@ async def cook(url: str, code: str, people: dict[str, Person]) -> dict[str, Any]
         return game.outcome or {}
 
 
-async def look(game: Game, scripts: dict[str, ScriptedPolicy]) -> None:
+async def look(game: Game, scripts: dict[str, Script]) -> None:
     """See what has happened for a few steps: hands are slower than messages."""
     for _ in range(3):
         event = await game.next_event()

@@ -14,10 +14,11 @@ import pytest
 from robotouille import State, World, load_task, task_names
 from robotouille.episode import Clock
 from robotouille.planning.plan import Plan, read_plan
+from robotouille.planning.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import connect
-from robotouille_client.bots import Policy, ScriptedPolicy, play
+from robotouille_client.bots import Policy, play
 from robotouille_client.bots.player import MakePolicy
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -34,7 +35,7 @@ def plan_file(name: str, seats: int) -> Path:
 
 def scripted(world: World, plan: Plan) -> MakePolicy:
     def make(state: State, player: str) -> Policy:
-        return ScriptedPolicy(world, player, plan)
+        return Script(player, plan, world.initial)
 
     return make
 

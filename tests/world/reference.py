@@ -7,11 +7,10 @@ of the objects of a problem and the facts that their positions imply.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from math import ceil
 from string import Formatter
 from typing import Any
 
@@ -19,6 +18,7 @@ from robotouille import Task
 from robotouille.domain.checks import parameter_types
 from robotouille.domain.schema import ActionDef, Condition, EffectDef
 from robotouille.world.objects import initial_facts, place_objects
+from tests.world.reference_floor import distance
 
 Fact = tuple[str, ...]
 Binding = dict[str, str]
@@ -191,7 +191,7 @@ class Reference:
         if self.task.timing == "people":
             if action.travel is not None:
                 here, there = (binding[name] for name in action.travel)
-                steps = max(1, ceil(distance(self, here, there) * 1))
+                steps = max(1, distance(self.task, self.players, self.placed, here, there))
             if any(e.type == "repetitive" for e in walk(action.sfx)):
                 steps = max(steps, 2)
         return steps
@@ -393,33 +393,3 @@ def variables(effect: EffectDef) -> Iterator[str]:
         yield from condition.params
     for nested in effect.sfx:
         yield from variables(nested)
-
-
-def distance(world: Reference, here: str, there: str) -> int:
-    """Steps over free tiles between the places in front of two stations."""
-    stations = {o.tile for o in world.placed if o.type in world.domain.station_types}
-    where = {o.name: o.tile for o in world.placed}
-    problem = world.task.problem
-
-    def free_neighbours(tile: Any) -> list[tuple[int, int]]:
-        x, y = tile
-        around = [(x, y - 1), (x, y + 1), (x - 1, y), (x + 1, y)]
-        on_grid = [(a, b) for a, b in around if a in range(problem.width)]
-        return [t for t in on_grid if t[1] in range(problem.height) and t not in stations]
-
-    def walk_from(start: Any) -> dict[tuple[int, int], int]:
-        far = {start: 0}
-        queue = deque([start])
-        while queue:
-            tile = queue.popleft()
-            for neighbour in free_neighbours(tile):
-                if neighbour not in far:
-                    far[neighbour] = far[tile] + 1
-                    queue.append(neighbour)
-        return far
-
-    reachable = {tile for player in world.players for tile in walk_from(where[player])}
-    standing = [
-        next(t for t in free_neighbours(where[name]) if t in reachable) for name in (here, there)
-    ]
-    return walk_from(standing[0])[standing[1]]

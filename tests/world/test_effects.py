@@ -17,7 +17,9 @@ def fact(predicate: str, *params: str, is_true: bool = True) -> Json:
     return {"predicate": predicate, "params": list(params), "is_true": is_true}
 
 
-def lab(*sfx: Json, more: tuple[Json, ...] = (), precons: tuple[Json, ...] = (), **fields: Any) -> World:
+def lab(
+    *sfx: Json, more: tuple[Json, ...] = (), precons: tuple[Json, ...] = (), **fields: Any
+) -> World:
     """Two cubes, and an action `tap` with these effects that speak of a cube `t`."""
     tap = {
         "name": "tap",
@@ -44,7 +46,10 @@ def lab(*sfx: Json, more: tuple[Json, ...] = (), precons: tuple[Json, ...] = (),
         "station_types": [],
         "predicate_defs": [
             {"name": "isbot", "param_types": ["agent"]},
-            *({"name": n, "param_types": ["thing"]} for n in ("iscube", "ischip", "red", "big", "hot")),
+            *(
+                {"name": n, "param_types": ["thing"]}
+                for n in ("iscube", "ischip", "red", "big", "hot")
+            ),
             {"name": "near", "param_types": ["thing", "thing"]},
             {"name": "alarm", "param_types": []},
         ],
@@ -196,6 +201,9 @@ def test_nothing_becomes_true_of_an_object_deleted_in_the_same_step() -> None:
     state = waiting(act(world.initial, "tap", "cube1"), 1)
     assert names(state) == ["cube2"]
     assert not [atom for atom in state.atoms() if "cube1" in atom]
+    made = creation(fact("near", "t", "new"), fact("near", "new", "new"))
+    state = act(lab(conditional(sfx=(DELETION, made))).initial, "tap", "cube1")
+    assert [atom for atom in state.atoms() if atom[0] == "near"] == [("near", "chip1", "chip1")]
     world = lab(DELETION, conditional(fx=(fact("hot", "t"),), sfx=(delayed(0, fact("red", "t")),)))
     state = act(world.initial, "tap", "cube1")
     assert not [atom for atom in state.atoms() if "cube1" in atom]

@@ -83,7 +83,9 @@ def test_an_empty_goal_holds_at_once() -> None:
 
 
 def test_static_facts_count_in_goals() -> None:
-    assert holds(term("iscuttable", ("lettuce", 1)), items=[item("lettuce", 0, predicates=["iscuttable"])])
+    assert holds(
+        term("iscuttable", ("lettuce", 1)), items=[item("lettuce", 0, predicates=["iscuttable"])]
+    )
     assert not holds(term("iscuttable", ("lettuce", 1)), items=[item("lettuce", 0)])
 
 

@@ -80,6 +80,8 @@ def test_two_players_at_one_corner_tile_stand_apart_where_there_is_room() -> Non
     corner = [
         {"name": "table", "x": 1, "y": 2},
         {"name": "stove", "x": 2, "y": 1},
+        {"name": "board", "x": 2, "y": 0},
+        {"name": "board", "x": 2, "y": 2},
         {"name": "sink", "x": 4, "y": 4},
     ]
     players = [
@@ -90,8 +92,10 @@ def test_two_players_at_one_corner_tile_stand_apart_where_there_is_room() -> Non
     state = act(world.initial, "move", "robot2", "sink1", "stove1")
     one, two = scene(state)["robot1"], scene(state)["robot2"]
     assert described(one) == ((1, 1), (0, 1), "table1")
-    assert two.at == "stove1"
-    assert two.tile != one.tile
+    assert described(two) == ((3, 1), (-1, 0), "stove1")
+    alone = kitchen(stations=corner, players=players[1:]).initial
+    alone = act(alone, "move", "robot1", "sink1", "stove1")
+    assert described(scene(alone)["robot1"]) == ((1, 1), (1, 0), "stove1")
 
 
 def test_two_players_share_a_tile_where_there_is_no_other() -> None:

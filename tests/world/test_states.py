@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from robotouille import State, World, load_task
+from robotouille import World, load_task
 from tests.world.kitchens import FILL, STATES, act, filling_pot, full_pot, kitchen, play, waiting
 
 # A program that reads a pickled state, plays on, and answers with another one.
@@ -121,6 +121,21 @@ def test_the_name_of_a_deleted_object_is_never_given_again() -> None:
     assert state.digest != first.digest
     grab = world.action("grab", "fitter1", "bolt1", "dispenser1")
     assert state.step(grab).attempts[0].unmet[0] == "bolt1 does not exist"
+
+
+def test_a_state_with_a_long_past_is_restored_in_a_fresh_world() -> None:
+    """However many objects have come and gone."""
+    world = bolt_recycler()
+    state = world.initial
+    for number in range(1, 9):
+        state = waiting(act(state, "dispense", "fitter1", "dispenser1"), 1)
+        last = state
+        state = act(state, "grab", "fitter1", f"bolt{number}", "dispenser1")
+        state = act(state, "recycle", "fitter1", f"bolt{number}", "dispenser1")
+    for past in (last, state):
+        twin = World(world.task).restore(past.facts, past.timer_rows())
+        assert twin.digest == past.digest
+        assert twin.text() == past.text()
 
 
 def bolt_recycler() -> World:

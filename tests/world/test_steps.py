@@ -119,7 +119,7 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
         world.action("cook", "robot1", "paty1", "stove1")
     with pytest.raises(KeyError, match="'stove1' is a station"):
         world.action("cook", "robot1", "stove1", "patty1")
-    with pytest.raises(KeyError, match="takes .*found 1"):
+    with pytest.raises(KeyError, match=r"takes .*found 1"):
         world.action("move", "robot1")
     with pytest.raises(KeyError, match="did you mean 'robot1'"):
         world.initial.actions("robot")

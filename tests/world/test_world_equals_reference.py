@@ -59,7 +59,9 @@ def test_perft(name: str, depth: int) -> None:
         states = {
             key(after): after
             for state in states.values()
-            for joint in product(*([(p, c) for c in reference.valid(state, p)] for p in reference.players))
+            for joint in product(
+                *([(p, c) for c in reference.valid(state, p)] for p in reference.players)
+            )
             for after, _ in [reference.step(state, joint)]
         }
 

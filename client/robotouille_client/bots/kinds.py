@@ -9,7 +9,7 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.bots.player import MakePolicy
-from robotouille_client.bots.policies import Policy, RandomPolicy, ScriptedPolicy
+from robotouille_client.bots.policies import Policy, RandomPolicy
 
 __all__ = ["BotKind", "policy_maker"]
 
@@ -39,6 +39,7 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     from robotouille.planning.plan import read_plan
+    from robotouille.planning.script import Script
 
     if plan is None:
         raise RobotouilleError("a scripted bot plays a plan file: --plan FILE")
@@ -48,4 +49,4 @@ def _scripted(state: State, player: str, plan: Path | None) -> Policy:
         text = plan.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(str(plan), [Fault("", f"cannot be read: {error}")]) from None
-    return ScriptedPolicy(rehearsal, player, read_plan(text, rehearsal))
+    return Script(player, read_plan(text, rehearsal, str(plan)), rehearsal.initial)

@@ -42,6 +42,10 @@ class _Player:
 
     async def run(self) -> None:
         while not self._game.ended:
+            if self._policy is None and self._game.has_state:
+                self._policy = self._make_policy(
+                    self._copy(self._game.state), self._game.seat or ""
+                )
             for event in self._game.poll():
                 self._heed(event)
             if self._game.has_state and self._game.my_move and self._decided < self._game.step:
@@ -79,7 +83,7 @@ class _Player:
         """Ask the policy, in a copy of the world of its own: it may think in another thread."""
         mine = self._copy(state)
         if self._policy is None:
-            self._policy = self._make_policy(mine, self._game.seat or "")
+            return None
         if self._threaded:
             action = await asyncio.to_thread(self._policy.act, mine)
         else:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 
-from robotouille.domain.files import read_json, validate
+from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Task, Timing, build_task, read_domain
 from robotouille.errors import Fault, FileError, UnknownTaskError
@@ -37,7 +38,7 @@ def load_task(
     open. Without `files`, only shipped tasks are found. Raises UnknownTaskError or FileError.
     """
     base, at, count = name.rpartition("@")
-    if at and count.isdigit():
+    if at and re.fullmatch("[0-9]{1,3}", count):
         name, seats = base, int(count)
     if not files and name.endswith(".json"):
         raise UnknownTaskError(name, task_names())
@@ -60,15 +61,15 @@ def _title(path: Path) -> str:
 
 def _find(name: str) -> Path:
     if name.endswith(".json"):
-        if not Path(name).is_file():
+        if not is_file(Path(name)):
             raise UnknownTaskError(name, task_names())
         return Path(name)
     names = task_names()
     matches = [n for n in names if n == name] or [n for n in names if _matches(n, name)]
     if len(matches) != 1:
         if matches:
-            listed = ", ".join(matches[:4])
-            raise FileError(name, [Fault("", f"is not one task but {len(matches)}: {listed}, …")])
+            listed = ", ".join(matches[:4]) + (", …" if len(matches) > 4 else "")
+            raise FileError(name, [Fault("", f"is not one task but {len(matches)}: {listed}")])
         raise UnknownTaskError(name, names)
     return data_folder("problems") / f"{matches[0]}.json"
 
@@ -79,5 +80,6 @@ def _matches(full: str, start: str) -> bool:
     if wanted_folder and folder != wanted_folder:
         return False
     number, _, dish = file.partition("_")
-    same_number = wanted.isdigit() and number.isdigit() and int(wanted) == int(number)
-    return bool(wanted) and (same_number or file.startswith(wanted) or dish.startswith(wanted))
+    if re.fullmatch("[0-9]+", wanted):
+        return number.lstrip("0") == wanted.lstrip("0")
+    return bool(wanted) and (file.startswith(wanted) or dish.startswith(wanted))

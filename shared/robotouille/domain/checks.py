@@ -6,7 +6,8 @@ Every function returns all the faults it finds; none raises.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Set
+from string import Formatter
 
 from robotouille.domain.schema import (
     ActionDef,
@@ -16,6 +17,7 @@ from robotouille.domain.schema import (
     DomainFile,
     EffectDef,
     InputFile,
+    LayoutRule,
     PredicateDef,
     ProblemFile,
     Repetitive,
@@ -49,12 +51,7 @@ def check_domain(domain: DomainFile) -> list[Fault]:
     for i, action in enumerate(domain.action_defs):
         faults += _check_action(f"action_defs[{i}]", action, predicates, domain)
     for i, rule in enumerate(domain.layout or ()):
-        for path, name in [
-            (f"layout[{i}].predicate", rule.predicate),
-            *((f"layout[{i}].unless[{j}]", n) for j, n in enumerate(rule.unless or ())),
-        ]:
-            if name not in predicates:
-                faults.append(_unknown(path, "predicate", name, predicates))
+        faults += _check_layout(f"layout[{i}]", rule, predicates)
     return faults
 
 
@@ -129,10 +126,32 @@ def _check_predicate(path: str, predicate: PredicateDef, domain: DomainFile) -> 
         if kind not in domain.object_types
     ]
     positions = {str(i) for i in range(len(predicate.param_types))}
-    for key in predicate.language_descriptors:
+    for key, words in predicate.language_descriptors.items():
+        where = f"{path}.language_descriptors.{key}"
         if key not in positions:
-            where = f"{path}.language_descriptors.{key}"
             faults.append(Fault(where, f"{predicate.name!r} has no argument {key}"))
+        faults += _check_words(where, words, "argument", positions)
+    return faults
+
+
+def _check_layout(
+    path: str, rule: LayoutRule, predicates: Mapping[str, PredicateDef]
+) -> list[Fault]:
+    faults = [
+        _unknown(where, "predicate", name, predicates)
+        for where, name in [
+            (f"{path}.predicate", rule.predicate),
+            *((f"{path}.unless[{j}]", name) for j, name in enumerate(rule.unless or ())),
+        ]
+        if name not in predicates
+    ]
+    if rule.predicate in predicates:
+        wanted = 1 if rule.when in (None, "top_of_stack") else 2
+        found = len(predicates[rule.predicate].param_types)
+        if found != wanted:
+            kind = rule.when or "unless"
+            message = f"{kind!r} is about a predicate of {wanted}; {rule.predicate!r} takes {found}"
+            faults.append(Fault(f"{path}.predicate", message))
     return faults
 
 
@@ -151,13 +170,43 @@ def _check_action(
     for where, effect in _effects(f"{path}.sfx", action.sfx):
         if effect.param not in types:
             faults.append(_unknown(f"{where}.param", "parameter", effect.param, types))
+    lasting = types.keys() - {c.created_obj.param for c in _created(action.sfx)}
     for name in action.travel or ():
-        if name not in types:
-            faults.append(_unknown(f"{path}.travel", "parameter", name, types))
-    for name in placeholders(action.language_description):
-        if name not in types:
-            where = f"{path}.language_description"
-            faults.append(_unknown(where, "parameter", name, types))
+        if name not in lasting:
+            faults.append(_unknown(f"{path}.travel", "parameter", name, lasting))
+    where = f"{path}.language_description"
+    faults += _check_words(where, action.language_description, "parameter", lasting)
+    return faults + _check_scope(path, action)
+
+
+def _check_scope(path: str, action: ActionDef) -> list[Fault]:
+    """A created object is known inside its creation only."""
+    created = {c.created_obj.param for c in _created(action.sfx)}
+    faults: list[Fault] = []
+
+    def see(where: str, names: Iterable[str], known: Set[str]) -> None:
+        for name in names:
+            if name in created and name not in known:
+                message = f"{name!r} is created by this action; only its creation can speak of it"
+                faults.append(Fault(where, message))
+
+    def see_effects(where: str, effects: tuple[EffectDef, ...], known: Set[str]) -> None:
+        for i, effect in enumerate(effects):
+            here = f"{where}[{i}]"
+            see(f"{here}.param", (effect.param,), known)
+            for j, condition in enumerate(getattr(effect, "conditions", ())):
+                see(f"{here}.conditions[{j}]", condition.params, known)
+            inner = known
+            if isinstance(effect, Creation):
+                inner = known | {effect.created_obj.param}
+            for j, condition in enumerate(effect.fx):
+                see(f"{here}.fx[{j}]", condition.params, inner)
+            see_effects(f"{here}.sfx", effect.sfx, inner)
+
+    for field in ("precons", "immediate_fx"):
+        for i, condition in enumerate(getattr(action, field)):
+            see(f"{path}.{field}[{i}]", condition.params, frozenset())
+    see_effects(f"{path}.sfx", action.sfx, frozenset())
     return faults
 
 
@@ -206,12 +255,24 @@ def _created(effects: tuple[EffectDef, ...]) -> Iterator[Creation]:
             yield effect
 
 
-def placeholders(text: str) -> Iterator[str]:
-    """The names in braces, in order."""
-    rest = text
-    while "{" in rest and "}" in rest.split("{", 1)[1]:
-        name, rest = rest.split("{", 1)[1].split("}", 1)
-        yield name
+def placeholders(text: str) -> list[str]:
+    """What is in braces, in order; ValueError where a brace has no partner."""
+    found = []
+    for _, name, layout, conversion in Formatter().parse(text):
+        if name is not None:
+            found.append(
+                name + (f"!{conversion}" if conversion else "") + (layout and f":{layout}")
+            )
+    return found
+
+
+def _check_words(path: str, text: str, what: str, valid: Collection[str]) -> list[Fault]:
+    """Words with names in braces, plain ones: no formats, no attributes."""
+    try:
+        names = placeholders(text)
+    except ValueError as error:
+        return [Fault(path, f"the braces do not match: {error}")]
+    return [_unknown(path, what, name, valid) for name in names if name not in valid]
 
 
 def _list_name(kind: str) -> str:
@@ -242,7 +303,21 @@ def _check_objects(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
                 ids.add(obj.id)
     if not any(problem.objects.get(kind) for kind in domain.player_types):
         faults.append(Fault("", f"has no {' or '.join(domain.player_types)}"))
-    return faults + _check_seats(problem, domain)
+    return faults + _check_names(problem) + _check_seats(problem, domain)
+
+
+def _check_names(problem: ProblemFile) -> list[Fault]:
+    """Numbered objects of two kinds must not get one name, nor one kind be of two types."""
+    owners: dict[str, tuple[str, str]] = {}
+    clashes: dict[tuple[str, str], Fault] = {}
+    for type_, objects in problem.objects.items():
+        for kind, count in Counter(obj.name for obj in objects).items():
+            for number in range(1, count + 1):
+                other = owners.setdefault(f"{kind}{number}", (type_, kind))
+                if other != (type_, kind):
+                    message = f"{kind!r} and the {other[0]} {other[1]!r} both name {kind}{number}"
+                    clashes.setdefault((type_, kind), Fault(_list_name(type_), message))
+    return list(clashes.values())
 
 
 def _check_seats(problem: ProblemFile, domain: DomainFile) -> list[Fault]:

@@ -14,12 +14,28 @@ from pydantic import BaseModel, ValidationError
 
 from robotouille.errors import Fault, FileError, did_you_mean
 
-__all__ = ["MAX_FILE_BYTES", "MAX_NESTING", "parse_json", "read_json", "read_model", "validate"]
+__all__ = [
+    "MAX_FILE_BYTES",
+    "MAX_NESTING",
+    "is_file",
+    "parse_json",
+    "read_json",
+    "read_model",
+    "validate",
+]
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NESTING = 40
 
 M = TypeVar("M", bound=BaseModel)
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file, whatever the name: too long, or in a closed folder."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def read_json(path: Path) -> Any:

@@ -9,13 +9,12 @@ here draws; it only decides which file shows what. See docs/formats.md.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from robotouille.domain.files import read_model
-from robotouille.domain.schema import DomainFile, Schema
+from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task
 from robotouille.resources import data_folder
 

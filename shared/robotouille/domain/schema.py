@@ -253,7 +253,10 @@ class ProblemFile(Schema):
         if not lists:
             return raw
         rest = {key: value for key, value in raw.items() if key not in _PUBLISHED_LISTS}
-        return {**rest, "objects": {**lists, **raw.get("objects", {})}}
+        objects = raw.get("objects", {})
+        if not isinstance(objects, dict):
+            return raw
+        return {**rest, "objects": {**lists, **objects}}
 
     @model_validator(mode="after")
     def _within_limits(self) -> ProblemFile:

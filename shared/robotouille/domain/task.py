@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.domain.checks import check_domain, check_problem
-from robotouille.domain.files import read_json, read_model, validate
+from robotouille.domain.files import is_file, read_json, read_model, validate
 from robotouille.domain.schema import (
     Delayed,
     DomainFile,
@@ -186,7 +186,7 @@ def read_domain(name: str, beside: Path | None = None) -> DomainFile:
     if beside is not None:
         candidates += [beside / name, beside / f"{name}.json"]
     for path in [*candidates, shipped]:
-        if path.is_file():
+        if is_file(path):
             return validate(read_json(path), DomainFile, str(path))
     names = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]
     raise FileError(name, [Fault("", f"no such domain{did_you_mean(name, names)}")])

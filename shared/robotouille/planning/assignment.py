@@ -102,7 +102,7 @@ class _Chooser:
         if self._ordering is not None:
             for late, early in self._ordering.rules(binding).values():
                 if self._facts & late == late and self._facts & early != early:
-                    total += REDOING
+                    total += REDOING * self._bench.vocabulary.errand
         return total
 
     def improve(self, binding: Binding) -> Binding:

@@ -26,12 +26,12 @@ Entry = tuple[float, int, "dict[int, float] | None"]
 
 MAX_SUPPORTS = 4
 
-HELD = 1.5
-"""The price of having to put down something that is of no use."""
+HELD = 0.75
+"""The price, in errands, of having to put down something that is of no use."""
 
 
-REDOING = 4.0
-"""The price of having done something before what has to be done first."""
+REDOING = 2.0
+"""The price, in errands, of having done something before what has to be done first."""
 
 
 @dataclass
@@ -249,6 +249,7 @@ class Estimate:
         self._rules = list(rules.values())
         self._forecast = bench.forecast
         self._travel = bench.vocabulary.mean_travel
+        self._errand = bench.vocabulary.errand
         self._wanted: dict[Effect, int] = {}
         self._rows = [
             (p.mask, p.known, p, rules.get(p.name, (0, 0))[1], _meetings(p, self.parts, bench))
@@ -298,10 +299,10 @@ class Estimate:
             total -= (now & useful).bit_count() * self._travel
         for late, early in self._rules:
             if facts & late == late and facts & early != early:
-                total += REDOING
+                total += REDOING * self._errand
         useless = now & self._idle_hands
         if useless:
-            total += HELD * useless.bit_count()
+            total += HELD * self._errand * useless.bit_count()
         return total
 
     def _repeated(self, forecast: Forecast, facts: int) -> float:

@@ -23,8 +23,8 @@ __all__ = ["WAITING", "Focus", "Operator", "Outcome", "operators"]
 WAITING = 0.4
 """The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
 
-DISTURBING = 3.0
-"""The price of moving something else out of the way, which then has to go somewhere."""
+DISTURBING = 1.5
+"""The price, in errands, of moving something else out of the way, which then has to go somewhere."""
 
 Binding = dict[str, str]
 
@@ -212,13 +212,15 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
         for i, effect in enumerate(definition.sfx):
             found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
             outcomes += found
-            cost += _price(action, i) if any(o.sets or o.clears or o.deleted for o in found) else 0.0
+            cost += (
+                _price(action, i) if any(o.sets or o.clears or o.deleted for o in found) else 0.0
+            )
     place = _place(schema, binding, focus)
     if not _handles(definition.precons + definition.immediate_fx, binding, focus):
         if condition.sets & focus.mask(focus.guests):
             place, cost = None, 0.0
         elif strangers:
-            cost += DISTURBING
+            cost += DISTURBING * focus.vocabulary.errand
     touched = condition.sets | condition.clears
     if not touched and not any(o.sets or o.clears or o.deleted for o in outcomes):
         return None

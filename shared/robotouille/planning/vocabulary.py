@@ -140,6 +140,11 @@ class Vocabulary:
         """The mean number of steps of a walk."""
         return sum(self.travel_to.values()) / max(1, len(self.travel_to))
 
+    @property
+    def errand(self) -> float:
+        """The mean number of steps it takes to go somewhere and do something."""
+        return 1.0 + self.mean_travel
+
     @cached_property
     def places(self) -> dict[str, int]:
         """For each player, the mask of the atoms that say where it is."""

@@ -150,14 +150,15 @@ class EffectRun:
         self.written = 0
         self.deleted: list[str] = []
         self.started: list[Effect] = []
-        self._gone = 0
         self._table = table
         self._create = create
         self._born = born
 
     def write(self, sets: int, clears: int) -> None:
         """Make facts true and false; where both are asked for, true wins."""
-        self.facts = (self.facts & ~clears) | (sets & ~self._gone)
+        for name in self.deleted:
+            sets &= ~self._table.mentions(name)
+        self.facts = (self.facts & ~clears) | sets
         self.written |= sets | clears
 
     def concerns_deleted(self, effect: Effect) -> bool:
@@ -228,7 +229,6 @@ class EffectRun:
         gone = self._table.mentions(node.subject) & ~self._table.mask([(USED, node.subject)])
         self.write(node.sets, node.clears)
         self.write(0, gone)
-        self._gone |= gone
         self.deleted.append(node.subject)
         self._start_nested(node, dict(node.binding))
         return True

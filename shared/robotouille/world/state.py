@@ -20,7 +20,8 @@ __all__ = ["Progress", "State"]
 class Progress(NamedTuple):
     """How far something has come: `done` of `total` steps or performances of `action`.
 
-    `running` is False while it is paused, e.g. a patty taken off its stove.
+    `running` is False while it is paused, e.g. a patty taken off its stove; `timed` tells what
+    time brings about from what needs to be done again and again.
     """
 
     action: str
@@ -29,6 +30,7 @@ class Progress(NamedTuple):
     done: int
     total: int
     running: bool
+    timed: bool = True
 
 
 class State:
@@ -122,10 +124,15 @@ class State:
         for effect, counters in self.timers.entries:
             for node in effect.counters():
                 if counters[node.slot] >= 0:
-                    running = effect.root.kind != "conditional" or counters[0] == 1
                     action, _, arguments = effect.label
                     row = Progress(
-                        action, arguments, node.subject, counters[node.slot], node.total, running
+                        action=action,
+                        arguments=arguments,
+                        subject=node.subject,
+                        done=counters[node.slot],
+                        total=node.total,
+                        running=effect.root.kind != "conditional" or counters[0] == 1,
+                        timed=node.kind == "delayed",
                     )
                     found.append(row)
         return tuple(found)

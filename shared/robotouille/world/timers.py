@@ -60,8 +60,13 @@ class Timers:
 
     def begin(self, action: GroundAction, facts: int) -> Change:
         """Start an action's effects, or give them an active update."""
-        reads = self.table.reads[action] | self.reads
-        key = (action, facts & reads)
+        own = self.table.reads.get(action)
+        if own is None:
+            raise ValueError(
+                f"{action} was made by another World; ask this one: "
+                f"world.action({action.name!r}, *arguments)"
+            )
+        key = (action, facts & (own | self.reads))
         change = self.started.get(key)
         if change is None:
             change, repeatable = self.table.begin(self, action, facts)

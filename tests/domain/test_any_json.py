@@ -1,0 +1,131 @@
+"""Whatever JSON a domain or problem is made of, it is refused with a FileError or it plays."""
+
+from typing import Any
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from robotouille import FileError, World
+from robotouille.domain.files import validate
+from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
+from robotouille.domain.task import Task, build_task, read_domain
+from robotouille.world.lint import lint_task
+from tests.domain.broken import DOMAIN, PROBLEM, changed
+
+NAMES = sorted(
+    {*DOMAIN, *PROBLEM, "stations", "items", "type", "sfx", "param", "default", "x", "y", "id"}
+)
+SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers(-2, 5)
+    | st.integers()
+    | st.floats(allow_nan=False)
+    | st.sampled_from(
+        ["", "p", "i", "s", "n", "iscut", "at", "station", "creation", "{", "{0}", "~"]
+    )
+    | st.text(max_size=5)
+)
+JSON = st.recursive(
+    SCALARS,
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(NAMES) | st.text(max_size=5), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+often = settings(
+    max_examples=300,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The paths of everything inside a JSON value."""
+    inside: Any = ()
+    if isinstance(value, dict):
+        inside = value.items()
+    elif isinstance(value, list):
+        inside = enumerate(value)
+    found = [p for key, inner in inside for p in places(inner, (*path, key))]
+    return [path, *found] if path else found
+
+
+@often
+@given(value=JSON)
+def test_any_value(value: Any) -> None:
+    for model in (DomainFile, ProblemFile, InputFile):
+        try:
+            validate(value, model, "file")
+        except FileError as error:
+            assert error.faults
+    try:
+        Task.from_json(value)
+    except FileError as error:
+        assert error.faults
+
+
+@often
+@given(path=st.sampled_from(places(DOMAIN)), value=JSON | st.just(...))
+def test_any_value_anywhere_in_a_domain(path: tuple[Any, ...], value: Any) -> None:
+    refused_or_played(changed(DOMAIN, *path, to=value), PROBLEM)
+
+
+@often
+@given(path=st.sampled_from(places(PROBLEM)), value=JSON | st.just(...))
+def test_any_value_anywhere_in_a_problem(path: tuple[Any, ...], value: Any) -> None:
+    refused_or_played(DOMAIN, changed(PROBLEM, *path, to=value))
+
+
+@often
+@given(
+    swap=st.sampled_from(places(DOMAIN["action_defs"])),
+    word=st.sampled_from(
+        ["p", "i", "s", "n", "iscut", "at", "loc", "item", "player", "{i}", "cut"]
+    ),
+)
+def test_any_word_anywhere_in_an_action(swap: tuple[Any, ...], word: str) -> None:
+    refused_or_played(changed(DOMAIN, "action_defs", *swap, to=word), PROBLEM)
+
+
+def refused_or_played(domain: Any, problem: Any) -> None:
+    try:
+        task = build_task(
+            "any",
+            validate(domain, DomainFile, "domain"),
+            validate(problem, ProblemFile, "problem"),
+        )
+    except FileError as error:
+        assert error.faults
+        return
+    world = World(task)
+    state = world.initial
+    for turn in range(4):
+        actions = state.actions(world.players[0])
+        if actions:
+            state = state.step(actions[turn % len(actions)]).state
+    assert state.text()
+    lint_task(task)
+
+
+@often
+@given(
+    value=st.fixed_dictionaries(
+        {}, optional=dict.fromkeys(("domain", "problem", "seats", "timing", "name"), JSON)
+    )
+)
+def test_any_task(value: Any) -> None:
+    """What a peer or a recording says is a task."""
+    domain = read_domain("workshop").model_dump(mode="json", by_alias=True, exclude_unset=True)
+    for raw in (
+        value,
+        {"domain": DOMAIN, "problem": PROBLEM, **value},
+        {**value, "domain": domain},
+    ):
+        try:
+            Task.from_json(raw)
+        except FileError as error:
+            assert error.faults

@@ -1,0 +1,303 @@
+"""Tasks by name and by file; kinds left open; files of the published dialect."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import FileError, Task, UnknownTaskError, World, load_task, task_names
+from robotouille.world.lint import lint_task
+from tests.domain.broken import PROBLEM, write
+
+SHIPPED = {"synchronous": 10, "asynchronous": 10, "multi_agent": 10, "training": 3, "workshop": 2}
+
+
+def test_the_shipped_tasks() -> None:
+    folders = [name.split("/")[0] for name in task_names()]
+    assert {folder: folders.count(folder) for folder in folders} == SHIPPED
+    assert list(task_names()) == sorted(task_names())
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_every_shipped_task_loads_without_fault(name: str) -> None:
+    task = load_task(name)
+    assert task.name == name
+    assert task.goal_description
+    assert lint_task(task) == []
+    for seats in task.problem.seats or ():
+        world = World(load_task(f"{name}@{seats}"))
+        assert len(world.players) == seats
+        assert not world.initial.goal_reached
+        assert all(world.initial.actions(player) for player in world.players)
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_a_task_is_the_same_after_a_journey_as_json(name: str) -> None:
+    task = load_task(name, timing="people")
+    twin = Task.from_json(task.to_json())
+    assert twin == task
+    assert twin.digest == task.digest
+    assert len(task.digest) == 32
+
+
+@pytest.mark.parametrize(
+    ("name", "full"),
+    [
+        ("synchronous/01_cheese_sandwich", "synchronous/01_cheese_sandwich"),
+        ("synchronous/01", "synchronous/01_cheese_sandwich"),
+        ("synchronous/1", "synchronous/01_cheese_sandwich"),
+        (
+            "synchronous/10",
+            "synchronous/10_onion_cheese_burger_and_lettuce_tomato_chicken_sandwich",
+        ),
+        ("synchronous/cheese_s", "synchronous/01_cheese_sandwich"),
+        ("workshop/02", "workshop/02_two_workers"),
+        ("painted", "workshop/01_painted_gear"),
+        ("potato_soup", "asynchronous/06_potato_soup"),
+    ],
+)
+def test_names_may_be_short(name: str, full: str) -> None:
+    assert load_task(name).name == full
+
+
+@pytest.mark.parametrize("name", ["01", "synchronous/lettuce", "1"])
+def test_ambiguous_names_are_refused_with_some_of_the_meant(name: str) -> None:
+    with pytest.raises(FileError, match=rf"{name}: is not one task but \d+: \w+/\d+_"):
+        load_task(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "synchronous/1_cheese_sandwihc",
+        "",
+        "/",
+        "synchronous/",
+        "synchronous/11",
+        "cooking/01",
+        "../domains/robotouille",
+        "nothing.json",
+        "²",
+        "synchronous/²",
+        "synchronous/01@²",
+        "synchronous/01@",
+        "\0.json",
+        "x" * 5000 + ".json",
+        "9" * 5000,
+        "synchronous/01@" + "9" * 5000,
+    ],
+)
+def test_unknown_names(name: str) -> None:
+    with pytest.raises(UnknownTaskError) as error:
+        load_task(name)
+    assert "`robotouille tasks` lists the tasks" in str(error.value)
+
+
+def test_the_nearest_name_is_suggested() -> None:
+    with pytest.raises(UnknownTaskError, match="did you mean 'synchronous/01_cheese_sandwich'"):
+        load_task("synchronous/1_cheese_sandwihc")
+
+
+def test_seats() -> None:
+    assert load_task("multi_agent/01").seats == 2
+    assert load_task("multi_agent/01@3").seats == 3
+    assert load_task("multi_agent/01", seats=4).seats == 4
+    assert load_task("multi_agent/01@3").digest != load_task("multi_agent/01@4").digest
+    for seats in (0, 1, 5):
+        with pytest.raises(FileError, match=f"seats: {seats} seats asked for; possible: 2, 3, 4"):
+            load_task(f"multi_agent/01@{seats}")
+
+
+def test_players_without_a_seat_are_not_in_the_kitchen() -> None:
+    world = World(load_task("multi_agent/01@2"))
+    assert world.players == ("robot1", "robot2")
+    assert "robot3" not in world.initial.text()
+
+
+def test_unknown_timing() -> None:
+    with pytest.raises(FileError, match="unknown profile 'fast'; possible: benchmark, people"):
+        load_task("synchronous/01", timing="fast")
+
+
+def test_a_domain_name_that_is_no_file_name(tmp_path: Path) -> None:
+    name = write(tmp_path, "problem.json", {**PROBLEM, "domain": "x" * 5000})
+    with pytest.raises(FileError, match="no such domain"):
+        load_task(name)
+
+
+# Kinds left open
+
+
+def open_problem(folder: Path) -> str:
+    problem = {
+        "width": 6,
+        "height": 3,
+        "stations": [
+            {"name": "station", "x": 0, "y": 0},
+            *({"name": "table", "x": x, "y": 0} for x in range(1, 6)),
+        ],
+        "items": [{"name": "item", "x": x, "y": 0} for x in range(1, 6)],
+        "players": [{"name": "player", "x": 0, "y": 1, "direction": [0, -1]}],
+        "goal": [{"predicate": "clear", "args": ["item"], "ids": [1]}],
+    }
+    return write(folder, "open.json", problem)
+
+
+def kinds(task: Task) -> list[str]:
+    return [o.name for o in (*task.problem.objects["item"], *task.problem.objects["station"])]
+
+
+def test_a_seed_decides_the_kinds_left_open(tmp_path: Path) -> None:
+    name = open_problem(tmp_path)
+    first = load_task(name, seed=7)
+    assert kinds(first) == kinds(load_task(name, seed=7))
+    assert first.digest == load_task(name, seed=7).digest
+    several = {tuple(kinds(load_task(name, seed=seed))) for seed in range(20)}
+    assert len(several) > 10
+    assert not {kind for found in several for kind in found} & {"item", "station"}
+    assert World(first).players == ("robot1",)
+
+
+def test_what_a_seed_decides_is_fixed_for_ever(tmp_path: Path) -> None:
+    """Recordings and benchmarks name a seed."""
+    assert kinds(load_task(open_problem(tmp_path), seed=42))[:5] == [
+        "bottombun",
+        "lettuce",
+        "chicken",
+        "chicken",
+        "cheese",
+    ]
+
+
+# The published dialect
+
+
+def condition(predicate: str, *params: str, is_true: bool = True) -> dict[str, Any]:
+    return {"predicate": predicate, "params": list(params), "is_true": is_true}
+
+
+def published_domain() -> dict[str, Any]:
+    """No layout, no configuration keys, no travel: version 1 leaves them unsaid."""
+    types = {
+        "istable": "station", "isstove": "station", "isrobot": "player", "ispatty": "item",
+        "iscooked": "item", "vacant": "station", "station_empty": "station", "clear": "item",
+        "nothing": "player",
+    }  # fmt: skip
+    pairs = {
+        "loc": ["player", "station"],
+        "item_on": ["item", "station"],
+        "item_at": ["item", "station"],
+        "has_item": ["player", "item"],
+        "atop": ["item", "item"],
+    }
+    return {
+        "version": "1.0.0",
+        "name": "published",
+        "input_json": "input.json",
+        "object_types": ["station", "item", "player", "container", "meal"],
+        "predicate_defs": [
+            *(
+                {"name": n, "param_types": [k], "language_descriptors": {}}
+                for n, k in types.items()
+            ),
+            *({"name": n, "param_types": k, "language_descriptors": {}} for n, k in pairs.items()),
+        ],
+        "action_defs": [
+            {
+                "name": "move",
+                "precons": [condition("loc", "p1", "s1"), condition("vacant", "s2")],
+                "immediate_fx": [
+                    condition("loc", "p1", "s2"),
+                    condition("loc", "p1", "s1", is_true=False),
+                    condition("vacant", "s1"),
+                    condition("vacant", "s2", is_true=False),
+                ],
+                "sfx": [],
+                "language_description": "Move {p1} from {s1} to {s2}",
+            },
+            {
+                "name": "cook",
+                "precons": [condition("loc", "p1", "s1"), condition("item_on", "i1", "s1")],
+                "immediate_fx": [],
+                "sfx": [
+                    {
+                        "type": "delayed",
+                        "param": "i1",
+                        "fx": [condition("iscooked", "i1")],
+                        "sfx": [],
+                    }
+                ],
+                "language_description": "Cook {i1} on {s1} using {p1}",
+            },
+        ],
+    }
+
+
+def published_problem() -> dict[str, Any]:
+    return {
+        "version": "1.0.0",
+        "width": 4,
+        "height": 3,
+        "config": {"cook_time": {"patty": 1, "default": 4}},
+        "flooring": {"tiles": [[0] * 4] * 3},
+        "furniture": None,
+        "stations": [{"name": "stove", "x": 0, "y": 0}, {"name": "table", "x": 3, "y": 0}],
+        "items": [
+            {"name": "patty", "x": 0, "y": 0, "stack-level": 0, "predicates": []},
+            {"name": "patty", "x": 3, "y": 0, "stack-level": 1, "meal_id": 1},
+            {"name": "patty", "x": 3, "y": 0, "stack-level": 0},
+        ],
+        "containers": [],
+        "meals": [],
+        "players": [{"name": "robot", "x": 0, "y": 1, "direction": [0, -1]}],
+        "goal_description": "Cook a patty.",
+        "goal": [{"predicate": "iscooked", "args": ["patty"], "ids": ["1"]}],
+    }
+
+
+def published(folder: Path, **changes: Any) -> World:
+    domain = write(folder, "domain.json", published_domain())
+    problem = {**published_problem(), "goal": [], **changes}
+    return World(load_task(write(folder, "problem.json", problem), domain=domain))
+
+
+def test_published_files_get_what_they_leave_unsaid(tmp_path: Path) -> None:
+    world = published(tmp_path)
+    assert set(world.initial.fact_names()) >= {
+        "loc(robot1, stove1)",
+        "item_on(patty1, stove1)",
+        "item_on(patty2, table1)",
+        "item_at(patty3, table1)",
+        "atop(patty3, patty2)",
+        "clear(patty3)",
+        "clear(patty1)",
+        "vacant(table1)",
+        "nothing(robot1)",
+    }
+    assert "station_empty(table1)" not in world.initial.fact_names()
+    cook = world.parse(world.initial, "robot1", "Cook patty1 on stove1 using robot1")
+    state = world.initial.step(cook).state
+    assert not state.holds("iscooked", "patty1")
+    assert state.step([]).state.holds("iscooked", "patty1")
+
+
+def test_published_walks_have_a_length_for_people(tmp_path: Path) -> None:
+    task = published(tmp_path).task
+    world = World(Task(task.name, task.domain, task.problem, 1, type(task.timing)("people")))
+    move = world.action("move", "robot1", "stove1", "table1")
+    assert world.initial.step(move).state.busy_steps("robot1") == 2
+
+
+def test_published_goals_may_name_objects_by_a_string(tmp_path: Path) -> None:
+    items = [{"name": "patty", "x": 0, "y": 0, "id": "1"}]
+    goal = published_problem()["goal"]
+    world = published(tmp_path, items=items, goal=goal)
+    cook = world.parse(world.initial, "robot1", "Cook patty1 on stove1 using robot1")
+    assert world.initial.step(cook).state.step([]).goal_reached
+    with pytest.raises(FileError, match="no object has the id '1'"):
+        published(tmp_path, goal=goal)
+
+
+def test_lists_and_objects_that_contradict_each_other(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="objects: input should be a valid dictionary"):
+        published(tmp_path, objects=5)

@@ -1,0 +1,218 @@
+"""Every fault of a domain or problem is named: where it is, what it is, what was meant."""
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import FileError, World, load_task
+from tests.domain.broken import DOMAIN, PROBLEM, build, changed, faults_of, write
+
+CUT = ("action_defs", 0)
+REPEAT = (*CUT, "sfx", 0)
+CREATE = (*CUT, "sfx", 1)
+
+
+def test_the_sound_files_build() -> None:
+    assert build().seats == 1
+
+
+DOMAINS: list[tuple[tuple[Any, ...], Any, str]] = [
+    (("name",), ..., "name: Field required"),
+    (("name",), 7, "name: input should be a valid string, found 7"),
+    (("naem",), "x", "naem: unknown field 'naem'; did you mean 'name'?"),
+    (("object_types",), [], "object_types: tuple should have at least 1 item"),
+    (("object_types",), ["station"] * 2, "object_types: 'station' is defined 2 times"),
+    (("player_types",), ["palyer"], "player_types[0]: unknown object type 'palyer'; did you mean"),
+    (("station_types",), ["table"], "station_types[0]: unknown object type 'table'"),
+    (("predicate_defs", 0, "param_types", 0), "statoin", "did you mean 'station'?"),
+    (("predicate_defs", 0, "param_types"), ["item"] * 5, "at most 4 items"),
+    (("predicate_defs", 1, "name"), "istable", "predicate_defs: 'istable' is defined 2 times"),
+    (("predicate_defs", 1, "name"), "is table", "predicate_defs[1].name: string should match"),
+    (("predicate_defs", 2, "language_descriptors"), {"1": "x"}, "'iscut' has no argument 1"),
+    (
+        ("predicate_defs", 2, "language_descriptors"),
+        {"0": "{3} is cut"},
+        "predicate_defs[2].language_descriptors.0: unknown argument '3'",
+    ),
+    (("predicate_defs", 2, "language_descriptors"), {"0": "{0"}, "the braces do not match"),
+    (
+        ("predicate_defs", 2, "language_descriptors"),
+        {"0": "{0:>9999}"},
+        "unknown argument '0:>9999'",
+    ),
+    ((*CUT, "precons", 0, "predicate"), "lok", "unknown predicate 'lok'; did you mean 'loc'?"),
+    (
+        (*CUT, "precons", 0, "params"),
+        ["p"],
+        "action_defs[0].precons[0].params: 'loc' takes 2, found 1",
+    ),
+    ((*CUT, "precons", 1, "params", 0), "p", "'p' is a player elsewhere in this action"),
+    (
+        (*CUT, "precons", 0, "is_true"),
+        "perhaps",
+        "action_defs[0].precons[0].is_true: input should be",
+    ),
+    ((*CUT, "immediate_fx", 0), {"predicate": "at"}, "immediate_fx[0].params: Field required"),
+    ((*REPEAT, "param"), "j", "action_defs[0].sfx[0].param: unknown parameter 'j'"),
+    ((*REPEAT, "type"), "repetition", "'repetitive'"),
+    ((*REPEAT, "default"), 0, "sfx[0].default: input should be greater than or equal to 1"),
+    (
+        (*REPEAT, "fx", 0, "predicate"),
+        "iscutt",
+        "unknown predicate 'iscutt'; did you mean 'iscut'?",
+    ),
+    ((*REPEAT, "fx", 0, "params"), ["n"], "'n' is created by this action"),
+    ((*REPEAT, "param"), "n", "'n' is created by this action"),
+    ((*CREATE, "created_obj", "type"), "itme", "unknown object type 'itme'; did you mean 'item'?"),
+    ((*CREATE, "created_obj"), ..., "created_obj: Field required"),
+    ((*CREATE, "created_obj", "param"), "i", "'i' is created by this action"),
+    ((*CUT, "travel"), ["s", "n"], "action_defs[0].travel: unknown parameter 'n'"),
+    ((*CUT, "language_description"), "Cut {x}", "unknown parameter 'x'"),
+    ((*CUT, "language_description"), "Cut {n}", "unknown parameter 'n'"),
+    ((*CUT, "language_description"), "Cut {}", "unknown parameter ''"),
+    ((*CUT, "language_description"), "Cut {i!r}", "unknown parameter 'i!r'"),
+    ((*CUT, "language_description"), "Cut {i.__class__}", "unknown parameter 'i.__class__'"),
+    ((*CUT, "language_description"), "100 % {", "the braces do not match"),
+    ((*CUT, "language_description"), "} done", "the braces do not match"),
+    (("layout", 0, "predicate"), "att", "layout[0].predicate: unknown predicate 'att'; did you"),
+    (("layout", 0, "predicate"), "iscut", "'shares_tile' is about a predicate of 2"),
+    (("layout", 0, "when"), "near", "layout[0].when: input should be"),
+    (("layout", 0, "unless"), ["at"], "needs exactly one of 'when' and 'unless'"),
+    (("layout", 0), {"predicate": "at", "unless": ["loc"]}, "'unless' is about a predicate of 1"),
+    (("layout", 0), {"predicate": "iscut", "unless": ["lok"]}, "did you mean 'loc'?"),
+    (("action_defs", 1), DOMAIN["action_defs"][0], "action_defs: 'cut' is defined 2 times"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), DOMAINS, ids=[d[2][:50] for d in DOMAINS])
+def test_faults_of_domains(path: tuple[Any, ...], value: Any, message: str) -> None:
+    faults = faults_of(domain=changed(DOMAIN, *path, to=value))
+    assert any(message in fault for fault in faults), faults
+
+
+PLAYER = ("objects", "player", 0)
+ITEM = ("objects", "item", 0)
+PROBLEMS: list[tuple[tuple[Any, ...], Any, str]] = [
+    (("width",), ..., "width: Field required"),
+    (("width",), 0, "width: input should be greater than or equal to 1, found 0"),
+    (("width",), 10**9, "width: input should be less than or equal to 100"),
+    (("height",), "high", "height: input should be a valid integer"),
+    (("heigth",), 3, "heigth: unknown field 'heigth'; did you mean 'height'?"),
+    (("goal",), ..., "goal: Field required"),
+    (("goal",), {}, "goal: input should be a valid tuple"),
+    (("objects",), [], "objects: input should be a valid dictionary"),
+    (("objects", "itme"), [], "unknown object type 'itme'; did you mean 'item'?"),
+    ((*ITEM, "x"), 5, "items[0]: (5, 0) is off the 3 by 3 grid"),
+    ((*ITEM, "x"), -1, "greater than or equal to 0, found -1"),
+    ((*ITEM, "name"), "two words", "string should match pattern"),
+    ((*ITEM, "predicates"), ["iscutt"], "items[0].predicates[0]: unknown predicate 'iscutt'; did"),
+    ((*ITEM, "predicates"), ["istable"], "'istable' does not describe a single item"),
+    ((*ITEM, "stak-level"), 1, "unknown field 'stak-level'; did you mean 'stack-level'?"),
+    ((*ITEM, "stack-level"), 10**6, "less than or equal to 1000"),
+    (("objects", "item", 1), {**PROBLEM["objects"]["item"][0], "x": 1}, "'first' is used twice"),
+    (("objects", "item", 1), {"name": "table", "x": 1, "y": 1}, "both name table1"),
+    ((*PLAYER, "direction"), [1, 1], "direction must be one of"),
+    ((*PLAYER, "direction"), [0, 0], "direction must be one of"),
+    ((*PLAYER, "direction"), "up", "direction: input should be a valid tuple"),
+    (("objects", "player"), [], "has no player"),
+    (("goal", 0, "predicate"), "iscutt", "unknown predicate 'iscutt'; did you mean 'iscut'?"),
+    (("goal", 0, "args"), ["leak"], "goal[0].args[0]: unknown kind of object 'leak'; did you mean"),
+    (("goal", 0, "args"), ["table"], "'table' is a station, 'iscut' needs a item"),
+    (("goal", 0, "ids"), [1, 2], "1 args but 2 ids"),
+    (("goal", 0), {"predicate": "at", "args": ["leek"], "ids": [1]}, "'at' takes 2, found 1"),
+    (("goal", 0, "ids"), ["frist"], "no object has the id 'frist'; did you mean 'first'?"),
+    (("config", "cut"), {}, "config.cut: unknown configuration key 'cut'; did you mean 'cuts'?"),
+    (("config", "cuts"), {"default": -1}, "config.cuts.default: input should be greater"),
+    (("config", "cuts"), 3, "config.cuts: input should be a valid dictionary"),
+    (("ground",), ["CCC", "CCC"], "ground: 2 rows on a grid 3 high"),
+    (("ground",), ["CCC", "CC", "CCC"], "ground[1]: 2 letters on a grid 3 wide"),
+    (("seats",), [2], "seats[0]: 2 seats, but the problem lists 1 players"),
+    (("seats",), [0], "seats[0]: input should be greater than or equal to 1"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), PROBLEMS, ids=[p[2][:50] for p in PROBLEMS])
+def test_faults_of_problems(path: tuple[Any, ...], value: Any, message: str) -> None:
+    faults = faults_of(problem=changed(PROBLEM, *path, to=value))
+    assert any(message in fault for fault in faults), faults
+
+
+def test_all_faults_of_a_problem_at_once() -> None:
+    problem = changed(PROBLEM, *ITEM, "x", to=9)
+    problem = changed(problem, "goal", 0, "predicate", to="iscutt")
+    problem = changed(problem, "config", "cost", to={})
+    problem = changed(problem, "ground", to=["C"])
+    paths = [fault.split(":")[0] for fault in faults_of(problem=problem)]
+    assert paths == ["items[0]", "goal[0].predicate", "config.cost", "ground", "ground[0]"]
+
+
+def test_all_ill_formed_fields_at_once() -> None:
+    problem = changed(PROBLEM, *ITEM, "stak-level", to=1)
+    problem = changed(problem, "width", to="wide")
+    problem = changed(problem, *PLAYER, "direction", to=[1, 1])
+    paths = {fault.split(":")[0] for fault in faults_of(problem=problem)}
+    assert paths == {"width", "objects.item[0].stak-level", "objects.player[0]"}
+
+
+def test_all_faults_of_a_domain_at_once() -> None:
+    domain = changed(DOMAIN, *CUT, "precons", 0, "predicate", to="lok")
+    domain = changed(domain, *REPEAT, "fx", 0, "predicate", to="cutt")
+    domain = changed(domain, "layout", 1, "predicate", to="locc")
+    paths = [fault.split(":")[0] for fault in faults_of(domain=domain)]
+    assert set(paths) >= {
+        "action_defs[0].precons[0].predicate",
+        "action_defs[0].sfx[0].fx[0].predicate",
+        "layout[1].predicate",
+    }
+
+
+def test_faults_are_found_under_the_names_the_file_uses() -> None:
+    """Published problems list `items`, not `objects.item`."""
+    published = {key: value for key, value in PROBLEM.items() if key != "objects"}
+    published |= {f"{kind}s": list(objects) for kind, objects in PROBLEM["objects"].items()}
+    assert build(problem=published).problem.objects == build().problem.objects
+    (fault,) = faults_of(problem=changed(published, "items", 0, "stak-level", to=1))
+    assert fault == "items[0].stak-level: unknown field 'stak-level'; did you mean 'stack-level'?"
+
+
+def test_too_many_objects() -> None:
+    many = [{"name": "leek", "x": 0, "y": 0}] * 1001
+    (fault,) = faults_of(problem=changed(PROBLEM, "objects", "item", to=many))
+    assert "1003 objects; at most 1000 are allowed" in fault
+
+
+def test_names_that_run_into_each_other() -> None:
+    """The eleventh `leek` and the first `leek1` would both be leek11."""
+    items = [{"name": "leek", "x": 0, "y": 0}] * 11 + [{"name": "leek1", "x": 0, "y": 0}]
+    problem = changed(PROBLEM, "objects", "item", to=items)
+    assert "'leek1' and the item 'leek' both name leek11" in faults_of(problem=problem)[0]
+
+
+def test_the_domain_of_a_problem_is_found_beside_it(tmp_path: Path) -> None:
+    write(tmp_path, "small.json", DOMAIN)
+    name = write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"})
+    task = load_task(name)
+    assert task.domain.name == "small"
+    assert World(task).initial.actions("robot1")[0].sentence == "Cut leek1 with robot1"
+    assert load_task(name, domain=str(tmp_path / "small.json")).digest == task.digest
+
+
+def test_a_missing_domain_is_named_with_the_nearest(tmp_path: Path) -> None:
+    name = write(tmp_path, "problem.json", {**PROBLEM, "domain": "workshoop"})
+    with pytest.raises(FileError, match="no such domain; did you mean 'workshop'"):
+        load_task(name)
+
+
+def test_errors_travel_between_processes() -> None:
+    with pytest.raises(FileError) as error:
+        build(problem=changed(PROBLEM, "width", to=...))
+    twin = pickle.loads(pickle.dumps(error.value))
+    assert (twin.file, twin.faults, str(twin)) == (
+        error.value.file,
+        error.value.faults,
+        str(error.value),
+    )
+    assert json.dumps(str(twin))

@@ -1,0 +1,80 @@
+"""Files that are no JSON, too large, too deep or no files are refused with one clear word."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from robotouille import FileError, load_task
+from robotouille.domain.files import MAX_FILE_BYTES, MAX_NESTING, parse_json, read_json
+
+GOOD = '{"width": 3, "height": 3, "goal": [], "players": [{"name": "robot", "x": 0, "y": 0}]}'
+
+BROKEN = {
+    "empty": (b"", "the file is empty"),
+    "blank": (b" \n\t ", "the file is empty"),
+    "no JSON": (b"width = 3", "is not JSON: Expecting value at line 1, column 1"),
+    "cut off": (GOOD[:40].encode(), "is not JSON: .* at line 1, column"),
+    "followed by more": (GOOD.encode() + b"}", "is not JSON: Extra data"),
+    "NaN": (GOOD.replace("3", "NaN", 1).encode(), "NaN is not a JSON number"),
+    "Infinity": (GOOD.replace("3", "-Infinity", 1).encode(), "-Infinity is not a JSON number"),
+    "a name twice": (b'{"width": 3, "width": 4}', "the name 'width' occurs twice in one object"),
+    "Latin-1": ('{"goal_description": "Crêpe"}'.encode("latin-1"), "is not UTF-8 text: byte 24"),
+    "binary": (bytes(range(256)), "is not UTF-8 text"),
+    "deep": (b"[" * 100_000, f"nested more than {MAX_NESTING} levels"),
+    "deep objects": (b'{"a":' * 5000 + b"1" + b"}" * 5000, "nested more than"),
+    "a huge number": (b'{"width": ' + b"9" * 5000 + b"}", "is not JSON: .*digits"),
+    "a list": (b"[]", "valid dictionary or instance of ProblemFile, found \\[\\]"),
+    "null": (b"null", "valid dictionary or instance of ProblemFile, found None"),
+}
+
+
+@pytest.mark.parametrize("content", BROKEN.values(), ids=BROKEN.keys())
+def test_broken_files(content: tuple[bytes, str], tmp_path: Path) -> None:
+    path = tmp_path / "problem.json"
+    path.write_bytes(content[0])
+    with pytest.raises(FileError, match=content[1]) as error:
+        load_task(str(path))
+    assert error.value.file == str(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert len(error.value.faults) == 1
+
+
+def test_a_huge_file_is_refused_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "huge.json"
+    with path.open("wb") as file:
+        file.truncate(100 * 1024 * 1024)
+    monkeypatch.setattr(Path, "read_text", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(FileError, match=f"104,857,600 bytes; at most {MAX_FILE_BYTES:,}"):
+        load_task(str(path))
+
+
+def test_no_file_a_folder_and_a_forbidden_file(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"cannot be read: No such file"):
+        read_json(tmp_path / "nothing.json")
+    with pytest.raises(FileError, match=r"cannot be read: Is a directory"):
+        read_json(tmp_path)
+    folder = tmp_path / "folder.json"
+    folder.mkdir()
+    with pytest.raises(FileError, match=r"folder.json"):
+        read_json(folder)
+    if os.geteuid():
+        secret = tmp_path / "secret.json"
+        secret.touch(mode=0)
+        with pytest.raises(FileError, match="Permission denied"):
+            read_json(secret)
+
+
+def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
+    path = tmp_path / "problem.json"
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert read_json(path)["width"] == 3
+
+
+def test_brackets_in_strings_are_no_nesting() -> None:
+    deep = '{"words": "' + "[" * 200 + '\\"' + "{" * 200 + '"}'
+    assert parse_json(deep, "here")["words"].count("[") == 200
+    at_most = "[" * MAX_NESTING + "]" * MAX_NESTING
+    assert parse_json(at_most, "here")
+    with pytest.raises(FileError, match="nested"):
+        parse_json(f"[{at_most}]", "here")

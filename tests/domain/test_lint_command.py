@@ -1,0 +1,109 @@
+"""`robotouille lint`: every fault on a line of its own or as JSON, and an exit status."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from robotouille_client.cli.main import app
+from tests.domain.broken import DOMAIN, PROBLEM, changed, write
+
+
+def lint(*arguments: str) -> tuple[int, list[str]]:
+    result = CliRunner().invoke(app, ["lint", *arguments])
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    return result.exit_code, result.stdout.splitlines()
+
+
+def test_shipped_tasks_have_no_faults() -> None:
+    assert lint("synchronous/01", "workshop/02") == (
+        0,
+        ["synchronous/01: no faults", "workshop/02: no faults"],
+    )
+
+
+def test_faults_of_several_files(tmp_path: Path) -> None:
+    domain = write(tmp_path, "small.json", changed(DOMAIN, "layout", 0, "predicate", to="att"))
+    good = write(tmp_path, "good.json", DOMAIN)
+    problem = changed({**PROBLEM, "domain": "good"}, "goal", 0, "predicate", to="iscutt")
+    problem = write(tmp_path, "problem.json", changed(problem, "objects", "item", 0, "x", to=7))
+    status, lines = lint(domain, good, problem)
+    assert status == 1
+    assert lines == [
+        f"{domain}: error: layout[0].predicate: unknown predicate 'att'; did you mean 'at'?",
+        f"{good}: no faults",
+        f"{problem}: error: items[0]: (7, 0) is off the 3 by 3 grid",
+        f"{problem}: error: goal[0].predicate: unknown predicate 'iscutt'; did you mean 'iscut'?",
+    ]
+
+
+def test_warnings_alone_are_no_failure(tmp_path: Path) -> None:
+    write(tmp_path, "small.json", DOMAIN)
+    goal = [
+        {"predicate": "iscut", "args": ["leek"], "ids": [1]},
+        {"predicate": "at", "args": ["item", "table"], "ids": [1, 2]},
+    ]
+    name = write(tmp_path, "problem.json", {**PROBLEM, "domain": "small", "goal": goal})
+    status, lines = lint(name)
+    assert status == 0
+    assert len(lines) == 1
+    assert "warning: goal[1].args[0]: the object 1 is called 'leek' first" in lines[0]
+
+
+def test_faults_as_json(tmp_path: Path) -> None:
+    write(tmp_path, "small.json", DOMAIN)
+    broken = changed({**PROBLEM, "domain": "small"}, "objects", "item", 0, "stak-level", to=1)
+    name = write(tmp_path, "problem.json", broken)
+    status, lines = lint("--json", name, "synchronous/01")
+    assert status == 1
+    assert json.loads("\n".join(lines)) == [
+        {
+            "file": name,
+            "path": "objects.item[0].stak-level",
+            "severity": "error",
+            "message": "unknown field 'stak-level'; did you mean 'stack-level'?",
+        }
+    ]
+    status, lines = lint("--json", "synchronous/01")
+    assert (status, json.loads("\n".join(lines))) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("", "the file is empty"), ("{", "is not JSON"), ("[]", "valid dictionary"), ("{}", "width")],
+)
+def test_files_that_are_no_problem(content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.json"
+    path.write_text(content)
+    status, lines = lint(str(path))
+    assert status == 1
+    assert all(line.startswith(f"{path}: error: ") for line in lines)
+    assert message in lines[0]
+
+
+def test_a_file_that_is_not_there_and_a_task_that_is_not() -> None:
+    status, lines = lint("no-such-file.json", "synchronous/99")
+    assert status == 1
+    assert "no-such-file.json: error: cannot be read: No such file or directory" in lines
+    assert any(line.startswith("synchronous/99: error: no task or file") for line in lines)
+
+
+def test_another_domain(tmp_path: Path) -> None:
+    domain = write(tmp_path, "small.json", DOMAIN)
+    problem = write(tmp_path, "problem.json", PROBLEM)
+    assert lint("--domain", domain, problem) == (0, [f"{problem}: no faults"])
+    status, lines = lint(problem)
+    assert status == 1
+    assert f"{problem}: error: config.cuts: unknown configuration key 'cuts'; " in lines[0]
+
+
+def test_an_input_file(tmp_path: Path) -> None:
+    write(tmp_path, "small.json", DOMAIN)
+    keys = {
+        "keyboard_actions": [{"name": "cutt", "input_instructions": {"key": "e", "at": "station"}}]
+    }
+    name = write(tmp_path, "small.input.json", keys)
+    status, lines = lint(name)
+    assert status == 1
+    assert "keyboard_actions[0].name: unknown action 'cutt'; did you mean 'cut'?" in lines[0]

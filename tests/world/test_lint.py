@@ -1,0 +1,185 @@
+"""Each thing that the linter finds, in the smallest file that has it."""
+
+from typing import Any
+
+import pytest
+
+from robotouille.domain.schema import DomainFile
+from robotouille.errors import Fault
+from robotouille.world.lint import lint_domain, lint_task
+from tests.domain.broken import DOMAIN, PROBLEM, build, changed
+from tests.world.kitchens import kitchen
+
+
+def findings(**fields: Any) -> list[str]:
+    return [f"{f.severity}: {f}" for f in lint_task(kitchen(**fields).task)]
+
+
+def term(predicate: str, *pairs: tuple[str, int | str]) -> dict[str, Any]:
+    return {
+        "predicate": predicate,
+        "args": [kind for kind, _ in pairs],
+        "ids": [identifier for _, identifier in pairs],
+    }
+
+
+def item(name: str, x: int, y: int = 0, level: int = 0, *predicates: str) -> dict[str, Any]:
+    return {"name": name, "x": x, "y": y, "stack-level": level, "predicates": list(predicates)}
+
+
+def robot(x: int, y: int, direction: list[int] | None = None) -> dict[str, Any]:
+    return {"name": "robot", "x": x, "y": y, "direction": direction or [0, -1]}
+
+
+CLEAR = [term("clear", ("bread", 1))]
+BREAD = [item("bread", 1)]
+SOUND: dict[str, Any] = {"items": BREAD, "goal": CLEAR}
+
+
+def test_a_sound_problem_has_no_faults() -> None:
+    assert findings(**SOUND) == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"goal": [term("clear", ("bread", n)) for n in (1, 2)]},
+            "error: goal: needs 2 bread, but the problem has 1",
+        ),
+        (
+            {"goal": [term("iscut", ("lettuce", 1))]},
+            "error: goal: there is no lettuce, and none can be made",
+        ),
+        (
+            {"goal": [term("iscut", ("bread", 1))]},
+            "error: goal[0]: iscut(bread) can never become true in this problem",
+        ),
+        (
+            {"goal": [term("in", ("water", 1), ("pot", 2))]},
+            "error: goal: there is no pot, and none can be made",
+        ),
+        (
+            {"goal": [term("iscuttable", ("bread", 1))]},
+            "error: goal: no choice of objects can meet all its predicates",
+        ),
+        (
+            {"goal": [*CLEAR, term("item_on", ("cheese", 1), ("table", 2))]},
+            "warning: goal[1].args[0]: the object 1 is called 'bread' first and 'cheese' here; "
+            "the first counts",
+        ),
+        (
+            {"stations": [{"name": n, "x": 1, "y": 0} for n in ("table", "stove")]},
+            "error: table1: stands on the same tile (1, 0) as stove1",
+        ),
+        (
+            {"items": [*BREAD, item("bread", 3, 3)]},
+            "error: bread2: lies on the floor at (3, 3): no station is there",
+        ),
+        (
+            {"containers": [{"name": "pot", "x": 2, "y": 3}]},
+            "error: pot1: lies on the floor at (2, 3): no station is there",
+        ),
+        (
+            {"items": [*BREAD, item("lettuce", 1)]},
+            "error: lettuce1: is on the same tile (1, 0) and level as bread1",
+        ),
+        (
+            {"players": [robot(0, 3, [0, 1])]},
+            "error: robot1: faces (0, 4), where there is no station",
+        ),
+        (
+            {"players": [robot(1, 0, [1, 0])]},
+            "error: robot1: stands inside table2 at (1, 0)",
+        ),
+        (
+            {"players": [robot(0, 1), robot(0, 1)]},
+            "error: robot2: faces the same station as robot1",
+        ),
+    ],
+)
+def test_findings(fields: dict[str, Any], message: str) -> None:
+    assert message in findings(**{**SOUND, **fields})
+
+
+def test_a_goal_that_needs_an_absent_tool() -> None:
+    """Lettuce that can be cut, but no board to cut it on."""
+    fields = {
+        "items": [item("lettuce", 0, 0, 0, "iscuttable")],
+        "goal": [term("iscut", ("lettuce", 1))],
+    }
+    assert findings(**fields) == []
+    tables = [{"name": "table", "x": x, "y": 0} for x in (0, 1)]
+    assert findings(**fields, stations=tables) == [
+        "error: goal[0]: iscut(lettuce) can never become true in this problem",
+        "error: goal: no choice of objects can meet all its predicates",
+    ]
+
+
+def test_what_can_be_made_is_there() -> None:
+    fields = {
+        "containers": [{"name": "pot", "x": 0, "y": 0}, {"name": "pot", "x": 1, "y": 0}],
+        "goal": [term("in", ("water", n), ("pot", 10 + n)) for n in (1, 2)],
+    }
+    assert findings(**fields) == []
+
+
+def test_a_station_nobody_can_get_to() -> None:
+    walls = [(0, 2), (1, 2), (1, 1)]
+    stations = [
+        *({"name": "table", "x": x, "y": y} for x, y in walls),
+        {"name": "stove", "x": 0, "y": 1},
+    ]
+    fields = {
+        "stations": stations,
+        "items": [item("bread", 1, 1)],
+        "players": [robot(2, 1, [-1, 0])],
+    }
+    assert findings(**fields, goal=CLEAR) == []
+    corner = [*stations, {"name": "sink", "x": 0, "y": 0}, {"name": "board", "x": 1, "y": 0}]
+    found = findings(**{**fields, "stations": corner}, goal=CLEAR)
+    assert found == [
+        "error: sink1: cannot be reached: no walkable tile is next to (0, 0)",
+        "error: stove1: cannot be reached: no walkable tile is next to (0, 1)",
+    ]
+
+
+def test_all_findings_at_once() -> None:
+    found = findings(
+        items=[item("bread", 1), item("bread", 3, 3), item("lettuce", 1)],
+        players=[robot(0, 3, [0, 1])],
+        goal=CLEAR,
+    )
+    assert len(found) == 3
+
+
+# Domains
+
+
+def domain_findings(*path: Any, to: Any) -> list[Fault]:
+    return lint_domain(DomainFile.model_validate(changed(DOMAIN, *path, to=to)))
+
+
+PRECONS = ("action_defs", 0, "precons")
+
+
+def test_a_sound_domain_has_no_faults() -> None:
+    assert lint_domain(DomainFile.model_validate(DOMAIN)) == []
+    assert lint_task(build()) == []
+
+
+def test_contradictory_preconditions() -> None:
+    opposite = {"predicate": "at", "params": ["i", "s"], "is_true": False}
+    assert [str(f) for f in domain_findings(*PRECONS, 2, to=opposite)] == [
+        "action_defs[0]: 'cut' can never apply: it needs 'at' both true and false"
+    ]
+
+
+def test_an_action_that_can_never_apply() -> None:
+    domain = changed(DOMAIN, "predicate_defs", 5, to={"name": "near", "param_types": ["item"] * 2})
+    domain = changed(domain, *PRECONS, 2, to={"predicate": "near", "params": ["i", "i"]})
+    (fault,) = lint_domain(DomainFile.model_validate(domain))
+    assert str(fault) == (
+        "action_defs[0].precons[2]: 'cut' can never apply: nothing makes 'near' true"
+    )
+    assert fault in lint_task(build(domain, PROBLEM))
