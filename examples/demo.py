@@ -73,7 +73,7 @@ def run(task: str, out: Path, headless: bool) -> None:
     try:
         picture = out / "kitchen.png"
         watch = [command("robotouille-client"), code, "--url", url, "--watch", "--name", "watcher"]
-        watch += ["--linger", "3", "--screenshot", str(picture), "--screenshot-step", "60"]
+        watch += ["--linger", "3", "--screenshot", str(picture), "--screenshot-step", "30"]
         watch += ["--headless"] if headless else []
         processes.append(subprocess.Popen(watch, stderr=subprocess.DEVNULL, text=True))
         console.print(f"[bold]window[/]     {'drawing without a screen' if headless else 'open'}")

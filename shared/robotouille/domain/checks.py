@@ -260,9 +260,8 @@ def placeholders(text: str) -> list[str]:
     found = []
     for _, name, layout, conversion in Formatter().parse(text):
         if name is not None:
-            found.append(
-                name + (f"!{conversion}" if conversion else "") + (layout and f":{layout}")
-            )
+            tail = f"!{conversion}" if conversion else ""
+            found.append(name + tail + (f":{layout}" if layout else ""))
     return found
 
 

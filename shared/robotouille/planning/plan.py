@@ -105,6 +105,7 @@ def _read_action(text: str, world: World) -> GroundAction:
     if match is None:
         raise ValueError(f"expected an action like 'name(argument, argument)', found {text!r}")
     arguments = [name.strip() for name in match[2].split(",")] if match[2].strip() else []
+    world.admit(arguments)
     try:
         return world.action(match[1], *arguments)
     except KeyError as error:

@@ -76,7 +76,9 @@ class Script:
         step, action = mine
         if _running(state) & self._finished[step]:
             return None
-        # The plan may be of another copy of the world.
+        # The plan may be of another copy of the world, in which more has been created.
+        if not state.world.thing_names.issuperset(action.arguments):
+            return None
         here = state.world.action(action.name, *action.arguments)
         return here if state.world.applicable(state, here) else None
 

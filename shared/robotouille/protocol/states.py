@@ -173,14 +173,7 @@ class StateReader:
     def _extend(self, objects: Iterable[Sequence[str]], atoms: Iterable[Sequence[int]]) -> None:
         rows = list(objects)
         self._objects += [row[0] for row in rows]
-        wanted: dict[str, int] = {}
-        for thing in self.world.all_objects():
-            wanted[thing.kind] = wanted.get(thing.kind, 0)
-        for row in (name for name in self._objects if name not in self.world.thing_names):
-            kind = row.rstrip("0123456789")
-            wanted[kind] = max(wanted.get(kind, 0), int(row[len(kind) :]))
-        if any(name not in self.world.thing_names for name in self._objects):
-            self.world.make_room(wanted)
+        self.world.admit(self._objects)
         bit = self.world.table.bit
         special = {-1: "~exists", -2: "~used"}
         for predicate, *arguments in atoms:

@@ -8,7 +8,7 @@ state = state.step(state.actions("robot1")[0]).state
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -60,6 +60,8 @@ class Step:
         """1 on a step that reaches the goal, else 0."""
         return 1.0 if self.goal_reached else 0.0
 
+
+MAX_CREATED = 500
 
 _worlds: weakref.WeakValueDictionary[str, World] = weakref.WeakValueDictionary()
 
@@ -182,6 +184,22 @@ class World:
             while sum(o.kind == kind for o in self._things.values()) < wanted.get(kind, 0):
                 self._add_generation()
         self.goal.refresh()
+
+    def admit(self, names: Iterable[str]) -> None:
+        """Make room for the created objects among these names, as somebody else's course of play
+        may have; ValueError above `MAX_CREATED` of a kind."""
+        creatable = {kind for kind, _ in self._creations}
+        wanted: dict[str, int] = {}
+        for name in names:
+            kind = name.rstrip("0123456789")
+            digits = name[len(kind) :]
+            if name in self._things or kind not in creatable or not digits:
+                continue
+            if len(digits) > 6 or int(digits) > MAX_CREATED:
+                raise ValueError(f"{name} would be more than {MAX_CREATED} of a kind")
+            wanted[kind] = max(wanted.get(kind, 0), int(digits))
+        if wanted:
+            self.make_room(wanted)
 
     def _create(self, kind: str, type_: str, facts: int) -> str:
         """The name of the next object of a kind; its number was never used in this course."""
