@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks import capacity, core  # noqa: E402
+from benchmarks import capacity, core
 
 if __name__ == "__main__":
     core.main()

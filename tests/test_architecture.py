@@ -34,7 +34,7 @@ def imports(path: Path) -> list[str]:
 
 def rank(part: str) -> int | None:
     for i, layer in enumerate(LAYERS):
-        if part == layer or part in layer and isinstance(layer, tuple):
+        if part == layer or (part in layer and isinstance(layer, tuple)):
             return i
     return None
 

@@ -99,10 +99,31 @@ json_values = st.recursive(
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(
     st.integers(0, 8),
-    st.sampled_from(["step", "t", "moves", "add", "remove", "timers", "hash", "kind", "facts", "task",
-                     "rules", "digest", "tables", "notes", "atoms", "objects", "outcome"]),
+    st.sampled_from(
+        [
+            "step",
+            "t",
+            "moves",
+            "add",
+            "remove",
+            "timers",
+            "hash",
+            "kind",
+            "facts",
+            "task",
+            "rules",
+            "digest",
+            "tables",
+            "notes",
+            "atoms",
+            "objects",
+            "outcome",
+            "busy",
+            "unmet",
+        ]
+    ),
     json_values,
-)  # fmt: skip
+)
 def test_well_framed_nonsense_gives_an_error_not_a_crash(
     index: int, key: str, value: object
 ) -> None:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from robotouille.planning.estimate import DEAD, Estimate
+from robotouille.planning.estimate import Estimate
+from robotouille.planning.projection import DEAD
 from robotouille.planning.relevance import Relevance
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State

@@ -179,10 +179,8 @@ class Workbench:
         part = self._parts.get(key)
         if part is None:
             focus = tuple(name for name in names if name)
-            projections = [
-                Projection(self.vocabulary, focus, goal, guest)
-                for guest in sorted(hosted) or [None]
-            ]
+            guests: list[Atom | None] = [*sorted(hosted)] or [None]
+            projections = [Projection(self.vocabulary, focus, goal, guest) for guest in guests]
             part = self._parts[key] = Part(self.vocabulary, projections, bool(goal))
         return part
 
@@ -282,8 +280,7 @@ class Estimate:
             about = facts & mask
             steps, where, held = known.get(about) or part.entry(about)
             total += steps
-            if steps > longest:
-                longest = steps
+            longest = max(longest, steps)
             if held is None:
                 useful |= where
             elif facts & early == early:

@@ -24,7 +24,7 @@ WAITING = 0.4
 """The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
 
 DISTURBING = 1.5
-"""The price, in errands, of moving something else out of the way, which then has to go somewhere."""
+"""The price, in errands, of moving something else out of the way: it has to go somewhere."""
 
 Binding = dict[str, str]
 

@@ -1,9 +1,9 @@
 """Which parts of a goal have to wait for others, found by trying.
 
 The top of a sandwich laid first would have to come off again. To see such things without knowing
-about sandwiches, a little experiment is made for two objects of the goal, with one player alone: bring the one to its
-goal, then try to bring the other to its own without disturbing the first. What cannot be done in
-this order should be done in the other. Alike pairs are tried once.
+about sandwiches, a little experiment is made for two objects of the goal, with one player alone:
+bring the one to its goal, then try to bring the other to its own without disturbing the first. What
+cannot be done in this order should be done in the other. Alike pairs are tried once.
 """
 
 from __future__ import annotations

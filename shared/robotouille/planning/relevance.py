@@ -54,9 +54,10 @@ class Relevance:
                 start = action.name in self._vocabulary.walking
                 if name not in self.stations and not (start and name == self._leaving(action)):
                     return False
-            elif self._vocabulary.is_movable(thing.type):
-                if name not in self.movables and thing.tile is not None:
-                    return False
+                continue
+            movable = self._vocabulary.is_movable(thing.type) and thing.tile is not None
+            if movable and name not in self.movables:
+                return False
         return True
 
     def _leaving(self, action: GroundAction) -> str:

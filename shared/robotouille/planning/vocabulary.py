@@ -115,7 +115,7 @@ class Vocabulary:
     def _members(self, value: str, parameter: str, condition: Condition) -> list[str]:
         if value == SOMEBODY:
             return list(self.world.players)
-        return self.classes[value] if value in self.classes else [value]
+        return self.classes.get(value, [value])
 
     # Time
 

@@ -1,0 +1,136 @@
+"""The commands as a user types them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from robotouille import task_names
+from robotouille.replay.recording import read_recording
+from robotouille_client.cli.main import app
+from tests.server.test_process import process
+from tests.support.games import recorded_game
+
+
+def robotouille(*words: str) -> Result:
+    return CliRunner().invoke(app, list(words))
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "game.rbt"
+    path.write_bytes(recorded_game("multi_agent/01", steps=12))
+    return path
+
+
+def test_tasks_are_listed_with_seats_and_goals() -> None:
+    rows = json.loads(robotouille("tasks", "--json").stdout)
+    assert [row["task"] for row in rows] == list(task_names())
+    row = next(r for r in rows if r["task"] == "multi_agent/01_lettuce_burger")
+    assert row["seats"] == [2, 3, 4]
+    assert "burger" in row["goal"]
+    assert "multi_agent/01" in robotouille("tasks").stdout
+
+
+def test_the_text_that_an_agent_reads() -> None:
+    text = robotouille("text", "synchronous/01").stdout
+    assert text.startswith("Station ")
+    assert "\nValid Actions:\n" in text
+    assert robotouille("text", "synchronous/99").exit_code == 1
+
+
+def test_replay_info_and_verify(recording: Path) -> None:
+    info = json.loads(robotouille("replay", "info", str(recording), "--json").stdout)
+    assert info["steps"] == 12
+    assert info["outcome"]["reason"] == "step_limit"
+    verified = robotouille("replay", "verify", str(recording))
+    assert (verified.exit_code, "verified, 12 steps" in verified.stdout) == (0, True)
+    recording.write_bytes(recording.read_bytes()[:-30])
+    assert "cut off" in robotouille("replay", "verify", str(recording)).stdout
+    damaged = bytearray(recording.read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    recording.write_bytes(damaged)
+    refused = robotouille("replay", "verify", str(recording))
+    assert refused.exit_code == 1
+    assert "damaged at byte" in refused.output
+
+
+def test_replay_export(recording: Path, tmp_path: Path) -> None:
+    out = tmp_path / "game.jsonl"
+    assert robotouille("replay", "export", str(recording), "--output", str(out)).exit_code == 0
+    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    assert [line["kind"] for line in lines] == ["header", *["step"] * 12, "outcome"]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "gif"])
+def test_replay_video(recording: Path, tmp_path: Path, ending: str) -> None:
+    av = pytest.importorskip("av")
+    pytest.importorskip("pygame")
+    film = tmp_path / f"game.{ending}"
+    options = ["--size", "320x240", "--speed", "12"]
+    done = robotouille("replay", "video", str(recording), str(film), *options)
+    assert done.exit_code == 0, done.output
+    with av.open(str(film)) as container:
+        frames = sum(1 for _ in container.decode(video=0))
+    assert f"{frames} frames" in done.output
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["replay", "info", "no-such.rbt"], "cannot be read"),
+        (["replay", "video", "RECORDING", "film.avi"], ".mp4 or .gif"),
+        (["replay", "video", "RECORDING", "film.mp4", "--size", "big"], "WIDTHxHEIGHT"),
+        (["lint", "no-such.json"], "No such file"),
+        (["play", "no/such"], "no task or file"),
+        (["play", "synchronous/01", "--timing", "sundial"], "unknown profile"),
+    ],
+)
+def test_what_is_wrong_is_said(recording: Path, words: list[str], reason: str) -> None:
+    done = robotouille(*[str(recording) if w == "RECORDING" else w for w in words])
+    assert done.exit_code == 1
+    assert reason in done.output
+    assert "Traceback" not in done.output
+
+
+def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
+    program = "from robotouille_client.bots.cli import main; main()"
+    flags = ("--task", "multi_agent/01", "--mode", "realtime", "--step-rate", "20")
+    with process(tmp_path, *flags) as (_, url, code):
+        bots = [
+            subprocess.Popen(
+                [
+                    sys.executable,
+                    "-c",
+                    program,
+                    "planner",
+                    "--url",
+                    url,
+                    "--episode",
+                    code,
+                    "--json",
+                ],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
+            for _ in range(2)
+        ]
+        outcomes = [json.loads(bot.communicate(timeout=90)[0]) for bot in bots]
+    assert [outcome["reason"] for outcome in outcomes] == ["goal", "goal"]
+    (file,) = tmp_path.glob("*.rbt")
+    assert read_recording(file).verify().ok
+
+
+def test_a_bot_without_a_server_or_plan_says_so() -> None:
+    program = "from robotouille_client.bots.cli import main; main()"
+    arguments = [sys.executable, "-c", program, "random", "--url", "ws://127.0.0.1:9"]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "Is robotouille-server running there?" in done.stderr
+    assert "Traceback" not in done.stderr
