@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import pickle
 import random
-import statistics
 import time
 import tracemalloc
 from collections.abc import Callable
@@ -97,9 +94,9 @@ def measure(name: str) -> Row:
     tables, values = writer.tables(world.initial), writer.values(world.initial)
     task = world.task.to_json()
     snapshot = len(msgpack.packb({"type": "snapshot", "task": task, **tables, **values}))
-    pairs = [(s, world.successor(s, a), a) for s, _, a in course[:5000]]
-    sizes = [len(delta(world, writer, i, *pair)) for i, pair in enumerate(pairs)]
-    deltas = best(lambda: [delta(world, writer, i, *p) for i, p in enumerate(pairs)])
+    pairs = joint_walk(world, 5000)
+    sizes = [len(delta(writer, i, *pair)) for i, pair in enumerate(pairs)]
+    deltas = best(lambda: [delta(writer, i, *p) for i, p in enumerate(pairs)])
     return Row(
         task=name,
         load=load_seconds,
@@ -117,13 +114,25 @@ def measure(name: str) -> Row:
     )
 
 
+def joint_walk(world: World, steps: int) -> list[tuple[State, State, list[GroundAction]]]:
+    """A random walk in which every player acts in every step."""
+    generator = random.Random(9)
+    state, course = world.initial, []
+    for _ in range(steps):
+        joint = [generator.choice(state.actions(player)) for player in world.players]
+        after = state.step(joint).state
+        course.append((state, after, joint))
+        state = after
+    return course
+
+
 def delta(
-    world: World, writer: StateWriter, step: int, before: State, after: State, action: GroundAction
+    writer: StateWriter, step: int, before: State, after: State, joint: list[GroundAction]
 ) -> bytes:
     """A step's message as the server packs it."""
     message = {"type": "delta", "step": step, **writer.changes(before, after)}
-    message["did"] = [[0, action.name, *action.arguments]]
-    message["seq"] = [step]
+    message["did"] = [[i, action.name, *action.arguments] for i, action in enumerate(joint)]
+    message["seq"] = [step] * len(joint)
     packed: bytes = msgpack.packb(message)
     return packed
 
@@ -161,7 +170,7 @@ def table(rows: list[Row]) -> list[list[str]]:
             if target is not None:
                 value = getattr(row, key)
                 ratio = target / value if key == "load" else value / target
-                mark = f"  ({ratio:.1f}× target)"
+                mark = f" ({ratio:.1f}×)"
             cells.append(show(row) + mark)
         lines.append([title, *cells])
 
@@ -187,21 +196,17 @@ def table(rows: list[Row]) -> list[list[str]]:
 def main() -> list[Row]:
     from rich.console import Console
     from rich.progress import track
-    from rich.table import Table
 
-    console = Console()
+    console = Console(stderr=True)
     rows = [measure(name) for name in track(TASKS, "measuring", transient=True, console=console)]
     lines = table(rows)
-    shown = Table(*lines[0], title="The world, one process, pure Python", title_style="bold")
-    for cells in lines[1:]:
-        shown.add_row(*cells)
-    console.print(shown)
-    state = World("multi_agent/09").initial
-    sizes = {"pickle": len(pickle.dumps(state)), "json": len(json.dumps(state.fact_names()))}
-    console.print(
-        f"one state alone: {sizes['pickle']:,} B pickled with its task, "
-        f"{statistics.mean([sizes['json']]):,.0f} B as fact names in JSON"
-    )
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    print("The world: one process, pure Python, random valid actions")
+    for line in lines:
+        cells = [line[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
+        print("  ".join(cells))
+    print("(n×): that many times as good as asked for")
     return rows
 
 

@@ -21,7 +21,6 @@ from robotouille.episode import (
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
-from robotouille.protocol.states import StateWriter
 from robotouille.replay.recorder import HASH_EVERY, Recorder
 from robotouille.world.actions import GroundAction
 from robotouille_server.files import RecordingFile
@@ -51,7 +50,7 @@ class Room:
         self.world = episode.world
         self.members: list[Session] = []
         self.closed = asyncio.Event()
-        self._writer = StateWriter(self.world)
+        self._writer = recorder.writer
         self._writer.tables(self.world.initial)
         self._recorder = recorder
         self._file = file
@@ -186,12 +185,12 @@ class Room:
         return self._loop.time()
 
     def _schedule(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-            self._timer = None
         due = self.episode.due()
-        if due is not None:
-            self._timer = self._loop.call_at(due, self._on_time, due)
+        if self._timer is not None:
+            if due == self._timer.when():
+                return
+            self._timer.cancel()
+        self._timer = None if due is None else self._loop.call_at(due, self._on_time, due)
 
     def _on_time(self, due: float) -> None:
         self._timer = None

@@ -216,7 +216,7 @@ class Episode:
         """A chat message to everybody in the episode; it is recorded."""
         if player:
             seat = self.seat(player)
-            seat.tally = replace(seat.tally, said=seat.tally.said + 1)
+            seat.tally.said += 1
         self._emit(Said(name, player, text, self._elapsed(now)))
 
     def _check_running(self) -> None:
@@ -248,7 +248,7 @@ class Episode:
     ) -> None:
         sentence = action.sentence if action is not None else "nothing"
         seat.answer = Answer(seq, self.step, reasons)
-        seat.tally = replace(seat.tally, rejected=seat.tally.rejected + 1)
+        seat.tally.rejected += 1
         self._emit(Rejected(seat.player, seq, sentence, reasons, self._elapsed(now)))
 
     def _refuse_again(self, seat: Seat, action: GroundAction | None, now: float) -> None:
@@ -392,21 +392,20 @@ class Episode:
 
     def _count(self, moves: tuple[Move, ...], applied: list[bool]) -> None:
         acted = {move.player: ok for move, ok in zip(moves, applied, strict=True)}
+        turn = self.on_turn
         for seat in self.seats.values():
-            tally = seat.tally
-            if self.on_turn not in (None, seat.player):
-                continue
-            if seat.player not in acted:
-                seat.tally = replace(tally, idle=tally.idle + 1)
-            elif acted[seat.player]:
-                seat.tally = replace(tally, applied=tally.applied + 1)
-            else:
-                seat.tally = replace(tally, rejected=tally.rejected + 1)
+            ok = acted.get(seat.player)
+            if ok:
+                seat.tally.applied += 1
+            elif ok is False:
+                seat.tally.rejected += 1
+            elif turn in (None, seat.player):
+                seat.tally.idle += 1
 
     def _end(self, reason: Reason, now: float, detail: str = "") -> None:
         self._to(Phase.OVER)
         self._deadline = None
-        tallies = tuple(seat.tally for seat in self.seats.values())
+        tallies = tuple(replace(seat.tally) for seat in self.seats.values())
         self.outcome = Outcome(reason, self.step, self._elapsed(now), tallies, detail)
         self._emit(Ended(self.outcome))
 

@@ -34,7 +34,7 @@ class Reason(StrEnum):
     ABORTED = "aborted"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SeatTally:
     """What one seat did over an episode."""
 

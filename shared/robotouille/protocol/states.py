@@ -46,6 +46,7 @@ class StateWriter:
         self.world = world
         self.predicates = list(world.table.fluents)
         self.size = 0
+        self._last: tuple[State, State, dict[str, Any]] | None = None
 
     def tables(self, state: State) -> dict[str, Any]:
         """The tables one needs to read the facts of a state."""
@@ -67,7 +68,15 @@ class StateWriter:
         }
 
     def changes(self, before: State, after: State) -> dict[str, Any]:
-        """What differs between two states; only what did change is there."""
+        """What differs between two states; only what did change is there.
+
+        The answer for the last pair is kept: a step is both recorded and sent.
+        """
+        if self._last is None or self._last[0] is not before or self._last[1] is not after:
+            self._last = (before, after, self._changes(before, after))
+        return self._last[2]
+
+    def _changes(self, before: State, after: State) -> dict[str, Any]:
         fields: dict[str, Any] = {}
         size = self.world.table_size(after.facts)
         if size > self.size:

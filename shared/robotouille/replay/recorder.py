@@ -57,17 +57,17 @@ class Recorder:
     world: World
     head: dict[str, Any]
     reasoning: dict[str, str] = field(default_factory=dict)
-    _writer: StateWriter = field(init=False)
+    writer: StateWriter = field(init=False)
     _notes: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._writer = StateWriter(self.world)
+        self.writer = StateWriter(self.world)
 
     def begin(self) -> bytes:
         """The magic, the header with its tables, and the initial state."""
         initial = self.world.initial
-        head = {**self.head, "tables": self._writer.tables(initial)}
-        return MAGIC + pack_frame(head) + keyframe(self._writer, 0, initial)
+        head = {**self.head, "tables": self.writer.tables(initial)}
+        return MAGIC + pack_frame(head) + keyframe(self.writer, 0, initial)
 
     def record(self, events: Iterable[Event]) -> bytes:
         """The frames of some events; rejections, chat and roster changes wait for the next step."""
@@ -85,9 +85,7 @@ class Recorder:
     def _step(self, event: Stepped) -> bytes:
         rows = {"t": _ms(event.time), "moves": [self._move(move) for move in event.moves]}
         rows |= self._take_notes()
-        return step_frames(
-            self._writer, event.step, rows, event.attempts, event.before, event.state
-        )
+        return step_frames(self.writer, event.step, rows, event.attempts, event.before, event.state)
 
     def _move(self, move: Move) -> dict[str, Any]:
         row: dict[str, Any] = {
