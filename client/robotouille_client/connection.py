@@ -59,6 +59,9 @@ class Client:
         self._refs = 0
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self._join: messages.Join | None = None
+        self._rejoin: int | None = None
+        self._joining: int | None = None
+        self._pending_join: messages.Joined | None = None
         self._reader: asyncio.Task[None] | None = None
         self._outbox: asyncio.Queue[messages.Message] = asyncio.Queue()
         self._closing = False
@@ -82,12 +85,12 @@ class Client:
     async def close(self) -> None:
         """Close the connection; a seat is kept for the server's grace period."""
         self._closing = True
-        if self._socket is not None:
-            await self._socket.close()
         if self._reader is not None:
             self._reader.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._reader
+        if self._socket is not None:
+            await self._socket.close()
 
     # Requests
 
@@ -113,12 +116,8 @@ class Client:
         request = messages.Join(
             ref=self._next_ref(), episode=episode, seat=seat, role=role, view=view
         )
+        await self._ask(request, messages.Joined)
         self._join = request
-        try:
-            await self._ask(request, messages.Joined)
-        except ProtocolError:
-            self._join = None
-            raise
         if self.game is None:
             raise AssertionError("joined without a game")
         return self.game
@@ -156,8 +155,25 @@ class Client:
 
     async def _open(self) -> None:
         """Connect and say hello."""
+        socket = await self._connect()
         try:
-            socket = await open_socket(
+            async with asyncio.timeout(ANSWER_SECONDS):
+                answer = await self._greet(socket)
+        except (ConnectionClosed, TimeoutError) as error:
+            await socket.close()
+            raise ConnectionFailedError(f"{self.url} did not welcome us: {error}") from None
+        except BaseException:
+            await socket.close()
+            raise
+        self._socket = socket
+        self._resume = answer.resume
+        self.connected.set()
+        if self._join is not None and not answer.resumed:
+            await self._join_again(socket, self._join)
+
+    async def _connect(self) -> ClientConnection:
+        try:
+            return await open_socket(
                 self.url,
                 subprotocols=[Subprotocol(self._codec.name)],
                 compression=None,
@@ -170,38 +186,44 @@ class Client:
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
             message = f"cannot connect to {self.url}: {error}. Is robotouille-server running there?"
             raise ConnectionFailedError(message) from None
+
+    async def _greet(self, socket: ClientConnection) -> messages.Welcome:
+        """Say hello, anew where the resume token has expired."""
         hello = messages.Hello(
             protocol=messages.PROTOCOL_VERSION, name=self.name, kind=self.kind, resume=self._resume
         )
         await socket.send(self._codec.encode(hello))
         answer = self._codec.decode_server(await socket.recv())
+        if isinstance(answer, messages.Error) and answer.code == "auth/expired":
+            self._resume = None
+            await socket.send(self._codec.encode(hello.model_copy(update={"resume": None})))
+            answer = self._codec.decode_server(await socket.recv())
         if isinstance(answer, messages.Error):
-            if answer.code == "auth/expired":
-                self._resume = None
-                await socket.send(self._codec.encode(hello.model_copy(update={"resume": None})))
-                answer = self._codec.decode_server(await socket.recv())
-            if isinstance(answer, messages.Error):
-                await socket.close()
-                raise ProtocolError(answer.code, answer.message, answer.field)
+            raise ProtocolError(answer.code, answer.message, answer.field)
         if not isinstance(answer, messages.Welcome):
-            await socket.close()
-            raise ProtocolError("message/unexpected", f"{answer.type} in answer to hello")
-        self._socket = socket
-        self._resume = answer.resume
-        self.connected.set()
-        if self._join is not None and not answer.resumed:
-            seat = self.game.seat if self.game else self._join.seat
-            again = self._join.model_copy(update={"ref": self._next_ref(), "seat": seat})
-            await socket.send(self._codec.encode(again))
+            found = type(answer).__name__
+            raise ProtocolError("message/unexpected", f"{found} in answer to hello")
+        return answer
+
+    async def _join_again(self, socket: ClientConnection, join: messages.Join) -> None:
+        """The server forgot us: take the same seat as a newcomer."""
+        seat = self.game.seat if self.game else join.seat
+        self._rejoin = self._next_ref()
+        again = join.model_copy(update={"ref": self._rejoin, "seat": seat})
+        await socket.send(self._codec.encode(again))
 
     async def _run(self) -> None:
-        while not self._closing:
-            await self._converse()
-            self.connected.clear()
-            if self._closing or not self._reconnect or self.farewell:
-                break
-            await self._come_back()
-        self._give_up(self.farewell or "the connection was closed")
+        try:
+            while not self._closing:
+                await self._converse()
+                self.connected.clear()
+                if self._closing or not self._reconnect or self.farewell:
+                    break
+                await self._come_back()
+        except RobotouilleError as error:
+            self.farewell = f"the server's messages cannot be read: {error}"
+        finally:
+            self._give_up(self.farewell or "the connection was closed")
 
     async def _converse(self) -> None:
         socket = self._socket
@@ -255,6 +277,11 @@ class Client:
     def _settle(self, message: messages.ServerMessage) -> None:
         """Hand an answer to who asked; a join is answered once its first picture is there."""
         ref = getattr(message, "ref", None)
+        if isinstance(message, messages.Error) and ref is not None and ref == self._rejoin:
+            self._join = None
+            if self.game is not None:
+                lost = messages.Left(episode=self.game.episode, reason=message.message)
+                self.game.receive(lost, 0.0)
         if isinstance(message, messages.Joined):
             self._joining = ref
             return
@@ -268,9 +295,6 @@ class Client:
             future.set_exception(ProtocolError(message.code, message.message, message.field))
         else:
             future.set_result(message)
-
-    _joining: int | None = None
-    _pending_join: messages.Joined | None = None
 
     def _give_up(self, reason: str) -> None:
         for future in self._answers.values():

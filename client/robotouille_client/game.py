@@ -136,6 +136,7 @@ class Game:
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._news = asyncio.Event()
         self._resyncing = False
+        self._resync_asked = 0
         self.ended = False
 
     # State
@@ -198,6 +199,9 @@ class Game:
             reasoning=reasoning,
         )
         future = asyncio.get_running_loop().create_future()
+        if self.ended:
+            future.set_result(ActResult(False, self.step, ("it is over",), "episode/over"))
+            return future
         self._waiting[act.seq] = future
         self._unanswered = {act.seq: act}
         self._send(act)
@@ -269,6 +273,7 @@ class Game:
         """The connection is back: send again what was not answered."""
         self._seq = max(self._seq, joined.seq)
         self._resyncing = False
+        self._resync_asked = 0
         for act in self._unanswered.values():
             self._send(act)
 
@@ -297,7 +302,15 @@ class Game:
             self._finish(message.outcome)
 
     def _delta(self, message: messages.Delta, now: float) -> None:
-        if self._resyncing or self._reader is None:
+        if self._reader is None:
+            return
+        if self._resyncing:
+            # The snapshot is on its way; ask again if the request was lost.
+            self._resync_asked += 1
+            if self._resync_asked % 20 == 0:
+                self._send(messages.Resync())
+            return
+        if message.step <= self.step:
             return
         if message.step != self.step + 1:
             self._resync()
@@ -345,11 +358,11 @@ class Game:
             if self.world.players[int(row[0])] == self.seat:
                 reasons = tuple(message.unmet.get(str(i), ()))
                 code = "action/invalid" if reasons else ""
-                self._resolve(seq, ActResult(not reasons, message.step, reasons, code))
+                self._settle(seq, ActResult(not reasons, message.step, reasons, code))
         # A decision to do nothing is answered by the step in which nothing was done.
         for seq, act in list(self._unanswered.items()):
             if act.action is None:
-                self._resolve(seq, ActResult(True, message.step))
+                self._settle(seq, ActResult(True, message.step))
 
     def _observe(self, message: messages.Observation, now: float) -> None:
         self.step, self.turn = message.step, message.turn
@@ -393,6 +406,7 @@ class Game:
 
     def _resync(self) -> None:
         self._resyncing = True
+        self._resync_asked = 0
         self._send(messages.Resync())
 
     def _emit(self, event: GameEvent) -> None:

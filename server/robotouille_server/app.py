@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from robotouille.errors import ProtocolError
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
 from robotouille_server.lobby import Lobby
@@ -29,7 +29,11 @@ from robotouille_server.room import Room
 from robotouille_server.session import Session
 from robotouille_server.settings import ServerSettings
 
-__all__ = ["Server", "serve"]
+__all__ = ["CannotListenError", "Server", "serve"]
+
+
+class CannotListenError(RobotouilleError):
+    """The address is in use, or not ours."""
 
 
 class Budget:
@@ -40,13 +44,17 @@ class Budget:
         self._left = 2 * per_second
         self._at = now
 
-    def take(self, now: float) -> bool:
+    def take(self, now: float, cost: float = 1) -> bool:
         self._left = min(2 * self._rate, self._left + (now - self._at) * self._rate)
         self._at = now
-        if self._left < 1:
+        if self._left < cost:
             return False
-        self._left -= 1
+        self._left -= cost
         return True
+
+
+COSTS: dict[type[messages.Message], float] = {messages.Create: 10, messages.ListEpisodes: 3}
+"""What a message takes of a connection's budget, where that is not one."""
 
 
 class Server:
@@ -84,8 +92,16 @@ class Server:
     # Life
 
     async def start(self) -> None:
-        """Begin to listen; OSError if the address cannot be had."""
-        self._socket = await listen(
+        """Begin to listen; CannotListenError if the address cannot be had."""
+        try:
+            self._socket = await self._listen()
+        except OSError as error:
+            where = f"{self.settings.host}:{self.settings.port}"
+            raise CannotListenError(f"cannot listen on {where}: {error.strerror}") from None
+        get_logger().info("listening", url=self.url)
+
+    async def _listen(self) -> SocketServer:
+        return await listen(
             self._serve_connection,
             self.settings.host,
             self.settings.port,
@@ -93,14 +109,13 @@ class Server:
             select_subprotocol=_select_subprotocol,
             process_request=self._http,
             compression=None,
-            max_size=MAX_CLIENT_BYTES,
+            max_size=2 * MAX_CLIENT_BYTES,
             max_queue=16,
             open_timeout=self.settings.hello_seconds,
             ping_interval=20,
             ping_timeout=20,
             close_timeout=2,
         )
-        get_logger().info("listening", url=self.url)
 
     @property
     def port(self) -> int:
@@ -119,7 +134,10 @@ class Server:
         """End all episodes, tell all clients, close all recordings."""
         self._stopping = True
         for room in list(self.lobby.rooms.values()):
-            room.abort(reason)
+            try:
+                room.abort(reason)
+            except Exception:
+                get_logger().exception("the episode failed", episode=room.id)
         for session in list(self._sessions.values()):
             session.cancel_expiry()
             if session.peer is not None:
@@ -204,8 +222,7 @@ class Server:
         elif session.peer is not None:
             old, session.peer = session.peer, None
             old.send(messages.Bye(reason="the connection was resumed elsewhere"))
-            task = asyncio.ensure_future(old.socket.close(1008, "resumed elsewhere"))
-            task.add_done_callback(lambda done: done.exception())
+            old.part("resumed elsewhere")
         session.cancel_expiry()
         session.peer = peer
         welcome = messages.Welcome(
@@ -257,9 +274,9 @@ class Server:
             self.metrics.received.inc()
             ref = None
             try:
-                allowed = budget.take(loop.time())
                 message = peer.codec.decode_client(payload)
                 ref = getattr(message, "ref", None)
+                allowed = budget.take(loop.time(), COSTS.get(type(message), 1))
                 if session.peer is not peer:
                     return
                 if allowed:
@@ -268,6 +285,10 @@ class Server:
                     self._refuse(peer, message)
             except ProtocolError as error:
                 self._answer_error(peer, error, ref)
+            except Exception:
+                get_logger().exception("a message failed", session=session.id)
+                failure = ProtocolError("server/internal", "the server failed to handle this")
+                self._answer_error(peer, failure, ref)
             if not await peer.drained():
                 return
 
@@ -287,7 +308,9 @@ class Server:
     def _answer_error(self, peer: Peer, error: ProtocolError, ref: int | None) -> None:
         self.metrics.errors.labels(error.code).inc()
         peer.send(
-            messages.Error(ref=ref, code=error.code, message=error.message, field=error.field)
+            messages.Error(
+                ref=ref or error.ref, code=error.code, message=error.message, field=error.field
+            )
         )
 
     # Messages
@@ -297,7 +320,7 @@ class Server:
 
     def _list(self, session: Session, message: messages.ClientMessage) -> None:
         ref = message.ref if isinstance(message, messages.ListEpisodes) else None
-        infos = self.lobby.infos(asyncio.get_running_loop().time())
+        infos = self.lobby.infos()
         self._reply(session, messages.Episodes(ref=ref, episodes=infos))
 
     def _create(self, session: Session, message: messages.ClientMessage) -> None:
@@ -320,8 +343,18 @@ class Server:
         self._reply(session, messages.Left(ref=ref, episode=room.id))
 
     def _act(self, session: Session, message: messages.ClientMessage) -> None:
-        if isinstance(message, messages.Act):
-            self._room(session).act(session, message)
+        if not isinstance(message, messages.Act):
+            return
+        if session.room is not None:
+            session.room.act(session, message)
+        else:
+            reasons = ["join an episode first"]
+            self._reply(
+                session,
+                messages.Rejected(
+                    seq=message.seq, step=0, action="", reasons=reasons, code="episode/none"
+                ),
+            )
 
     def _say(self, session: Session, message: messages.ClientMessage) -> None:
         if isinstance(message, messages.Say):

@@ -68,6 +68,7 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
 
 def run(settings: BaseSettings) -> None:
     """Serve until SIGINT or SIGTERM; exit status 1 if the server cannot start."""
+    from robotouille_server.app import CannotListenError
     from robotouille_server.logs import configure_logs
 
     if not isinstance(settings, ServerSettings):
@@ -75,13 +76,9 @@ def run(settings: BaseSettings) -> None:
     configure_logs(settings.log_level, settings.log_format)
     try:
         asyncio.run(_serve(settings))
-    except OSError as error:
-        where = f"{settings.host}:{settings.port}"
-        print(f"cannot listen on {where}: {error.strerror}; try --port 0", file=sys.stderr)
-        raise typer.Exit(1) from None
     except RobotouilleError as error:
         print(f"robotouille-server: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
+        raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
 
 
 async def _serve(settings: ServerSettings) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 from collections.abc import Callable
 
@@ -42,11 +43,9 @@ class Lobby:
         self._metrics = metrics
         self._random = randomness
         self._timestamp = timestamp
-        self._over: list[tuple[float, Room]] = []
 
     def create(self, request: messages.Create, now: float) -> Room:
         """Open a room; ProtocolError names what cannot be had."""
-        self.sweep(now)
         live = sum(room.episode.phase is not Phase.OVER for room in self.rooms.values())
         if live >= self._settings.max_episodes:
             message = f"{live} episodes run already; try again later"
@@ -74,6 +73,7 @@ class Lobby:
             recorder=Recorder(world, head),
             file=file,
             metrics=self._metrics,
+            on_close=self._closed,
         )
         self.rooms[episode_id] = room
         self._codes[code] = room
@@ -91,27 +91,22 @@ class Lobby:
             raise ProtocolError("episode/unknown", message, "episode")
         return room
 
-    def infos(self, now: float) -> list[messages.EpisodeInfo]:
+    def infos(self) -> list[messages.EpisodeInfo]:
         """All rooms, those that wait for players first."""
-        self.sweep(now)
         order = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.OVER: 2}
         rooms = sorted(self.rooms.values(), key=lambda room: order[room.episode.phase])
         return [room.info() for room in rooms[:500]]
 
-    def sweep(self, now: float) -> None:
-        """Forget rooms that have been over for a while."""
-        seen = {room.id for _, room in self._over}
-        for room in self.rooms.values():
-            if room.episode.phase is Phase.OVER and room.id not in seen:
-                self._over.append((now, room))
-        for since, room in list(self._over):
-            if now - since > LINGER_SECONDS or not room.members:
-                self._over.remove((since, room))
-                self.rooms.pop(room.id, None)
-                self._codes.pop(room.code, None)
-                for session in list(room.members):
-                    session.room = None
+    def _closed(self, room: Room) -> None:
+        """An episode is over: keep its room for a while, for those who come back late."""
         self._count()
+        linger = max(LINGER_SECONDS, self._settings.grace)
+        asyncio.get_running_loop().call_later(linger, self._forget, room)
+
+    def _forget(self, room: Room) -> None:
+        self.rooms.pop(room.id, None)
+        self._codes.pop(room.code, None)
+        room.dismiss()
 
     def _count(self) -> None:
         live = sum(room.episode.phase is not Phase.OVER for room in self.rooms.values())

@@ -32,7 +32,8 @@ class Peer:
     ) -> None:
         self.socket = socket
         self.codec = codec
-        self.behind_since: float | None = None
+        self._catching_up: asyncio.Task[None] | None = None
+        self._parting: asyncio.Task[None] | None = None
         self._metrics = metrics
         self._stall_seconds = stall_seconds
 
@@ -57,22 +58,25 @@ class Peer:
             self._metrics.sent_bytes.inc(len(payload))
             broadcast([self.socket], payload)
 
-    def keeps_up(self, now: float, catch_up: Callable[[], None]) -> bool:
-        """Whether the client may be sent deltas; calls `catch_up` when it has read what it had.
+    def keeps_up(self, catch_up: Callable[[], None]) -> bool:
+        """Whether the client may be sent deltas.
 
-        One that has been behind for too long is cut off.
+        Once it has fallen behind it is not, until it has read what it had; `catch_up` is called
+        then. One that does not read in time is cut off.
         """
-        if self.behind_since is None:
-            if self.unsent <= MAX_UNSENT:
-                return True
-            self.behind_since = now
-        elif self.unsent == 0:
-            self.behind_since = None
+        if self._catching_up is None and self.unsent > MAX_UNSENT:
+            self._catching_up = asyncio.create_task(self._wait_and_catch_up(catch_up))
+        return self._catching_up is None
+
+    async def _wait_and_catch_up(self, catch_up: Callable[[], None]) -> None:
+        if await self._unsent_at_most(0):
+            self._catching_up = None
             self._metrics.snapshots.inc()
             catch_up()
-        elif now - self.behind_since > self._stall_seconds:
-            self.drop("stalled")
-        return False
+
+    def part(self, reason: str) -> None:
+        """Close the connection politely, without waiting for the peer."""
+        self._parting = asyncio.create_task(self.socket.close(1008, reason))
 
     def drop(self, reason: str) -> None:
         """Cut the connection off without waiting for the peer."""
@@ -81,11 +85,14 @@ class Peer:
 
     async def drained(self) -> bool:
         """Wait until the client has read what it was sent; False if it does not in time."""
+        return self.unsent <= MAX_UNSENT or await self._unsent_at_most(MAX_UNSENT)
+
+    async def _unsent_at_most(self, size: int) -> bool:
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self._stall_seconds
-        while self.open and self.unsent > MAX_UNSENT:
+        while self.open and self.unsent > size:
             if loop.time() > deadline:
                 self.drop("stalled")
                 return False
             await asyncio.sleep(0.05)
-        return True
+        return self.open

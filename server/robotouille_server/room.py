@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 from robotouille.episode import (
@@ -23,6 +24,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
 from robotouille.replay.recorder import HASH_EVERY, Recorder
 from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
 from robotouille_server.files import RecordingFile
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
@@ -43,6 +45,7 @@ class Room:
         recorder: Recorder,
         file: RecordingFile | None,
         metrics: Metrics,
+        on_close: Callable[[Room], None],
     ) -> None:
         self.id = episode_id
         self.code = code
@@ -51,21 +54,21 @@ class Room:
         self.members: list[Session] = []
         self.closed = asyncio.Event()
         self._writer = recorder.writer
-        self._writer.tables(self.world.initial)
         self._recorder = recorder
         self._file = file
         self._metrics = metrics
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._seat_number = {player: i for i, player in enumerate(self.world.players)}
-        if file is not None:
-            file.append(recorder.begin())
+        self._on_close = on_close
         self._schedule()
 
     # Coming and going
 
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
         """Take a seat or watch; the session gets `joined` and a first picture."""
+        self.flush()
+        self._begin_recording()
         if request.role == "player":
             player = request.seat
             session.player = self.episode.join(player, session.name, session.kind, self._now())
@@ -76,12 +79,26 @@ class Room:
             session.player = None
         session.room = self
         session.view = request.view
-        session.known.update(request.known)
+        session.known = set(request.known)
+        self.flush()
         self.members.append(session)
         self.welcome(session, request.ref)
-        self.flush()
         if session.player is None:
             self._send_all(self.roster())
+        else:
+            self._send(session, self.roster())
+
+    def _begin_recording(self) -> None:
+        """Open the file when the first participant comes; ProtocolError where it cannot be."""
+        if self._file is None or self._file.begun:
+            return
+        try:
+            self._file.open()
+        except OSError as error:
+            message = f"the episode cannot be recorded: {error.strerror}"
+            get_logger().error("recording not begun", file=str(self._file.path), error=str(error))
+            raise ProtocolError("server/recording", message) from None
+        self._file.append(self._recorder.begin())
 
     def welcome(self, session: Session, ref: int | None) -> None:
         """`joined` and a first picture, at the first visit or after a lost connection."""
@@ -99,10 +116,12 @@ class Room:
         """Leave for good."""
         if session in self.members:
             self.members.remove(session)
-        if session.player is not None:
-            self.episode.leave(session.player, self._now())
-        session.room = None
-        session.player = None
+        player = session.player
+        session.room = session.player = None
+        if player is not None:
+            self.episode.leave(player, self._now())
+        else:
+            self._send_all(self.roster())
         self.flush()
 
     def connection_lost(self, session: Session) -> None:
@@ -115,6 +134,13 @@ class Room:
             self.episode.set_present(session.player, True, self._now())
         self.flush()
 
+    def dismiss(self) -> None:
+        """Tell those who are still here that the room is closed."""
+        for session in self.members:
+            session.room = session.player = None
+            self._send(session, messages.Left(episode=self.id, reason="the episode is over"))
+        self.members.clear()
+
     @property
     def spectators(self) -> int:
         return sum(session.player is None for session in self.members)
@@ -126,13 +152,35 @@ class Room:
         try:
             if session.player is None:
                 raise ProtocolError("seat/none", "spectators do not act", "type")
+            if request.seq == self.episode.seat(session.player).seq:
+                self._answer_again(session, request)
+                return
             action = self._action(session.player, request)
-            if request.reasoning:
-                self._recorder.reasoning[session.player] = request.reasoning
-            self.episode.submit(session.player, request.seq, action, self._now(), request.think_ms)
+            self.episode.submit(
+                session.player,
+                request.seq,
+                action,
+                self._now(),
+                think_ms=request.think_ms,
+                reasoning=request.reasoning or "",
+            )
         except ProtocolError as error:
             self._refuse(session, request, error)
         self.flush()
+
+    def _answer_again(self, session: Session, request: messages.Act) -> None:
+        """An action that was heard before: say what became of it, do nothing."""
+        answer = self._answer(session)
+        if answer.seq == request.seq and answer.reasons:
+            rejected = messages.Rejected(
+                seq=answer.seq,
+                step=answer.step,
+                action=_said_action(request),
+                reasons=list(answer.reasons),
+            )
+            self._send(session, rejected)
+        elif answer.seq == request.seq:
+            self.send_picture(session)
 
     def _action(self, player: str, request: messages.Act) -> GroundAction | None:
         wanted = request.action
@@ -157,8 +205,7 @@ class Room:
 
     def _refuse(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
         self._metrics.errors.labels(error.code).inc()
-        if session.peer is None:
-            return
+        self._metrics.rejected.inc()
         rejected = messages.Rejected(
             seq=request.seq,
             step=self.episode.step,
@@ -166,7 +213,7 @@ class Room:
             reasons=[error.message],
             code=error.code,
         )
-        session.peer.send(rejected)
+        self._send(session, rejected)
         if error.code == "action/stale":
             self.send_picture(session)
 
@@ -197,8 +244,12 @@ class Room:
         now = self._now()
         if self.episode.rules.scheduled and self.episode.phase is Phase.RUNNING:
             self._metrics.lateness.observe(max(0.0, now - due))
-        self.episode.tick(max(now, due))
-        self.flush()
+        try:
+            self.episode.tick(max(now, due))
+            self.flush()
+        except Exception:
+            get_logger().exception("the episode failed", episode=self.id)
+            self.abort("internal error")
 
     # Telling
 
@@ -240,13 +291,15 @@ class Room:
 
     def _tell_step(self, event: Stepped) -> None:
         self._metrics.steps.inc()
-        self._metrics.applied.inc(sum(attempt.applied for attempt in event.attempts))
+        applied = sum(attempt.applied for attempt in event.attempts)
+        self._metrics.applied.inc(applied)
+        self._metrics.rejected.inc(len(event.attempts) - applied)
         delta = self._delta(event)
         payloads: dict[Codec, bytes | str] = {}
-        now = self._now()
+        texts: dict[str | None, messages.Observation] = {}
         for session in self.members:
             peer = session.peer
-            if peer is None or not peer.keeps_up(now, lambda s=session: self.send_picture(s)):  # type: ignore[misc]
+            if peer is None or not peer.keeps_up(partial(self.send_picture, session)):
                 continue
             if session.wants_state:
                 payload = payloads.get(peer.codec)
@@ -254,9 +307,14 @@ class Room:
                     payload = payloads[peer.codec] = peer.codec.pack(delta)
                 peer.send_payload(payload)
             if session.wants_text:
-                self._tell_reader(session, event)
+                self._tell_reader(session, event, texts)
 
-    def _tell_reader(self, session: Session, event: Stepped) -> None:
+    def _tell_reader(
+        self,
+        session: Session,
+        event: Stepped,
+        texts: dict[str | None, messages.Observation],
+    ) -> None:
         """Whoever has only words is told what became of its own action, then what it sees."""
         for move, attempt in zip(event.moves, event.attempts, strict=True):
             if move.player == session.player and not attempt.applied and not session.wants_state:
@@ -267,7 +325,11 @@ class Room:
                     reasons=list(attempt.unmet),
                 )
                 self._send(session, rejected)
-        self._send_observation(session)
+        player = session.player
+        if player not in texts:
+            phase = "running" if event.step < self.episode.step else self.episode.phase.value
+            texts[player] = self._observation(player, event.state, event.step, event.turn, phase)
+        self._send(session, texts[player])
 
     def _send(self, session: Session, message: messages.Message) -> None:
         if session.peer is not None:
@@ -290,8 +352,8 @@ class Room:
         }
         if unmet:
             delta["unmet"] = unmet
-        if self.episode.on_turn is not None:
-            delta["turn"] = self.episode.on_turn
+        if event.turn is not None:
+            delta["turn"] = event.turn
         if event.step % HASH_EVERY == 0:
             delta["hash"] = event.state.digest
         return delta
@@ -314,7 +376,11 @@ class Room:
         if session.wants_state:
             session.peer.send(self._snapshot(session))
         if session.wants_text:
-            self._send_observation(session)
+            episode = self.episode
+            observation = self._observation(
+                session.player, episode.state, episode.step, episode.on_turn, episode.phase.value
+            )
+            self._send(session, observation)
 
     def _snapshot(self, session: Session) -> messages.Snapshot:
         episode, state = self.episode, self.episode.state
@@ -345,19 +411,19 @@ class Room:
             **self._writer.values(state),
         )
 
-    def _send_observation(self, session: Session) -> None:
-        state, player = self.episode.state, session.player
-        observation = messages.Observation(
+    def _observation(
+        self, player: str | None, state: State, step: int, turn: str | None, phase: str
+    ) -> messages.Observation:
+        return messages.Observation(
             episode=self.id,
-            step=self.episode.step,
-            phase=self.episode.phase.value,
+            step=step,
+            phase=phase,
             seat=player,
             text=state.text(player),
             actions=[a.sentence for a in state.actions(player)] if player else [],
-            turn=self.episode.on_turn,
-            seq=self._answer(session).seq,
+            turn=turn,
+            seq=self.episode.seats[player].answer.seq if player else 0,
         )
-        self._send(session, observation)
 
     def _seq(self, session: Session) -> int:
         return self.episode.seats[session.player].seq if session.player else 0
@@ -416,6 +482,7 @@ class Room:
         if self.closed.is_set():
             return
         self.closed.set()
+        self._on_close(self)
         if self._timer is not None:
             self._timer.cancel()
         path = self._file.close() if self._file is not None else None

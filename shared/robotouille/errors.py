@@ -101,7 +101,8 @@ class MissingExtraError(RobotouilleError):
 class ProtocolError(RobotouilleError):
     """A message that cannot be honoured; the connection lives on."""
 
-    def __init__(self, code: str, message: str, field: str = "") -> None:
+    def __init__(self, code: str, message: str, field: str = "", ref: int | None = None) -> None:
+        self.ref = ref
         self.code = code
         self.message = message
         self.field = field

@@ -64,7 +64,9 @@ def test_replay_export(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "game.jsonl"
     assert robotouille("replay", "export", str(recording), "--output", str(out)).exit_code == 0
     lines = [json.loads(line) for line in out.read_text().splitlines()]
-    assert [line["kind"] for line in lines] == ["header", *["step"] * 12, "outcome"]
+    kinds = [line["kind"] for line in lines]
+    assert [k for k in kinds if k != "note"] == ["header", *["step"] * 12, "outcome"]
+    assert {line["note"]["note"] for line in lines if line["kind"] == "note"} >= {"roster", "started"}
 
 
 @pytest.mark.parametrize("ending", ["mp4", "gif"])

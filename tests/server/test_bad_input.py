@@ -56,7 +56,6 @@ WRONG: list[tuple[Any, str, str]] = [
     ({"type": "say"}, "message/missing-field", "text"),
     ({"type": "say", "text": ""}, "message/invalid-field", "text"),
     ({"type": "say", "text": "x" * 501}, "message/invalid-field", "text"),
-    ({"type": "act", "seq": 1, "action": None}, "episode/none", "type"),
     ({"type": "act", "action": None}, "message/missing-field", "seq"),
     ({"type": "act", "seq": 1}, "message/missing-field", "action"),
     ({"type": "act", "seq": 0, "action": None}, "message/invalid-field", "seq"),
@@ -105,10 +104,11 @@ def nested(depth: int) -> Any:
         ("[" * 50_000, "message/malformed"),
         (json.dumps({"type": "list", "ref": nested(30)}), "message/"),
         ('{"type": "say", "text": "' + "x" * 60_000 + '"}', "message/invalid-field"),
+        ('"' + '\\"' * 30_000, "message/malformed"),
         (b"\x80", "message/frame"),
         (b"", "message/frame"),
     ],
-    ids=range(9),
+    ids=range(10),
 )
 def test_malformed_json(tmp_path: Path, payload: str | bytes, code: str) -> None:
     check_payload(tmp_path, payload, code, text=True)
@@ -146,10 +146,30 @@ def check_payload(folder: Path, payload: str | bytes, code: str, *, text: bool) 
     run(main())
 
 
-def test_a_message_above_the_limit_closes_only_its_own_connection(tmp_path: Path) -> None:
+def test_acting_outside_an_episode_is_rejected_under_its_number(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as client:
+            answer = await client.ask({"type": "act", "seq": 4, "action": None}, "rejected")
+            assert (answer["code"], answer["seq"]) == ("episode/none", 4)
+
+    run(main())
+
+
+def test_a_request_that_is_wrong_is_answered_under_its_reference(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as client:
+            answer = await client.ask({"type": "create", "ref": 7, "seats": 0})
+            assert (answer["code"], answer["ref"]) == ("message/invalid-field", 7)
+
+    run(main())
+
+
+def test_a_message_far_above_the_limit_closes_only_its_own_connection(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as good, raw(server) as bad:
             await bad.socket.send("x" * (MAX_CLIENT_BYTES + 1))
+            assert (await bad.expect("error"))["code"] == "message/too-large"
+            await bad.socket.send("x" * (2 * MAX_CLIENT_BYTES + 1))
             await bad.socket.wait_closed()
             assert bad.socket.close_code == 1009
             assert (await good.ask({"type": "list"}, "episodes"))["type"] == "episodes"

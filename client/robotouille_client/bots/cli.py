@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
-from robotouille_client.cli.console import fail, server_url
+from robotouille_client.cli.console import explain, fail, server_url
 from robotouille_client.connection import Client, connect
 
 __all__ = ["main"]
@@ -53,8 +54,8 @@ def command(
         make = policy_maker(kind, seed, plan)
         address = server_url(url, host, port)
         outcome = asyncio.run(_run(address, name or f"{kind.value}-bot", episode, seat, make))
-    except RobotouilleError as error:
-        fail(str(error))
+    except (RobotouilleError, ValidationError) as error:
+        fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
     if json_output:

@@ -5,8 +5,18 @@ from __future__ import annotations
 from typing import NoReturn
 
 import typer
+from pydantic import ValidationError
 
-__all__ = ["fail", "server_url"]
+__all__ = ["explain", "fail", "server_url"]
+
+
+def explain(error: Exception) -> str:
+    """An error in words; of a value that a schema refuses, what it was for."""
+    if not isinstance(error, ValidationError):
+        return str(error.args[0]) if isinstance(error, KeyError) else str(error)
+    first = error.errors()[0]
+    field = ".".join(str(part) for part in first["loc"])
+    return f"{field}: {first['msg']}, found {first['input']!r}"
 
 
 def fail(message: str, status: int = 1) -> NoReturn:

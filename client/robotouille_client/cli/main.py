@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille_client.cli.console import fail
+from robotouille_client.cli.console import explain, fail
 from robotouille_client.cli.play import play
 from robotouille_client.cli.replay import replay
 
@@ -120,8 +121,8 @@ def text(
 
     try:
         typer.echo(World(load_task(task)).initial.text(player))
-    except RobotouilleError as error:
-        fail(str(error))
+    except (RobotouilleError, ValidationError, KeyError) as error:
+        fail(explain(error))
 
 
 def main() -> None:

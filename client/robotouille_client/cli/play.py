@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.cli.console import fail
+from robotouille_client.cli.console import explain, fail
 
 __all__ = ["play"]
 
@@ -63,7 +64,7 @@ def play(
             window.close()
         else:
             asyncio.run(window.run(source, linger=None))
-    except RobotouilleError as error:
-        fail(str(error))
+    except (RobotouilleError, ValidationError, KeyError) as error:
+        fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille_client.cli.console import fail, server_url
+from robotouille_client.cli.console import explain, fail, server_url
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import Game
 
@@ -52,7 +54,10 @@ async def _show(
                 screenshot = None
             await asyncio.sleep(0.05)
     finally:
-        await showing
+        if not showing.done():
+            showing.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await showing
 
 
 async def _run(
@@ -111,8 +116,8 @@ def command(
                 screenshot_step=screenshot_step, linger=linger,
             )
         )  # fmt: skip
-    except RobotouilleError as error:
-        fail(str(error))
+    except (RobotouilleError, ValidationError) as error:
+        fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
 

@@ -82,7 +82,8 @@ def _fail(source: str | Path, message: str) -> NoReturn:
     raise FileError(str(source), [Fault("", message)])
 
 
-_STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
+# Possessive, and to the end where a string is not closed: linear on any input.
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)', re.DOTALL)
 
 
 def _check_nesting(text: str, source: str) -> None:

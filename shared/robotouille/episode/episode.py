@@ -32,6 +32,8 @@ from robotouille.world.world import World
 __all__ = ["Answer", "Episode", "Phase", "Seat"]
 
 MAX_CATCH_UP = 10
+MAX_STEPS_AT_ONCE = 50
+"""Steps taken for one message; what is left is taken when time is told next."""
 LOBBY_SECONDS = 600.0
 """For how long an episode that has not begun waits for somebody to come."""
 
@@ -60,6 +62,7 @@ class Pending:
     latency: float
     order: int
     due_step: int
+    reasoning: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,7 @@ class Episode:
         self._deadline: float | None = None
         self._deserted: float | None = now
         self._next_step = 0.0
+        self._backlog: float | None = None
         self._events: list[Event] = []
 
     # Who plays
@@ -171,8 +175,6 @@ class Episode:
 
     def _resume(self, now: float) -> None:
         """Somebody is back: the time nobody was there does not count."""
-        if self._deserted is None:
-            return
         if self.phase is Phase.RUNNING:
             self._next_step = max(self._next_step, now + self.rules.period)
             self._ask(now)
@@ -181,7 +183,14 @@ class Episode:
     # What they do
 
     def submit(
-        self, player: str, seq: int, action: GroundAction | None, now: float, think_ms: int = 0
+        self,
+        player: str,
+        seq: int,
+        action: GroundAction | None,
+        now: float,
+        *,
+        think_ms: int = 0,
+        reasoning: str = "",
     ) -> None:
         """A seat's action for the next step; None decides to do nothing.
 
@@ -200,20 +209,20 @@ class Episode:
         seat.seq = seq
         reasons = self._refusals(seat, action)
         if reasons:
-            self._reject(seat, seq, action, reasons, now)
+            self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), reasons, now)
             return
-        if seat.pending is not None and seat.pending.action is not None:
-            superseded = seat.pending
-            reason = (f"superseded by action {seq}",)
-            self._reject(seat, superseded.seq, superseded.action, reason, now)
+        if seat.pending is not None:
+            self._reject(seat, seat.pending, (f"superseded by action {seq}",), now)
         self._arrivals += 1
         latency = max(0.0, now - seat.asked)
         due = self.step + self._thinking_steps(think_ms)
-        seat.pending = Pending(action, seq, latency, self._arrivals, due)
+        seat.pending = Pending(action, seq, latency, self._arrivals, due, reasoning)
         self._advance(now)
 
     def say(self, name: str, player: str, text: str, now: float) -> None:
         """A chat message to everybody in the episode; it is recorded."""
+        if self.phase is Phase.OVER:
+            raise ProtocolError("episode/over", "the episode is over", "episode")
         if player:
             seat = self.seat(player)
             seat.tally.said += 1
@@ -238,18 +247,13 @@ class Episode:
             return ()
         return self.world.unmet(self.state, action)
 
-    def _reject(
-        self,
-        seat: Seat,
-        seq: int,
-        action: GroundAction | None,
-        reasons: tuple[str, ...],
-        now: float,
-    ) -> None:
+    def _reject(self, seat: Seat, refused: Pending, reasons: tuple[str, ...], now: float) -> None:
+        action, seq = refused.action, refused.seq
         sentence = action.sentence if action is not None else "nothing"
         seat.answer = Answer(seq, self.step, reasons)
         seat.tally.rejected += 1
-        self._emit(Rejected(seat.player, seq, sentence, reasons, self._elapsed(now)))
+        time = self._elapsed(now)
+        self._emit(Rejected(seat.player, seq, sentence, reasons, time, refused.reasoning))
 
     def _refuse_again(self, seat: Seat, action: GroundAction | None, now: float) -> None:
         sentence = action.sentence if action is not None else "nothing"
@@ -276,6 +280,8 @@ class Episode:
             return None
         if self._deserted is not None:
             return self._deserted + self._patience
+        if self._backlog is not None:
+            return self._backlog
         if self.phase is Phase.RUNNING:
             return self._next_step if self.rules.scheduled else self._deadline
         return None
@@ -297,6 +303,8 @@ class Episode:
             return
         if self.rules.scheduled:
             self._take_scheduled(now)
+        elif self._backlog is not None:
+            self._advance(now)
         elif self._deadline is not None and now >= self._deadline:
             self._take_step(now)
             self._advance(now)
@@ -333,10 +341,16 @@ class Episode:
 
     def _advance(self, now: float) -> None:
         """Take steps for as long as nobody needs to be waited for."""
+        self._backlog = None
         if self.rules.scheduled:
             return
-        while self.phase is Phase.RUNNING and self._deserted is None and self._all_decided():
+        for _ in range(MAX_STEPS_AT_ONCE):
+            if self.phase is not Phase.RUNNING or self._deserted is not None:
+                return
+            if not self._all_decided():
+                return
             self._take_step(now)
+        self._backlog = now
 
     def _all_decided(self) -> bool:
         if self.rules.clock is Clock.TURN:
@@ -352,7 +366,7 @@ class Episode:
         """Everybody who has to decide has its budget from now on."""
         for seat in self.seats.values():
             seat.asked = now
-        budget = self.rules.move_budget
+        budget = self.rules.move_budget if self.rules.clock is not Clock.REALTIME else None
         self._deadline = now + budget if budget is not None else None
 
     def _take_step(self, now: float) -> None:
@@ -366,8 +380,9 @@ class Episode:
                 self.seats[move.player].answer = Answer(move.seq, self.step, attempt.unmet)
         self._count(moves, [attempt.applied for attempt in result.attempts])
         time = self._elapsed(now)
-        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state))
         self._turn = (self._turn + 1) % len(self.world.players)
+        turn = self.on_turn
+        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn))
         if result.goal_reached:
             self._end(Reason.GOAL, now)
         elif self.step >= self.rules.max_steps:
@@ -384,7 +399,13 @@ class Episode:
                 seat.pending = None
                 seat.answer = Answer(pending.seq, self.step + 1)
                 if pending.action is not None:
-                    move = Move(seat.player, pending.action, pending.seq, pending.latency)
+                    move = Move(
+                        seat.player,
+                        pending.action,
+                        pending.seq,
+                        pending.latency,
+                        pending.reasoning,
+                    )
                     ready.append((pending.order, move))
         if self.rules.scheduled:
             ready.sort(key=lambda pair: pair[0])

@@ -86,6 +86,7 @@ class Move:
     action: GroundAction
     seq: int
     latency: float
+    reasoning: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +116,7 @@ class Rejected:
     action: str
     reasons: tuple[str, ...]
     time: float
+    reasoning: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,10 @@ class Said:
 
 @dataclass(frozen=True, slots=True)
 class Stepped:
-    """A step was taken: `moves` with their `attempts`, in the order in which they applied."""
+    """A step was taken: `moves` with their `attempts`, in the order in which they applied.
+
+    `turn` is whose turn it is after it, with the turn clock.
+    """
 
     step: int
     time: float
@@ -137,6 +142,7 @@ class Stepped:
     attempts: tuple[Attempt, ...]
     before: State
     state: State
+    turn: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

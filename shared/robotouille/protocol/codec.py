@@ -68,15 +68,19 @@ class Codec:
         try:
             return adapter.validate_python(plain)
         except ValidationError as error:
-            raise _refused(error, plain) from None
+            refused = _refused(error, plain)
+            ref = plain.get("ref")
+            refused.ref = ref if isinstance(ref, int) and 0 <= ref < 2**31 else None
+            raise refused from None
 
     def _unpack(self, payload: bytes | str, limit: int) -> Any:
         if isinstance(payload, str) != self.text:
             expected, found = ("text", "binary") if self.text else ("binary", "text")
             message = f"{self.name} takes {expected} frames, found a {found} one"
             raise ProtocolError("message/frame", message)
-        if len(payload) > limit:
-            message = f"{len(payload):,} bytes; at most {limit:,} are read"
+        size = len(payload.encode()) if isinstance(payload, str) else len(payload)
+        if size > limit:
+            message = f"{size:,} bytes; at most {limit:,} are read"
             raise ProtocolError("message/too-large", message)
         if isinstance(payload, str):
             return _unpack_json(payload)

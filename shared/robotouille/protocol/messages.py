@@ -236,8 +236,8 @@ class Snapshot(Message):
     `atoms[i]` is atom *i* as `[predicate, object, …]`, indices into `predicates` and `objects`;
     `facts` lists the atoms that are true. `timers` are the active effects in order of creation,
     each with its counters; `busy` the steps for which players cannot act. `task` is absent where
-    the client said it knows it. `period` is the seconds between steps in real time, `left` the
-    seconds until the next step or the end of the move's budget. `last_seq` is the seat's last
+    the client said it knows it. `clock` are the rules, `left` the seconds until the next step or
+    the end of the move's budget. `last_seq` is the seat's last
     action whose fate is decided: taken in step `last_step`, or rejected for `last_reasons`.
     """
 

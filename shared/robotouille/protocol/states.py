@@ -45,17 +45,16 @@ class StateWriter:
     def __init__(self, world: World) -> None:
         self.world = world
         self.predicates = list(world.table.fluents)
-        self.size = 0
         self._last: tuple[State, State, dict[str, Any]] | None = None
 
     def tables(self, state: State) -> dict[str, Any]:
         """The tables one needs to read the facts of a state."""
-        self.size = self.world.table_size(state.facts)
-        objects = self._objects(0, self.size)
+        size = self.world.table_size(state.facts)
+        objects = self._objects(0, size)
         return {
             "predicates": self.predicates,
             "objects": _rows(objects),
-            "atoms": self._atoms(0, self.size, [thing.name for thing in objects]),
+            "atoms": self._atoms(0, size, [thing.name for thing in objects]),
         }
 
     def values(self, state: State) -> dict[str, Any]:
@@ -78,14 +77,14 @@ class StateWriter:
 
     def _changes(self, before: State, after: State) -> dict[str, Any]:
         fields: dict[str, Any] = {}
+        known_size = self.world.table_size(before.facts)
         size = self.world.table_size(after.facts)
-        if size > self.size:
-            known = [thing.name for thing in self._objects(0, self.size)]
-            new = self._objects(self.size, size)
+        if size > known_size:
+            known = [thing.name for thing in self._objects(0, known_size)]
+            new = self._objects(known_size, size)
             names = known + [thing.name for thing in new]
             fields["objects"] = _rows(new)
-            fields["atoms"] = self._atoms(self.size, size, names)
-            self.size = size
+            fields["atoms"] = self._atoms(known_size, size, names)
         if added := after.facts & ~before.facts:
             fields["add"] = list(bits_of(added))
         if removed := before.facts & ~after.facts:

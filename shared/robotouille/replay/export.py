@@ -1,4 +1,4 @@
-"""Export a recording as JSON lines: one object for the header, each step and the outcome."""
+"""Export a recording as JSON lines: an object for the header, each step, note and the outcome."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from robotouille.replay.recording import Recording
+from robotouille.world.state import State
 
 __all__ = ["json_lines"]
 
@@ -21,28 +22,38 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     yield _line(head)
     states = recording.states()
     before = next(states)[1]
-    for frame, (_, state) in zip(recording.steps, states, strict=True):
-        added, removed = state.world.changes(before, state)
-        row: dict[str, Any] = {
-            "kind": "step",
-            "step": frame["step"],
-            "ms": frame["t"],
-            "moves": [
-                {**move, "action": action.name, "args": action.arguments, "text": action.sentence}
-                for move, action in zip(frame["moves"], recording.actions(frame), strict=True)
-            ],
-            "rejected": frame.get("unmet", {}),
-            "added": [list(atom) for atom in added],
-            "removed": [list(atom) for atom in removed],
-            "notes": frame.get("notes", []),
-            "hash": state.digest,
-        }
-        if texts:
-            row["observations"] = {p: state.text(p) for p in state.world.players}
-        yield _line(row)
-        before = state
-    if recording.outcome is not None:
-        yield _line({"kind": "outcome", **recording.outcome})
+    for frame in recording.frames:
+        if frame["kind"] == "notes":
+            for note in frame["notes"]:
+                yield _line({"kind": "note", "note": note})
+        elif frame["kind"] == "step":
+            state = next(states)[1]
+            yield _line(_step(recording, frame, before, state, texts))
+            before = state
+        elif frame["kind"] == "footer":
+            yield _line({"kind": "outcome", **frame["outcome"]})
+
+
+def _step(
+    recording: Recording, frame: dict[str, Any], before: State, state: State, texts: bool
+) -> dict[str, Any]:
+    added, removed = state.world.changes(before, state)
+    row: dict[str, Any] = {
+        "kind": "step",
+        "step": frame["step"],
+        "ms": frame["t"],
+        "moves": [
+            {**move, "action": action.name, "args": action.arguments, "text": action.sentence}
+            for move, action in zip(frame["moves"], recording.actions(frame), strict=True)
+        ],
+        "rejected": frame.get("unmet", {}),
+        "added": [list(atom) for atom in added],
+        "removed": [list(atom) for atom in removed],
+        "hash": state.digest,
+    }
+    if texts:
+        row["observations"] = {p: state.text(p) for p in state.world.players}
+    return row
 
 
 def _line(row: dict[str, Any]) -> str:

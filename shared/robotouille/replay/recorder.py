@@ -56,9 +56,7 @@ class Recorder:
 
     world: World
     head: dict[str, Any]
-    reasoning: dict[str, str] = field(default_factory=dict)
     writer: StateWriter = field(init=False)
-    _notes: list[dict[str, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.writer = StateWriter(self.world)
@@ -70,40 +68,40 @@ class Recorder:
         return MAGIC + pack_frame(head) + keyframe(self.writer, 0, initial)
 
     def record(self, events: Iterable[Event]) -> bytes:
-        """The frames of some events; rejections, chat and roster changes wait for the next step."""
-        output = b""
+        """The frames of some events, in order; nothing is held back."""
+        frames = []
+        notes: list[dict[str, Any]] = []
         for event in events:
-            match event:
-                case Stepped():
-                    output += self._step(event)
-                case Ended():
-                    output += self._footer(event)
-                case _:
-                    self._notes.append(_note(event))
-        return output
+            if not isinstance(event, Stepped | Ended):
+                notes.append(_note(event))
+                continue
+            frames += _notes_frame(notes)
+            notes = []
+            frames.append(self._step(event) if isinstance(event, Stepped) else _footer(event))
+        return b"".join(frames + _notes_frame(notes))
 
     def _step(self, event: Stepped) -> bytes:
-        rows = {"t": _ms(event.time), "moves": [self._move(move) for move in event.moves]}
-        rows |= self._take_notes()
+        rows = {"t": _ms(event.time), "moves": [_move(move) for move in event.moves]}
         return step_frames(self.writer, event.step, rows, event.attempts, event.before, event.state)
 
-    def _move(self, move: Move) -> dict[str, Any]:
-        row: dict[str, Any] = {
-            "player": move.player,
-            "action": [move.action.name, *move.action.arguments],
-            "seq": move.seq,
-            "ms": _ms(move.latency),
-        }
-        thought = self.reasoning.pop(move.player, None)
-        return row | ({"reasoning": thought} if thought else {})
 
-    def _footer(self, event: Ended) -> bytes:
-        frame = {"kind": "footer", "outcome": event.outcome.to_json(), **self._take_notes()}
-        return pack_frame(frame)
+def _move(move: Move) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "player": move.player,
+        "action": [move.action.name, *move.action.arguments],
+        "seq": move.seq,
+        "ms": _ms(move.latency),
+    }
+    return row | ({"reasoning": move.reasoning} if move.reasoning else {})
 
-    def _take_notes(self) -> dict[str, Any]:
-        notes, self._notes = self._notes, []
-        return {"notes": notes} if notes else {}
+
+def _footer(event: Ended) -> bytes:
+    return pack_frame({"kind": "footer", "outcome": event.outcome.to_json()})
+
+
+def _notes_frame(notes: list[dict[str, Any]]) -> list[bytes]:
+    """The frame of rejections, chat and roster changes between two steps, if there were any."""
+    return [pack_frame({"kind": "notes", "notes": notes})] if notes else []
 
 
 def step_frames(
@@ -116,7 +114,7 @@ def step_frames(
 ) -> bytes:
     """The frame of a step, and the keyframe after it where one is due.
 
-    `rows` holds what re-simulation cannot know: `t`, `moves` and `notes`.
+    `rows` holds what re-simulation cannot know: `t` and `moves`.
     """
     frame = {"kind": "step", "step": step, **rows}
     unmet = {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
@@ -150,6 +148,7 @@ def _note(event: Event) -> dict[str, Any]:
                 "seq": event.seq,
                 "action": event.action,
                 "reasons": list(event.reasons),
+                **({"reasoning": event.reasoning} if event.reasoning else {}),
             }
         case Said():
             return {

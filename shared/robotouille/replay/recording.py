@@ -81,11 +81,14 @@ class Recording:
         return people
 
     def notes(self) -> Iterator[dict[str, Any]]:
-        """Rejections, chat and roster changes, in order, each with the step it came before."""
+        """Rejections, chat and roster changes, in order, each with the step it came after."""
+        step = 0
         for frame in self.frames:
-            if frame["kind"] in ("step", "footer"):
-                for note in frame.get("notes", ()):
-                    yield {"step": frame.get("step"), **note}
+            if frame["kind"] == "step":
+                step = frame["step"]
+            elif frame["kind"] == "notes":
+                for note in frame["notes"]:
+                    yield {"step": step, **note}
 
     def actions(self, frame: dict[str, Any]) -> list[GroundAction]:
         """The joint action of a step, in the order in which it applied."""
@@ -160,6 +163,18 @@ class Recording:
             recorded = reader.state if reader else state
             if difference := _difference(frame, state, recorded):
                 return f"step {expected}: {difference}"
+        return self._wrong_outcome(expected, state)
+
+    def _wrong_outcome(self, steps: int, state: State) -> str:
+        """What is wrong with the recorded outcome, if anything is."""
+        outcome = self.outcome
+        if outcome is None:
+            return ""
+        if outcome["steps"] != steps:
+            return f"the outcome speaks of {outcome['steps']} steps, there are {steps}"
+        if (outcome["reason"] == "goal") != state.goal_reached:
+            reached = "is" if state.goal_reached else "is not"
+            return f"the outcome is {outcome['reason']!r}, but the goal {reached} reached"
         return ""
 
     def resimulate(self) -> bytes:
@@ -172,10 +187,9 @@ class Recording:
             if frame["kind"] == "step":
                 before, result = state, state.step(self.actions(frame))
                 state = result.state
-                kept = ("t", "moves", "notes")
-                rows: dict[str, Any] = {key: frame[key] for key in kept if key in frame}
+                rows = {"t": frame["t"], "moves": frame["moves"]}
                 output += step_frames(writer, frame["step"], rows, result.attempts, before, state)
-            elif frame["kind"] == "footer":
+            elif frame["kind"] in ("footer", "notes"):
                 output += pack_frame(frame)
         return output
 

@@ -105,7 +105,6 @@ class StepFrame(Frame):
     t: int
     moves: list[RecordedMove]
     unmet: dict[str, list[str]] = {}
-    notes: list[Note] = []
     add: list[Index] = []
     remove: list[Index] = []
     timers: dict[str, list[int] | None] = {}
@@ -124,11 +123,15 @@ class RecordedOutcome(Frame):
 class Footer(Frame):
     kind: Literal["footer"]
     outcome: RecordedOutcome
-    notes: list[Note] = []
+
+
+class NotesFrame(Frame):
+    kind: Literal["notes"]
+    notes: list[Note]
 
 
 _frames: TypeAdapter[Any] = TypeAdapter(
-    Annotated[Header | StateFrame | StepFrame | Footer, Field(discriminator="kind")]
+    Annotated[Header | StateFrame | StepFrame | NotesFrame | Footer, Field(discriminator="kind")]
 )
 
 
