@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -113,7 +112,6 @@ def test_mouse_and_keys(screen: str, tmp_path: Path) -> None:
         xdotool(environment, "key", "e")
         assert program.stdout.readline().strip() == "cook chicken1 robot1 stove1"
         xdotool(environment, "key", "t")
-        time.sleep(0.1)
         xdotool(environment, "type", "--delay", "30", "the end")
         xdotool(environment, "key", "Return")
         assert program.stdout.readline().strip() == "said the end"
@@ -121,4 +119,4 @@ def test_mouse_and_keys(screen: str, tmp_path: Path) -> None:
         assert picture.stat().st_size > 10_000
     finally:
         program.kill()
-        program.wait(10)
+        program.communicate(timeout=10)
