@@ -66,7 +66,8 @@ def test_replay_export(recording: Path, tmp_path: Path) -> None:
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     kinds = [line["kind"] for line in lines]
     assert [k for k in kinds if k != "note"] == ["header", *["step"] * 12, "outcome"]
-    assert {line["note"]["note"] for line in lines if line["kind"] == "note"} >= {"roster", "started"}
+    notes = {line["note"]["note"] for line in lines if line["kind"] == "note"}
+    assert notes >= {"roster", "started"}
 
 
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
