@@ -103,7 +103,7 @@ def lateness_of(port: int, ours: bool) -> tuple[int, int]:
     return int(float(total[1])) if total else 0, int(float(punctual[1])) if punctual else 0
 
 
-async def our_pair(url: str, stop: asyncio.Event) -> None:
+async def our_pair(url: str, playing: asyncio.Semaphore) -> None:
     """Two clients in one room; the first walks to and fro, one step after the other."""
     protocol: Any = ["robotouille.v1.msgpack"]
     async with (
@@ -121,10 +121,10 @@ async def our_pair(url: str, stop: asyncio.Event) -> None:
             code = msgpack.unpackb(await first.recv()).get("code")
         for socket in (first, second):
             await socket.send(msgpack.packb({"type": "join", "episode": code}))
-        await asyncio.gather(walk_about(first, stop), drain(second, stop))
+        await asyncio.gather(walk_about(first), drain(second, playing))
 
 
-async def walk_about(socket: Any, stop: asyncio.Event) -> None:
+async def walk_about(socket: Any) -> None:
     from robotouille import World
 
     world = World("multi_agent/01")
@@ -134,7 +134,7 @@ async def walk_about(socket: Any, stop: asyncio.Event) -> None:
     moves = [{"name": "move", "args": list(there.arguments)}, {"name": "move", "args": back}]
     marker = msgpack.packb("delta")
     seq = 0
-    while not stop.is_set():
+    while True:
         payload = await socket.recv()
         if marker in payload[:16]:
             await socket.send(
@@ -143,47 +143,54 @@ async def walk_about(socket: Any, stop: asyncio.Event) -> None:
             seq += 1
 
 
-async def bare_pair(url: str, stop: asyncio.Event) -> None:
+async def bare_pair(url: str, playing: asyncio.Semaphore) -> None:
     async with (
         connect(url, compression=None, ping_interval=None) as first,
         connect(url, compression=None, ping_interval=None) as second,
     ):
-        await asyncio.gather(answer(first, stop), drain(second, stop))
+        await asyncio.gather(answer(first), drain(second, playing))
 
 
-async def answer(socket: Any, stop: asyncio.Event) -> None:
+async def answer(socket: Any) -> None:
     action = b"y" * 70
-    while not stop.is_set():
+    while True:
         await socket.recv()
         await socket.send(action)
 
 
-async def drain(socket: Any, stop: asyncio.Event) -> None:
-    while not stop.is_set():
+async def drain(socket: Any, playing: asyncio.Semaphore) -> None:
+    """Read everything; report the pair as playing once steps come."""
+    for _ in range(5):
+        await socket.recv()
+    playing.release()
+    while True:
         await socket.recv()
 
 
 async def load(port: int, rooms: int, ours: bool) -> float:
     """The share of steps in time while `rooms` rooms play for a while."""
-    stop = asyncio.Event()
+    playing = asyncio.Semaphore(0)
     pair = our_pair if ours else bare_pair
     tasks = []
     for _ in range(rooms):
-        tasks.append(asyncio.create_task(pair(f"ws://127.0.0.1:{port}", stop)))
-        await asyncio.sleep(0.002)
-    await asyncio.sleep(3.0)
-    before = await asyncio.to_thread(lateness_of, port, ours)
-    await asyncio.sleep(SECONDS)
-    after = await asyncio.to_thread(lateness_of, port, ours)
-    stop.set()
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
-    taken = after[0] - before[0]
-    expected = rooms * RATE * SECONDS
-    if taken < 0.97 * expected:
+        tasks.append(asyncio.create_task(pair(f"ws://127.0.0.1:{port}", playing)))
+        await asyncio.sleep(0.01)
+    try:
+        async with asyncio.timeout(30):
+            for _ in range(rooms):
+                await playing.acquire()
+        await asyncio.sleep(2.0)
+        before = await asyncio.to_thread(lateness_of, port, ours)
+        await asyncio.sleep(SECONDS)
+        after = await asyncio.to_thread(lateness_of, port, ours)
+    except TimeoutError:
         return 0.0
-    return (after[1] - before[1]) / taken
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    taken = after[0] - before[0]
+    return (after[1] - before[1]) / taken if taken > 0.97 * rooms * RATE * SECONDS else 0.0
 
 
 def attempt(rooms: int, ours: bool) -> float:

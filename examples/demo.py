@@ -81,7 +81,12 @@ def run(task: str, out: Path, headless: bool) -> None:
         for name in ("ada", "grace"):
             bot = [command("robotouille-bot"), "planner", "--episode", code, "--url", url]
             bots.append(
-                subprocess.Popen([*bot, "--name", name], stderr=subprocess.DEVNULL, text=True)
+                subprocess.Popen(
+                    [*bot, "--name", name],
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    text=True,
+                )
             )
         processes += bots
         with console.status("two bots are cooking …"):
@@ -110,7 +115,8 @@ def finish(out: Path, recordings: Path, picture: Path) -> None:
     with console.status("filming …"):
         subprocess.run([*video, "--size", "960x540"], check=True)
     for what, path in (("recording", recording), ("picture", picture), ("video", film)):
-        console.print(f"[bold]{what:10}[/] {path} ({path.stat().st_size:,} bytes)")
+        size = f"{path.stat().st_size:,} bytes"
+        console.print(f"[bold]{what:10}[/] {path} ({size})", soft_wrap=True)
 
 
 def main() -> None:

@@ -93,6 +93,12 @@ class Server:
 
     async def start(self) -> None:
         """Begin to listen; CannotListenError if the address cannot be had."""
+        folder = self.settings.recordings
+        try:
+            if self.settings.record:
+                folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RobotouilleError(f"the recordings folder {folder}: {error.strerror}") from None
         try:
             self._socket = await self._listen()
         except OSError as error:

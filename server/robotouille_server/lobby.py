@@ -87,7 +87,7 @@ class Lobby:
         """The room of an id or a code; ProtocolError `episode/unknown` if there is none."""
         room = self.rooms.get(name) or self._codes.get(name.strip().upper())
         if room is None:
-            message = f"no episode has the id or code {name!r}; `list` shows those there are"
+            message = f"no episode has the id or code {name!r}"
             raise ProtocolError("episode/unknown", message, "episode")
         return room
 

@@ -121,7 +121,7 @@ def test_unknown_timing() -> None:
 
 def test_a_domain_name_that_is_no_file_name(tmp_path: Path) -> None:
     name = write(tmp_path, "problem.json", {**PROBLEM, "domain": "x" * 5000})
-    with pytest.raises(FileError, match="no such domain"):
+    with pytest.raises(FileError, match="there is no domain"):
         load_task(name)
 
 

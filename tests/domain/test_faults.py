@@ -202,7 +202,7 @@ def test_the_domain_of_a_problem_is_found_beside_it(tmp_path: Path) -> None:
 
 def test_a_missing_domain_is_named_with_the_nearest(tmp_path: Path) -> None:
     name = write(tmp_path, "problem.json", {**PROBLEM, "domain": "workshoop"})
-    with pytest.raises(FileError, match="no such domain; did you mean 'workshop'"):
+    with pytest.raises(FileError, match="there is no domain 'workshoop'; did you mean 'workshop'"):
         load_task(name)
 
 

@@ -97,7 +97,7 @@ async def cook(url: str, code: str, people: dict[str, Person]) -> dict[str, Any]
         text = (data_folder("problems") / f"{TASK}@2.plan").read_text()
         plan = read_plan(text, rehearsal)
         scripts = {p: Script(p, plan, rehearsal.initial) for p in people}
-        async with asyncio.timeout(120):
+        async with asyncio.timeout(400):
             while not game.running:
                 await game.next_event()
             await asyncio.sleep(1.0)
@@ -123,7 +123,7 @@ async def look(game: Game, scripts: dict[str, Script]) -> None:
 
 
 def test_two_people_finish_the_first_task(tmp_path: Path) -> None:
-    flags = ("--mode", "realtime", "--step-rate", "10", "--task", TASK, "--max-steps", "1000")
+    flags = ("--mode", "realtime", "--step-rate", "10", "--task", TASK, "--max-steps", "6000")
     world = World(load_task(TASK, seats=2))
     pictures = {player: tmp_path / f"{player}.png" for player in world.players}
     with ExitStack() as stack:

@@ -21,7 +21,7 @@ def test_three_steps(tmp_path, play, ending: str) -> None:
     path = tmp_path / f"film.{ending}"
     frames = frames_of(
         enumerate(course), size=(321, 241), frames_per_step=5, hold=2,
-        seats=(SeatView("robot1", "Ada"),), bubbles={1: (Bubble("robot1", "hi", "chat"),)},
+        seats=((SeatView("robot1", "Ada"),),), bubbles={1: (Bubble("robot1", "hi", "chat"),)},
         outcome="Goal reached", max_steps=9,
     )  # fmt: skip
     count = write_video(path, frames, fps=10)

@@ -23,7 +23,9 @@ class BotKind(StrEnum):
 
 
 def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> MakePolicy:
-    """How to make the policy of a seat."""
+    """How to make the policy of a seat; RobotouilleError if a plan is needed and not there."""
+    if kind is BotKind.SCRIPTED and (plan is None or not plan.is_file()):
+        raise RobotouilleError(f"a scripted bot plays a plan file: --plan FILE, found {plan}")
 
     def make(state: State, player: str) -> Policy:
         if kind is BotKind.RANDOM:

@@ -7,11 +7,15 @@ from typing import NoReturn
 import typer
 from pydantic import ValidationError
 
+from robotouille.errors import ProtocolError
+
 __all__ = ["explain", "fail", "server_url"]
 
 
 def explain(error: Exception) -> str:
     """An error in words; of a value that a schema refuses, what it was for."""
+    if isinstance(error, ProtocolError):
+        return error.message
     if not isinstance(error, ValidationError):
         return str(error.args[0]) if isinstance(error, KeyError) else str(error)
     first = error.errors()[0]

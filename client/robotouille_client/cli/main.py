@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from pydantic import ValidationError
@@ -32,21 +32,17 @@ def tasks(
     """List the shipped tasks with their seats and goals."""
     from robotouille import load_task, task_names
 
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name in task_names():
         task = load_task(name)
-        seats = list(task.problem.seats or (task.seats,))
-        rows.append({"task": name, "seats": seats, "goal": task.goal_description})
+        counts = list(task.problem.seats or (task.seats,))
+        rows.append({"task": name, "seats": counts, "goal": task.goal_description})
     if json_output:
         typer.echo(json.dumps(rows, indent=2))
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("task", "seats", "goal", box=None, header_style="bold")
     for row in rows:
-        table.add_row(str(row["task"]), ", ".join(map(str, row["seats"])), str(row["goal"]))
-    Console().print(table)
+        seats = ", ".join(map(str, row["seats"]))
+        typer.echo(f"{row['task']}  (seats: {seats})\n    {row['goal']}")
 
 
 @app.command()

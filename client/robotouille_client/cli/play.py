@@ -38,11 +38,15 @@ def play(
 
     from robotouille import World, load_task
     from robotouille.episode import Episode, Rules
-    from robotouille_client.window import require_pygame
+    from robotouille_client.window import require_pygame, require_screen
     from robotouille_client.window.theatre import parse_size
 
     try:
         require_pygame()
+        if screenshot is None:
+            require_screen()
+        elif not screenshot.parent.is_dir():
+            raise RobotouilleError(f"there is no folder {screenshot.parent}")
         from robotouille_client.window.sources import LocalSource
         from robotouille_client.window.window import Window
 

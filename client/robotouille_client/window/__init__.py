@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import sys
 
-from robotouille.errors import MissingExtraError
+from robotouille.errors import MissingExtraError, RobotouilleError
 
-__all__ = ["require_pygame"]
+__all__ = ["require_pygame", "require_screen"]
+
+# pygame greets on standard output, which belongs to our own commands.
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 
 def require_pygame(what: str = "the window", extra: str = "window") -> None:
     """Raise MissingExtraError with the install line where pygame is missing."""
     if importlib.util.find_spec("pygame") is None:
         raise MissingExtraError(what, extra)
+
+
+def require_screen() -> None:
+    """Raise RobotouilleError where there is no screen to open a window on."""
+    screen = any(os.environ.get(n) for n in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
+    if sys.platform.startswith("linux") and not screen:
+        raise RobotouilleError(
+            "no screen found (DISPLAY is not set); to draw without one, see "
+            "--headless and --screenshot"
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +33,7 @@ async def _find_code(client: Client, create: str | None, seats: int | None) -> s
 
 async def _show(
     game: Game,
+    connected: Callable[[], bool],
     size: tuple[int, int],
     headless: bool,
     screenshot: Path | None,
@@ -42,7 +44,7 @@ async def _show(
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
-    source = RemoteSource(game, loop.time)
+    source = RemoteSource(game, loop.time, connected)
     window = Window(size, caption=f"Robotouille {game.code}", headless=headless)
     showing = asyncio.create_task(window.run(source, linger=linger))
     try:
@@ -75,7 +77,7 @@ async def _run(
         game = await client.join(episode, seat=seat, role="spectator" if watch else "player")
         role = "watches" if watch else f"plays {game.seat}"
         typer.echo(f"{name} {role} in {game.code}", err=True)
-        await _show(game, **show)  # type: ignore[arg-type]
+        await _show(game, client.connected.is_set, **show)  # type: ignore[arg-type]
 
 
 def command(
@@ -102,11 +104,13 @@ def command(
     ] = None,
 ) -> None:
     """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
-    from robotouille_client.window import require_pygame
+    from robotouille_client.window import require_pygame, require_screen
     from robotouille_client.window.theatre import parse_size
 
     try:
         require_pygame()
+        if not headless:
+            require_screen()
         if headless and linger is None:
             linger = 1.0
         asyncio.run(

@@ -171,7 +171,7 @@ class Panel:
         you = " (you)" if seat.player == view.me else ""
         name = self._text.fit((seat.name or seat.player) + you, size, counts - x - 6)
         self._put(surface, name, (x, card.y + 5), size, TEXT if seat.connected else FAINT)
-        kind = seat.kind if seat.connected else f"{seat.kind}, away"
+        kind = seat.kind if seat.connected else f"{seat.kind}, away" if seat.kind else "free"
         if seat.name and seat.name != seat.player:
             kind = f"{seat.player} · {kind}"
         kind = self._text.fit(kind, small, counts - x - 6)

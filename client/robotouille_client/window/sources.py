@@ -6,6 +6,7 @@ None of these draws; time is passed in as a function.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 from robotouille.episode import (
     Ended,
@@ -23,7 +24,7 @@ from robotouille_client.bots.policies import Policy
 from robotouille_client.game import Changed, Game, Heard, Over, Refused
 from robotouille_client.window.view import Bubble, SeatView, View
 
-__all__ = ["LocalSource", "RemoteSource", "ReplaySource", "outcome_words"]
+__all__ = ["LocalSource", "RemoteSource", "ReplaySource", "outcome_words", "seats_at"]
 
 BUBBLE_SECONDS = 3.0
 GLIDE_SECONDS = 0.3
@@ -80,8 +81,11 @@ class Talk:
 class RemoteSource:
     """An episode on a server, through a `Game`."""
 
-    def __init__(self, game: Game, now: Callable[[], float]) -> None:
+    def __init__(
+        self, game: Game, now: Callable[[], float], connected: Callable[[], bool] = lambda: True
+    ) -> None:
         self._game = game
+        self._connected = connected
         self._now = now
         self._talk = Talk(now)
         self._previous: State | None = None
@@ -137,6 +141,8 @@ class RemoteSource:
         game = self._game
         if game.ended and not game.outcome:
             return f"Disconnected: {self._reason}"
+        if not self._connected():
+            return "Connection lost, trying again …"
         if game.phase == "waiting":
             free = sum(not seat.name for seat in game.seats)
             return f"Waiting for {free} more player{'s' * (free != 1)}"
@@ -262,6 +268,25 @@ class LocalSource:
         return self._episode.phase is Phase.OVER
 
 
+def seats_at(recording: Recording) -> list[tuple[SeatView, ...]]:
+    """Who played each seat and what it had done by each step, from step 0 on."""
+    people = recording.participants
+    done = {player: [0, 0] for player in recording.world.players}
+    course = []
+    start: dict[str, Any] = {"moves": []}
+    for frame in [start, *recording.steps]:
+        for i, move in enumerate(frame["moves"]):
+            if move["player"] in done:
+                done[move["player"]][str(i) in frame.get("unmet", {})] += 1
+        course.append(
+            tuple(
+                SeatView(player, *people.get(player, ("", "")), True, applied, rejected)
+                for player, (applied, rejected) in done.items()
+            )
+        )
+    return course
+
+
 class ReplaySource:
     """A recording, played at a speed or stepped through."""
 
@@ -272,10 +297,7 @@ class ReplaySource:
         self._now = now
         self._start = now()
         self._paused_at: float | None = None
-        self._seats = tuple(
-            SeatView(player, *recording.participants.get(player, ("", "")))
-            for player in recording.world.players
-        )
+        self._seats = seats_at(recording)
 
     def _position(self) -> float:
         if self._paused_at is not None:
@@ -309,7 +331,7 @@ class ReplaySource:
             max_steps=self._recording.header["rules"]["max_steps"],
             clock="replay" if moving else "replay, paused",
             phase=position % 1 or 1.0 if moving else 1.0,
-            seats=self._seats,
+            seats=self._seats[index],
             status="Space: pause or go on · Left, Right: step",
             outcome=outcome_words(outcome) if outcome else "",
         )

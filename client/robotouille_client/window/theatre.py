@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
-from robotouille_client.window import require_pygame
+from robotouille_client.window import require_pygame, require_screen
 
 __all__ = ["film", "parse_size", "watch"]
 
@@ -31,6 +31,7 @@ def parse_size(size: str) -> tuple[int, int]:
 def watch(recording: Recording, speed: float) -> None:
     """Show a recording in a window until it is closed."""
     require_pygame()
+    require_screen()
     from robotouille_client.window.sources import ReplaySource
     from robotouille_client.window.window import Window
 
@@ -43,9 +44,9 @@ def watch(recording: Recording, speed: float) -> None:
 def film(recording: Recording, output: Path, speed: float, size: str) -> int:
     """Write a recording as a video; returns the number of frames."""
     require_pygame()
-    from robotouille_client.window.sources import outcome_words
+    from robotouille_client.window.sources import outcome_words, seats_at
     from robotouille_client.window.video import frames_of, write_video
-    from robotouille_client.window.view import Bubble, SeatView
+    from robotouille_client.window.view import Bubble
 
     bubbles: dict[int, tuple[Bubble, ...]] = {}
     for note in recording.notes():
@@ -56,16 +57,12 @@ def film(recording: Recording, output: Path, speed: float, size: str) -> int:
                 bubble = Bubble.rejection(note["player"], note["reasons"])
             for step in range(note["step"], note["step"] + 3):
                 bubbles[step] = (*bubbles.get(step, ()), bubble)
-    seats = [
-        SeatView(player, *recording.participants.get(player, ("", "")))
-        for player in recording.world.players
-    ]
     fps = 12 if output.suffix == ".gif" else FPS
     frames = frames_of(
         recording.states(),
         size=parse_size(size),
         frames_per_step=max(1, round(fps / speed)),
-        seats=seats,
+        seats=seats_at(recording),
         bubbles=bubbles,
         max_steps=recording.header["rules"]["max_steps"],
         outcome=outcome_words(recording.outcome) if recording.outcome else "",

@@ -28,7 +28,7 @@ def frames_of(
     *,
     size: tuple[int, int] = (1280, 720),
     frames_per_step: int = 6,
-    seats: Sequence[SeatView] = (),
+    seats: Sequence[Sequence[SeatView]] = (),
     bubbles: dict[int, tuple[Bubble, ...]] | None = None,
     max_steps: int | None = None,
     outcome: str = "",
@@ -36,20 +36,21 @@ def frames_of(
 ) -> Iterator[pygame.Surface]:
     """Draw a course of (step, state) with some frames for each step.
 
-    The first state is shown standing still, the last one for `hold` frames more, with the
-    outcome. The same surface is yielded each time: use it before asking for the next.
+    `seats` are those at each state. The first state is shown standing still, the last one for
+    `hold` frames more, with the outcome. The same surface is yielded each time: use it before
+    asking for the next.
     """
     painter, surface = Painter(), pygame.Surface(size)
     previous: State | None = None
     view: View | None = None
-    for step, state in states:
+    for index, (step, state) in enumerate(states):
         view = View(
             world=state.world,
             state=state,
             previous=previous,
             step=step,
             max_steps=max_steps,
-            seats=tuple(seats),
+            seats=tuple(seats[min(index, len(seats) - 1)]) if seats else (),
             bubbles=(bubbles or {}).get(step, ()),
         )
         for frame in range(frames_per_step):

@@ -189,4 +189,5 @@ def read_domain(name: str, beside: Path | None = None) -> DomainFile:
         if is_file(path):
             return validate(read_json(path), DomainFile, str(path))
     names = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]
-    raise FileError(name, [Fault("", f"no such domain{did_you_mean(name, names)}")])
+    known = did_you_mean(name, names)
+    raise FileError(name, [Fault("domain", f"there is no domain {name!r}{known}")])
