@@ -12,6 +12,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import Changed, Client, Game, Heard, Over, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.connection import ConnectionFailedError
+from robotouille_server import ServerSettings, serve
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -204,5 +205,92 @@ def test_errors_of_requests_are_raised(tmp_path: Path) -> None:
             with pytest.raises(ProtocolError) as error:
                 await ada.join("NOPE")
             assert error.value.code == "episode/unknown"
+
+    run(main())
+
+
+def test_after_a_crash_of_the_server_a_game_that_is_gone_is_over(tmp_path: Path) -> None:
+    """The server is killed and started anew: the client comes back, and learns that it is over."""
+
+    async def main() -> None:
+        async with serving(tmp_path / "first") as server:
+            port = server.port
+            async with connect(server.url, name="ada") as ada:
+                game = await ada.join((await ada.create("synchronous/01")).code)
+                await game.act(game.actions[0])
+                pending = game.submit(None)
+                assert server._socket is not None
+                server._socket.close(close_connections=False)
+                for connection in server._socket.connections:
+                    connection.transport.abort()
+                await server._socket.wait_closed()
+                settings = ServerSettings(port=port, recordings=tmp_path / "second")
+                async with serve(settings):
+                    last = [event async for event in game][-1]
+                    assert isinstance(last, Over)
+                    assert "no episode" in last.reason
+                    assert not (await pending).applied or game.step == 2
+                    assert not (await game.act(None)).applied
+                    assert (await ada.create("synchronous/02")).code
+
+    run(main())
+
+
+@pytest.mark.parametrize("how", ["sentence", "place"])
+def test_an_action_sent_again_after_its_step_is_not_called_unknown(
+    tmp_path: Path, how: str
+) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as ada:
+            created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+            room = server.lobby.find(created["code"])
+            move = room.episode.state.actions("robot1")[0]
+            wanted = move.sentence if how == "sentence" else 0
+            act = {"type": "act", "seq": 1, "action": wanted, "basis": 0}
+            await ada.ask(act, "delta")
+            answer = await ada.ask(act, "snapshot", "rejected")
+            assert (answer["type"], answer["last_seq"], answer["last_step"]) == ("snapshot", 1, 1)
+            assert room.episode.step == 1
+
+    run(main())
+
+
+def test_chat_is_on_disk_before_any_step(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+            game = await ada.join((await ada.create("multi_agent/01")).code)
+            game.say("is anybody there?")
+            await heard(game, "is anybody there?")
+            (file,) = tmp_path.glob("*.rbt.part")
+            said = [n["text"] for n in read_recording(file).notes() if n["note"] == "said"]
+            assert said == ["is anybody there?"]
+
+    run(main())
+
+
+def test_a_slow_player_for_whom_all_wait_is_caught_up(tmp_path: Path) -> None:
+    """Its delta was withheld, and without its move there is no further step to bring a snapshot."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+            async with connect(server.url, name="bob") as bob:
+                one, two = await start(server, ada, bob)
+                room = server.lobby.find(one.code)
+                peer = next(s for s in room.members if s.player == two.seat).peer
+                assert peer is not None
+                full = [True]
+                genuine = type(peer).unsent
+                crowded = property(lambda p: 10**6 if p is peer and full[0] else genuine.fget(p))
+                type(peer).unsent = crowded  # type: ignore[method-assign, assignment]
+                try:
+                    pending = two.submit(None)
+                    await one.act(one.actions[0])
+                    assert two.step == 0
+                    full[0] = False
+                    assert (await pending).applied
+                    assert two.state == one.state
+                finally:
+                    type(peer).unsent = genuine  # type: ignore[method-assign]
 
     run(main())
