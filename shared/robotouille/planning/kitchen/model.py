@@ -1,0 +1,355 @@
+"""A world's kitchen in the compact layout, and its states to and fro."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from robotouille.planning.kitchen.compiled import Ints, ints
+from robotouille.planning.kitchen.layout import Kitchen
+from robotouille.planning.kitchen.rules import Process, Rules, recognise
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["Model", "model_of"]
+
+MOST_OBJECTS = 32
+"""Rows of the scratch space have room for no more."""
+
+WORD = 62
+
+Rows = dict[tuple[str, int, tuple[str, ...]], tuple[int, ...]]
+
+
+@dataclass
+class Model:
+    """A kitchen's names by number, and the `Kitchen` for its kernels.
+
+    `stations` have a purpose; `tables` are the plain stations. `meals` exist; there is room for
+    `kitchen.meals`.
+    """
+
+    world: World
+    rules: Rules
+    players: list[str]
+    objects: list[str]
+    items: int
+    stations: list[str]
+    tables: list[str]
+    meals: list[str]
+    kitchen: Kitchen
+
+    def encode(self, state: State) -> list[int]:
+        """The compact state, for no particular choice of objects (row 0)."""
+        return _Encoder(self, state).encode()
+
+
+def model_of(world: World, state: State) -> Model | None:
+    """The kitchen of a world whose domain is one, with the objects of a state; else None."""
+    rules = recognise(world.task.domain)
+    profile = world.task.profile
+    if rules is None or profile.steps_per_tile or profile.repeat_steps != 1 or state.timers.busy:
+        return None
+    tables = _tables(world)
+    by_type = {kind: [o.name for o in state.objects if o.type == kind] for kind in _TYPES}
+    items, containers, meals = (by_type[kind] for kind in ("item", "container", "meal"))
+    if tables is None or len(items) + len(containers) > MOST_OBJECTS:
+        return None
+    if any(world.thing(m).kind != "water" for m in meals):
+        return None
+    flags = {p.station for p in rules.processes} | {"issink", "isstove"}
+    known = flags & world.table.types.keys()
+    if any(state.holds(flag, table) for flag in sorted(known) for table in tables):
+        return None
+    stations = [s for s in by_type["station"] if s not in tables]
+    draft = _Draft(world, state, rules, items, containers, stations)
+    kitchen = draft.kitchen(len(tables), len(meals) + _wanted_meals(world))
+    if kitchen is None:
+        return None
+    players = list(world.players)
+    objects = items + containers
+    return Model(
+        world, rules, players, objects, len(items), stations, tables, meals, kitchen
+    )
+
+
+_TYPES = ("station", "item", "container", "meal")
+
+
+def _tables(world: World) -> list[str] | None:
+    """The plain stations, which are all alike: those that the goal speaks of, if it does."""
+    station_types = set(world.task.domain.station_types)
+    wanted: set[tuple[str, ...]] = set()
+    for variable in world.goal.variables.values():
+        names = world.goal.candidates(variable.id)
+        kinds = {world.thing(n).type for n in names}
+        if kinds & station_types or variable.kind in station_types:
+            wanted.add(tuple(names))
+    if len(wanted) > 1:
+        return None
+    if wanted:
+        return list(wanted.pop())
+    return [o.name for o in world.all_objects() if o.type in station_types and o.kind == "table"]
+
+
+def _wanted_meals(world: World) -> int:
+    return sum(variable.kind == "water" for variable in world.goal.variables.values())
+
+
+class _Draft:
+    """Collects the arrays of a `Kitchen`."""
+
+    def __init__(
+        self,
+        world: World,
+        state: State,
+        rules: Rules,
+        items: list[str],
+        containers: list[str],
+        stations: list[str],
+    ) -> None:
+        self.world, self.state, self.rules = world, state, rules
+        self.items, self.containers, self.stations = items, containers, stations
+        self.size = 0
+        self.widths: list[int] = []
+        self.timers: list[tuple[int, int, int, int, int, int]] = []
+
+    def field(self, most: int) -> int:
+        """The position of a new integer of a state that is at most so large."""
+        self.size += 1
+        self.widths.append(max(1, most.bit_length()))
+        return self.size - 1
+
+    def fields(self, count: int, most: int) -> int:
+        first = self.size
+        for _ in range(count):
+            self.field(most)
+        return first
+
+    def kitchen(self, tables: int, meals: int) -> Kitchen | None:
+        classes = self._classes()
+        if classes is None:
+            return None
+        flags, station_class = classes
+        players, items, n = len(self.world.players), len(self.items), 0
+        n = items + len(self.containers)
+        table = n + len(self.stations)
+        hand, meal = table + 1, table + 1 + players
+        self.fields(1, 1 << 12)
+        self.fields(1, 1)
+        place = self.fields(players, table)
+        held = self.fields(players, n)
+        below = self.fields(n, meal + meals)
+        inside = self.fields(meals, n)
+        boiled = self.fields(meals, 1)
+        able, after, done, timer, total = self._processes(station_class, flags, n)
+        fill, boil, fill_total, boil_total = self._meals(station_class, flags, meals, n, boiled)
+        words, word, shift = self._packing()
+        rows = list(zip(*self.timers, strict=True)) or [()] * 6
+        return Kitchen(
+            players, n, items, len(self.stations), tables, meals, len(self.rules.processes),
+            len(flags), self.size, table, hand, meal, place, held, below, inside, boiled,
+            ints(station_class), ints(flags.index(p.station) for p in self.rules.processes),
+            flags.index("issink") if "issink" in flags else -2,
+            flags.index("isstove") if "isstove" in flags else -2,
+            ints(int(p.timed) for p in self.rules.processes),
+            ints(total), ints(able), ints(after), ints(done), ints(timer), ints(fill), ints(boil),
+            fill_total, boil_total, ints(self._pots()), len(self.timers),
+            ints(rows[0]), ints(rows[1]), ints(rows[2]), ints(rows[3]), ints(rows[4]),
+            ints(rows[5]), words, ints(word), ints(shift),
+        )  # fmt: skip
+
+    def _classes(self) -> tuple[list[str], list[int]] | None:
+        """The facts that give a station its purpose, and which of them each station has."""
+        flags = [p.station for p in self.rules.processes]
+        for action, flag in (("fill", "issink"), ("boil", "isstove")):
+            if action in self.rules.actions and flag not in flags:
+                flags.append(flag)
+        found = []
+        for station in self.stations:
+            has = [i for i, flag in enumerate(flags) if self._holds(flag, station)]
+            if len(has) > 1:
+                return None
+            found.append(has[0] if has else -1)
+        return flags, found
+
+    def _holds(self, predicate: str, *names: str) -> bool:
+        types = self.world.table.types
+        return predicate in types and self.state.holds(predicate, *names)
+
+    def _pots(self) -> list[int]:
+        kinds = {c: 1 if self._holds("ispot", c) else 0 for c in self.containers}
+        bowls = {c: 2 for c in self.containers if self._holds("isbowl", c)}
+        return [0] * len(self.items) + [{**kinds, **bowls}[c] for c in self.containers]
+
+    def _processes(
+        self, station_class: list[int], flags: list[str], n: int
+    ) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
+        able, after, done, timer, total = [], [], [], [], []
+        for process in self.rules.processes:
+            for o, item in enumerate(self.items):
+                first = self._enabled_by(process, item)
+                places = [i for i, c in enumerate(station_class) if c == flags.index(process.station)]
+                possible = first is not None and bool(places)
+                count = self._total(process, item, places) if possible else 0
+                able.append(int(possible))
+                after.append(first or 0)
+                total.append(count)
+                if possible or self._holds(process.result, item):
+                    done.append(self.field(1 if process.timed else max(count, 1)))
+                else:
+                    done.append(-1)
+                for i in range(len(self.stations)):
+                    if possible and process.timed and i in places:
+                        timer.append(self.field(count + 1))
+                        row = (timer[-1], 0, o, n + i, count, done[-1])
+                        self.timers.append(row)
+                    else:
+                        timer.append(-1)
+        return able, after, done, timer, total
+
+    def _enabled_by(self, process: Process, item: str) -> int | None:
+        """0 if the process can be performed on an item; else the number of the process (from 1)
+        that makes it possible; None if nothing does."""
+        if self._holds(process.requires, item):
+            return 0
+        for number, other in enumerate(self.rules.processes, start=1):
+            for condition, gained in other.enables:
+                if gained == process.requires and self._holds(condition, item):
+                    return number
+        return None
+
+    def _total(self, process: Process, item: str, places: list[int]) -> int:
+        station = self.stations[places[0]]
+        return _count(self.world, process.action, i1=item, s1=station)
+
+    def _meals(
+        self, station_class: list[int], flags: list[str], meals: int, n: int, boiled: int
+    ) -> tuple[list[int], list[int], int, int]:
+        fill, boil = [], []
+        fill_total = boil_total = 0
+        items = len(self.items)
+        for c, container in enumerate(self.containers):
+            for i, station in enumerate(self.stations):
+                fill.append(-1)
+                if not meals or not self._holds("ispot", container):
+                    continue
+                if station_class[i] >= 0 and flags[station_class[i]] == "issink":
+                    name = self.rules.actions["fill"]
+                    fill_total = _count(self.world, name, c1=container, s1=station)
+                    fill[-1] = self.field(fill_total + 1)
+                    row = (fill[-1], 1, items + c, n + i, fill_total, items + c)
+                    self.timers.append(row)
+        for m in range(meals):
+            for c, container in enumerate(self.containers):
+                for i, station in enumerate(self.stations):
+                    boil.append(-1)
+                    if not self._holds("ispot", container):
+                        continue
+                    if station_class[i] >= 0 and flags[station_class[i]] == "isstove":
+                        boil_total = self._boil_total(container, station)
+                        boil[-1] = self.field(boil_total + 1)
+                        row = (boil[-1], 2, items + c, n + i, boil_total, boiled + m)
+                        self.timers.append(row)
+        return fill, boil, fill_total, boil_total
+
+    def _boil_total(self, container: str, station: str) -> int:
+        name = self.rules.actions["boil"]
+        water = next((o.name for o in self.world.all_objects() if o.kind == "water"), "water1")
+        self.world.admit([water])
+        return _count(self.world, name, c1=container, s1=station, m1=water)
+
+    def _packing(self) -> tuple[int, list[int], list[int]]:
+        word, shift = [], []
+        number = used = 0
+        for width in self.widths:
+            if used + width > WORD:
+                number, used = number + 1, 0
+            word.append(number)
+            shift.append(used)
+            used += width
+        return number + 1, word, shift
+
+
+def _count(world: World, action: str, **binding: str) -> int:
+    """Updates after which a process takes effect."""
+    ground = bound_action(world, action, {"p1": world.players[0], **binding})
+    return next(node.total for effect in ground.effects for node in effect.counters())
+
+
+def bound_action(world: World, name: str, binding: dict[str, str]) -> GroundAction:
+    """The ground action with its parameters bound to objects."""
+    schema = next(s for s in world.schemas if s.name == name)
+    return world.action(name, *(binding[parameter] for parameter, _ in schema.parameters))
+
+
+class _Encoder:
+    def __init__(self, model: Model, state: State) -> None:
+        self.model, self.k = model, model.kitchen
+        self.codes = {name: i for i, name in enumerate(model.objects)}
+        self.codes |= {name: self.k.n + i for i, name in enumerate(model.stations)}
+        self.codes |= dict.fromkeys(model.tables, self.k.table)
+        self.numbers = {name: i for i, name in enumerate(model.meals)}
+        self.s = [0] * self.k.size
+        self.atoms = state.atoms()
+        self.rows: Rows = {(a, i, args): c for a, i, args, c in state.timer_rows()}
+
+    def encode(self) -> list[int]:
+        k, s = self.k, self.s
+        lowest: dict[str, int] = {}
+        for atom in self.atoms:
+            match atom:
+                case ("item_on" | "container_at" | "atop", name, under):
+                    s[k.below + self.codes[name]] = self.codes[under]
+                    if atom[0] != "atop" and under in self.model.tables:
+                        lowest[under] = self.codes[name]
+                case ("has_item" | "has_container", player, name):
+                    p = self.model.players.index(player)
+                    s[k.below + self.codes[name]] = k.hand + p
+                    s[k.held + p] = self.codes[name] + 1
+                case ("addedto", name, meal):
+                    s[k.below + self.codes[name]] = k.meal + self.numbers[meal]
+                case ("in", meal, name):
+                    s[k.inside + self.numbers[meal]] = self.codes[name] + 1
+                case ("isboiling", meal):
+                    s[k.boiled + self.numbers[meal]] = 1
+        for atom in self.atoms:
+            if atom[0] == "loc":
+                p = self.model.players.index(atom[1])
+                s[k.place + p] = lowest.get(atom[2], self.codes[atom[2]])
+        if k.players == 1 and s[k.held]:
+            s[1] = 1
+        self._counters(set(self.atoms))
+        return s
+
+    def _counters(self, atoms: Iterable[tuple[str, ...]]) -> None:
+        k, s, model = self.k, self.s, self.model
+        for q, process in enumerate(model.rules.processes):
+            for o, item in enumerate(model.objects[: k.items]):
+                at = q * k.items + o
+                if k.done[at] < 0:
+                    continue
+                if (process.result, item) in atoms:
+                    s[k.done[at]] = 1 if process.timed else k.total[at]
+                elif not process.timed:
+                    s[k.done[at]] = self.rows.get((process.action, 0, (item,)), (0,))[0]
+                else:
+                    self._timers(process.action, (item,), k.timer, at)
+        names = model.rules.actions
+        for c, container in enumerate(model.objects[k.items :]):
+            if k.meals:
+                self._timers(names.get("fill", ""), (container,), k.fill, c)
+            for meal, m in self.numbers.items():
+                if not s[k.boiled + m]:
+                    row = m * (k.n - k.items) + c
+                    self._timers(names.get("boil", ""), (meal, container), k.boil, row)
+
+    def _timers(self, action: str, about: tuple[str, ...], slots: Ints, row: int) -> None:
+        for i, station in enumerate(self.model.stations):
+            slot = slots[row * self.k.stations + i]
+            if slot < 0:
+                continue
+            for (name, _, arguments), counters in self.rows.items():
+                if name == action and set(arguments) == {*about, station}:
+                    self.s[slot] = counters[1] + 1

@@ -1,0 +1,126 @@
+"""What lies in the way; part of the estimate."""
+
+from __future__ import annotations
+
+from robotouille.planning.kitchen.compiled import Ints, kernel
+from robotouille.planning.kitchen.layout import Goals, Kitchen
+from robotouille.planning.kitchen.rows import (
+    CHAIN,
+    CLEAR_ONLY,
+    DEAD,
+    HERE,
+    JOINED,
+    LEAVES,
+    LEGS,
+    NEEDS,
+    WORK,
+)
+from robotouille.planning.kitchen.walks import walk_to
+
+__all__ = ["crowded_stations", "obstacles"]
+
+
+@kernel
+def obstacles(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> None:
+    """Note what has to be taken off what, until nothing more follows from it."""
+    changed = True
+    while changed:
+        changed = False
+        for o in range(k.items):
+            if w[LEAVES + o] or s[k.below + o] >= k.table:
+                continue
+            under = s[k.below + o]
+            if under < k.n and w[LEAVES + under] + w[HERE + under] > 0:
+                remove(k, g, s, row, o, w)
+                changed = True
+            elif under < k.n and must_be_clear(k, g, row, under, o, w):
+                w[CLEAR_ONLY] += 0 if g.role[row * k.n + o] else 1
+                remove(k, g, s, row, o, w)
+                changed = True
+            elif is_finished_too_soon(k, g, row, o, w):
+                remove(k, g, s, row, o, w)
+                changed = True
+        for o in range(k.items):
+            if not w[LEAVES + o] and s[k.below + o] == k.table:
+                if is_finished_too_soon(k, g, row, o, w):
+                    remove(k, g, s, row, o, w)
+                    changed = True
+
+
+@kernel
+def remove(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> None:
+    """An object has to leave its place, where nothing else would have made it leave."""
+    w[LEAVES + o] = 1
+    if w[LEGS + o] > 0:
+        return
+    w[LEGS + o] = 1 if g.role[row * k.n + o] else 0
+    walk = walk_to(k, s, o, w) if w[HERE + o] == 0 else 0
+    w[WORK + o] += 3 + walk
+    if not g.role[row * k.n + o]:
+        w[JOINED] += 1
+    elif w[CHAIN + o] == 0:
+        w[CHAIN + o] = 3 + walk
+
+
+@kernel
+def must_be_clear(k: Kitchen, g: Goals, row: int, under: int, upper: int, w: Ints) -> bool:
+    """Whether the goal wants nothing on an item, or something else than what is there."""
+    if g.top[row * k.n + under]:
+        return True
+    for o in range(k.items):
+        if o != upper and g.atop[row * k.n + o] == under + 1 and w[LEGS + o] > 0:
+            return True
+    return False
+
+
+@kernel
+def is_finished_too_soon(k: Kitchen, g: Goals, row: int, o: int, w: Ints) -> bool:
+    """Whether the top of a pile is in place while something that goes below it is not."""
+    at = row * k.n + o
+    if not g.top[at] or not g.pile[at]:
+        return False
+    for other in range(k.items):
+        if other != o and g.pile[row * k.n + other] == g.pile[at] and w[LEGS + other] > 0:
+            return True
+    return w[LEGS + g.pile[at] - 1] > 0
+
+
+@kernel
+def crowded_stations(k: Kitchen, s: Ints, w: Ints) -> int:
+    """The work of clearing stations that are needed and taken by what would stay there."""
+    needed = 0
+    for o in range(k.n):
+        needed |= w[NEEDS + o]
+    work = 0
+    for c in range(k.classes):
+        if not needed >> c & 1:
+            continue
+        least = DEAD
+        for station in range(k.stations):
+            if k.station_class[station] == c:
+                least = min(least, clearing(k, s, station, w))
+        if least == DEAD:
+            return DEAD
+        work += least
+    return work
+
+
+@kernel
+def clearing(k: Kitchen, s: Ints, station: int, w: Ints) -> int:
+    """The work of clearing a station, besides that of what leaves it anyway."""
+    foot = -1
+    for o in range(k.n):
+        if s[k.below + o] == k.n + station:
+            foot = o
+    if foot < 0 or w[LEAVES + foot]:
+        return 0
+    work = 0
+    o = foot
+    for _ in range(k.n):
+        if not w[LEAVES + o]:
+            work += 3 + walk_to(k, s, o, w)
+            w[JOINED] += 1
+        o = w[o]
+        if o < 0:
+            break
+    return work

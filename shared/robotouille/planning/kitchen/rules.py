@@ -1,0 +1,151 @@
+"""Which domains are kitchens: those whose actions say what `moves.py` does, processes being free.
+
+Actions are compared as sentences. A *process* is any action that a player with free hands performs
+on a clear item that lies on a station of some kind: again and again until it takes effect, or once,
+and it takes effect after a delay for which the item has to lie there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from robotouille.domain.schema import ActionDef, Condition, Conditional, Creation, DomainFile
+from robotouille.domain.schema import EffectDef
+
+__all__ = ["Process", "Rules", "recognise"]
+
+FIXED = {
+    "loc(p1,s1); vacant(s2) -> loc(p1,s2); not loc(p1,s1); not vacant(s2); vacant(s1)": "move",
+    "clear(i1); item_on(i1,s1); loc(p1,s1); nothing(p1) -> has_item(p1,i1); not clear(i1); "
+    "not item_at(i1,s1); not item_on(i1,s1); not nothing(p1); station_empty(s1)": "pick item",
+    "has_item(p1,i1); loc(p1,s1); station_empty(s1) -> clear(i1); item_at(i1,s1); "
+    "item_on(i1,s1); not has_item(p1,i1); not station_empty(s1); nothing(p1)": "place item",
+    "clear(i2); has_item(p1,i1); item_at(i2,s1); loc(p1,s1) -> atop(i1,i2); clear(i1); "
+    "item_at(i1,s1); not clear(i2); not has_item(p1,i1); nothing(p1)": "stack",
+    "atop(i1,i2); clear(i1); item_at(i1,s1); item_at(i2,s1); loc(p1,s1); nothing(p1) -> "
+    "clear(i2); has_item(p1,i1); not atop(i1,i2); not clear(i1); not item_at(i1,s1); "
+    "not nothing(p1)": "unstack",
+    "container_at(c1,s1); loc(p1,s1); nothing(p1) -> has_container(p1,c1); "
+    "not container_at(c1,s1); not nothing(p1); station_empty(s1)": "pick container",
+    "has_container(p1,c1); loc(p1,s1); station_empty(s1) -> container_at(c1,s1); "
+    "not has_container(p1,c1); not station_empty(s1); nothing(p1)": "place container",
+    "container_at(c1,s1); container_empty(c1); ispot(c1); issink(s1); loc(p1,s1); nothing(p1) -> "
+    "| conditional c1 if container_at(c1,s1) {} [delayed c1 {} [creation c1 water meal m1 "
+    "{in(m1,c1); iswater(m1); not container_empty(c1)}]]": "fill",
+    "container_at(c1,s1); in(m1,c1); ispot(c1); isstove(s1); iswater(m1); loc(p1,s1); "
+    "nothing(p1) -> | conditional m1 if container_at(c1,s1) {} [delayed m1 "
+    "{isboiling(m1)}]": "boil",
+    "container_at(c1,s1); has_item(p1,i1); in(m1,c1); ispot(c1); loc(p1,s1); "
+    "not addedto(i1,m1) -> addedto(i1,m1); not has_item(p1,i1); nothing(p1)": "add",
+    "container_at(c1,s1); container_empty(c1); has_container(p1,c2); in(m1,c2); isbowl(c1); "
+    "ispot(c2); loc(p1,s1) -> container_empty(c2); in(m1,c1); not container_empty(c1); "
+    "not in(m1,c2)": "pour",
+    "->": "wait",
+}
+
+_NAME = r"([\w-]+)"
+_BEFORE = "clear(i1); item_on(i1,s1); loc(p1,s1); nothing(p1)".split("; ")
+_REPEATED = re.compile(rf"repetitive i1 {{{_NAME}\(i1\)}}")
+_TIMED = re.compile(
+    rf"conditional i1 if item_on\(i1,s1\) {{(?:{_NAME}\(i1\))?}} "
+    rf"\[delayed i1 {{{_NAME}\(i1\)(?:; not {_NAME}\(i1\))?}}\]"
+)
+_ENABLING = re.compile(rf"conditional i1 if {_NAME}\(i1\); {_NAME}\(i1\) {{{_NAME}\(i1\)}}")
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """Work on an item: at stations with the fact `station`, on items with `requires`.
+
+    `enables` are pairs: an item with the first fact gets the second when the process is done.
+    """
+
+    action: str
+    station: str
+    requires: str
+    result: str
+    timed: bool
+    enables: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass
+class Rules:
+    """The names of a kitchen's actions by what they do, and its processes."""
+
+    actions: dict[str, str] = field(default_factory=dict)
+    processes: list[Process] = field(default_factory=list)
+
+
+def recognise(domain: DomainFile) -> Rules | None:
+    """The rules of a domain if it is a kitchen, else None."""
+    rules = Rules()
+    for action in domain.action_defs:
+        meaning = FIXED.get(_sentence(action))
+        if meaning is not None:
+            rules.actions.setdefault(meaning, action.name)
+            continue
+        process = _process(action)
+        if process is None:
+            return None
+        rules.processes.append(process)
+    needed = {"move", "pick item", "place item", "stack", "unstack"}
+    flags = [p.station for p in rules.processes]
+    if not needed <= rules.actions.keys() or len(set(flags)) != len(flags):
+        return None
+    return rules
+
+
+def _sentence(action: ActionDef) -> str:
+    text = f"{_conditions(action.precons)} -> {_conditions(action.immediate_fx)}"
+    if action.sfx:
+        text += "| " + ", ".join(map(_effect, action.sfx))
+    return text.strip()
+
+
+def _conditions(conditions: Iterable[Condition]) -> str:
+    return "; ".join(sorted(_condition(c) for c in conditions))
+
+
+def _condition(condition: Condition) -> str:
+    atom = f"{condition.predicate}({','.join(condition.params)})"
+    return atom if condition.is_true else f"not {atom}"
+
+
+def _effect(effect: EffectDef) -> str:
+    text = f"{effect.type} {effect.param}"
+    if isinstance(effect, Conditional):
+        text += f" if {_conditions(effect.conditions)}"
+    if isinstance(effect, Creation):
+        created = effect.created_obj
+        text += f" {created.name} {created.type} {created.param}"
+    text += f" {{{_conditions(effect.fx)}}}"
+    if effect.sfx:
+        text += f" [{', '.join(map(_effect, effect.sfx))}]"
+    return text
+
+
+def _process(action: ActionDef) -> Process | None:
+    before = {_condition(c) for c in action.precons}
+    if not before.issuperset(_BEFORE) or action.immediate_fx or not action.sfx:
+        return None
+    rest = sorted(before.difference(_BEFORE))
+    forbidden = [c[4:-4] for c in rest if c.startswith("not ") and c.endswith("(i1)")]
+    requires = [c[:-4] for c in rest if c.endswith("(i1)") and not c.startswith("not ")]
+    stations = [c[:-4] for c in rest if c.endswith("(s1)") and not c.startswith("not ")]
+    if len(requires) != 1 or len(stations) != 1 or len(rest) != 2 + len(forbidden):
+        return None
+    first, *others = map(_effect, action.sfx)
+    enables = [_ENABLING.fullmatch(text) for text in others]
+    repeated, timed = _REPEATED.fullmatch(first), _TIMED.fullmatch(first)
+    result = repeated[1] if repeated else timed[2] if timed else ""
+    meanwhile = {timed[1], timed[3]} - {None} if timed else set()
+    if not result or set(forbidden) != meanwhile:
+        return None
+    pairs = []
+    for match in enables:
+        if match is None or result not in (match[1], match[2]):
+            return None
+        pairs.append((match[1] if match[2] == result else match[2], match[3]))
+    return Process(action.name, stations[0], requires[0], result, timed is not None, tuple(pairs))

@@ -1,0 +1,229 @@
+"""A* over compact states (Hart, Nilsson and Raphael 1968), on arrays that only grow.
+
+A node is a state with the steps it took to get there. Nodes wait in stacks, one for each pair of
+promise (steps so far plus estimate) and estimate; the lowest promise comes first, and of those
+the node nearest the goal. A state reached again in fewer steps gets a new node; the old one is
+skipped. With a weight above 1 plans come sooner and are no longer proven to be shortest.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from robotouille.planning.kitchen.compiled import Ints, grown, ints, kernel, zeros
+from robotouille.planning.kitchen.estimate import estimate
+from robotouille.planning.kitchen.layout import WAIT, Goals, Kitchen
+from robotouille.planning.kitchen.moves import act, options, pack, running, spot, tick, unpack
+from robotouille.planning.kitchen.rows import DEAD, SCRATCH
+
+__all__ = [
+    "BEST",
+    "COUNT",
+    "EMPTY",
+    "EXPANDED",
+    "GOAL",
+    "GROW",
+    "PAUSED",
+    "PROMISE",
+    "PROVEN",
+    "Nodes",
+    "new_nodes",
+    "push",
+    "run",
+]
+
+PAUSED, GROW, PROVEN, EMPTY = range(4)
+"""Why `run` returned: enough expansions, no room, no better plan exists, nothing is left."""
+
+PROMISES, ESTIMATES = 512, 256
+
+COUNT, EXPANDED, PROMISE, BEST, GOAL = range(5)
+"""Positions in `Nodes.notes`: nodes, expansions, the lowest promise, the length of the best plan
+known (plans have to be shorter) and its last node, -1 if it was not found here."""
+
+MOST_SUCCESSORS = 256
+
+
+class Nodes(NamedTuple):
+    """All nodes of a search, as arrays, and its scratch space."""
+
+    key: Ints
+    steps: Ints
+    estimate: Ints
+    parent: Ints
+    action: Ints
+    next: Ints
+    table: Ints
+    first: Ints
+    lowest: Ints
+    notes: Ints
+    s: Ints
+    t: Ints
+    u: Ints
+    acts: Ints
+    w: Ints
+    packed: Ints
+
+
+def new_nodes(k: Kitchen, room: int, like: Nodes | None = None) -> Nodes:
+    """Room for so many nodes, with the nodes of another search taken over."""
+    if like is None:
+        arrays = [zeros(room * k.words), *(zeros(room) for _ in range(5))]
+        notes = zeros(8)
+        notes[BEST] = PROMISES - 1
+        notes[GOAL] = -1
+        notes[PROMISE] = PROMISES
+        rest = [zeros(k.size), zeros(k.size), zeros(k.size), zeros(1024), zeros(SCRATCH)]
+        return Nodes(
+            *arrays, zeros(2 * room), zeros(PROMISES * ESTIMATES),
+            ints([ESTIMATES] * PROMISES), notes, *rest, zeros(k.words),
+        )  # fmt: skip
+    key = grown(like.key, room * k.words)
+    arrays = [grown(values, room) for values in like[1:6]]
+    nodes = Nodes(key, *arrays, zeros(2 * room), *like[7:])
+    rehash(k, nodes)
+    return nodes
+
+
+@kernel
+def rehash(k: Kitchen, x: Nodes) -> None:
+    """Fill the hash table anew."""
+    for node in range(x.notes[COUNT]):
+        if x.estimate[node] < DEAD:
+            for i in range(k.words):
+                x.packed[i] = x.key[node * k.words + i]
+            x.table[slot_of(k, x)] = node + 1
+
+
+@kernel
+def slot_of(k: Kitchen, x: Nodes) -> int:
+    """Where the packed key is in the hash table, or belongs."""
+    mask = len(x.table) - 1
+    h = 0
+    for i in range(k.words):
+        h = (h ^ x.packed[i]) & 0xFFFFFFFFFFF
+        h = (h * 0x9E3B1) & 0xFFFFFFFFFFFFFFF
+        h ^= h >> 23
+    h &= mask
+    while True:
+        node = x.table[h] - 1
+        if node < 0:
+            return h
+        same = True
+        for i in range(k.words):
+            if x.key[node * k.words + i] != x.packed[i]:
+                same = False
+                break
+        if same:
+            return h
+        h = (h + 1) & mask
+
+
+@kernel
+def push(k: Kitchen, g: Goals, x: Nodes, t: Ints, parent: int, action: int, steps: int,
+         weight: int) -> None:  # fmt: skip
+    """Add a state, if it is new or reached sooner, and promises to better the best plan."""
+    pack(k, t, x.packed, 0)
+    slot = slot_of(k, x)
+    known = x.table[slot] - 1
+    if known >= 0:
+        if x.steps[known] <= steps:
+            return
+        left = x.estimate[known]
+    else:
+        left = estimate(k, g, t, x.w)
+    if left >= DEAD or steps + left >= x.notes[BEST] or left >= ESTIMATES:
+        return
+    node = x.notes[COUNT]
+    if known >= 0:
+        x.estimate[known] = DEAD
+    for i in range(k.words):
+        x.key[node * k.words + i] = x.packed[i]
+    x.steps[node] = steps
+    x.estimate[node] = left
+    x.parent[node] = parent
+    x.action[node] = action
+    x.table[slot] = node + 1
+    x.notes[COUNT] = node + 1
+    if left == 0:
+        x.notes[BEST] = steps
+        x.notes[GOAL] = node
+        return
+    promise = min(PROMISES - 1, steps + left * weight // 4)
+    stack = promise * ESTIMATES + left
+    x.next[node] = x.first[stack]
+    x.first[stack] = node + 1
+    x.lowest[promise] = min(x.lowest[promise], left)
+    x.notes[PROMISE] = min(x.notes[PROMISE], promise)
+
+
+@kernel
+def pop(x: Nodes) -> int:
+    """The most promising node, -1 if there is none that could lead to a better plan."""
+    while x.notes[PROMISE] < PROMISES:
+        promise = x.notes[PROMISE]
+        left = x.lowest[promise]
+        while left < ESTIMATES:
+            node = x.first[promise * ESTIMATES + left] - 1
+            if node >= 0:
+                x.first[promise * ESTIMATES + left] = x.next[node]
+                if x.estimate[node] < DEAD and x.steps[node] + left < x.notes[BEST]:
+                    x.lowest[promise] = left
+                    return node
+            else:
+                left += 1
+        x.lowest[promise] = ESTIMATES
+        x.notes[PROMISE] += 1
+    return -1
+
+
+@kernel
+def run(k: Kitchen, g: Goals, x: Nodes, weight: int, expansions: int) -> int:
+    """Go on with a search for so many expansions."""
+    until = x.notes[EXPANDED] + expansions
+    while x.notes[EXPANDED] < until:
+        if x.notes[COUNT] + MOST_SUCCESSORS >= len(x.steps):
+            return GROW
+        if weight == 4 and x.notes[PROMISE] >= x.notes[BEST]:
+            return PROVEN
+        node = pop(x)
+        if node < 0:
+            return PROVEN if x.notes[GOAL] >= 0 else EMPTY
+        x.notes[EXPANDED] += 1
+        unpack(k, x.key, node * k.words, x.s)
+        expand_alone(k, g, x, node, weight)
+    return PAUSED
+
+
+@kernel
+def expand_alone(k: Kitchen, g: Goals, x: Nodes, node: int, weight: int) -> None:
+    """The successors of one player's state: what can be done here, elsewhere, or by waiting.
+
+    Walks are not states of their own: who walks somewhere does something there. Walking takes a
+    step, in which time passes.
+    """
+    steps = x.steps[node]
+    count = options(k, g, x.s, 0, True, x.acts)
+    for i in range(count):
+        copy(k, x.s, x.t)
+        act(k, x.t, 0, x.acts[i])
+        tick(k, x.t)
+        push(k, g, x, x.t, node, x.acts[i], steps + 1, weight)
+    copy(k, x.s, x.u)
+    waits = running(k, x.u)
+    tick(k, x.u)
+    if waits:
+        push(k, g, x, x.u, node, WAIT, steps + 1, weight)
+    count = options(k, g, x.u, 0, False, x.acts)
+    for i in range(count):
+        copy(k, x.u, x.t)
+        x.t[k.place] = spot(k, x.t, x.acts[i])
+        act(k, x.t, 0, x.acts[i])
+        tick(k, x.t)
+        push(k, g, x, x.t, node, x.acts[i], steps + 2, weight)
+
+
+@kernel
+def copy(k: Kitchen, s: Ints, t: Ints) -> None:
+    for i in range(k.size):
+        t[i] = s[i]

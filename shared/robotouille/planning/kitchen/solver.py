@@ -1,0 +1,174 @@
+"""The kitchen planner: shortest plans with proof, and good ones at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.kitchen.compiled import ints
+from robotouille.planning.kitchen.decode import decode
+from robotouille.planning.kitchen.layout import ROOT, Goals
+from robotouille.planning.kitchen.model import Model, model_of
+from robotouille.planning.kitchen.roots import goals_of
+from robotouille.planning.kitchen.search import (
+    BEST,
+    COUNT,
+    EXPANDED,
+    GOAL,
+    GROW,
+    PAUSED,
+    PROMISE,
+    Nodes,
+    new_nodes,
+    push,
+    run,
+)
+from robotouille.planning.plan import Plan
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["PLANNER", "KitchenSearch", "kitchen_search"]
+
+PLANNER = "kitchen A* 1"
+
+SLICE = 4096
+FIRST_ROOM = 1 << 12
+HOPEFUL = 2_000
+"""Expansions after which a plan is sought in haste, so that what cannot better it is left out."""
+
+EXACT, HASTY = 4, 8
+"""Weights of the estimate, in quarters."""
+
+
+def kitchen_search(world: World, start: State) -> KitchenSearch | None:
+    """A search from a state, if the world is a kitchen and its goal is one of a kitchen's."""
+    model = model_of(world, start)
+    if model is None:
+        return None
+    code = model.encode(start)
+    goals = goals_of(model, code)
+    return None if goals is None else KitchenSearch(model, goals, start, code)
+
+
+class KitchenSearch:
+    """A search from one state of a kitchen."""
+
+    def __init__(self, model: Model, goals: Goals, start: State, code: list[int]) -> None:
+        self.model = model
+        self.goals = goals
+        self.start = start
+        self.code = code
+
+    def solve(self, limits: Limits = UNLIMITED, watch: Watch | None = None) -> Answer:
+        """The shortest plan, or the best one and the best bound within the limits."""
+        exact = _Run(self, EXACT, limits, watch)
+        exact.go(HOPEFUL)
+        best: Plan | None = None
+        if exact.status == PAUSED and exact.best is None:
+            hasty = _Run(self, HASTY, limits, watch)
+            hasty.spent = exact.expansions
+            hasty.go(None)
+            if hasty.best is not None:
+                best = self.plan(hasty.path())
+                exact.improve_on(len(best))
+            exact.spent = hasty.expansions
+        exact.go(None)
+        if exact.nodes.notes[GOAL] >= 0:
+            best = self.plan(exact.path())
+        return self._answer(best, exact)
+
+    def _answer(self, best: Plan | None, run: _Run) -> Answer:
+        spent = run.spent + run.expansions
+        if run.status != PAUSED:
+            if best is None:
+                return Answer(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
+            return Answer(best, len(best), Proof.HEURISTIC, PLANNER, spent)
+        bound = run.promise if best is None else min(run.promise, len(best))
+        return Answer(best, bound, Proof.HEURISTIC, PLANNER, spent)
+
+    def plan(self, path: list[list[int]]) -> Plan:
+        """A path of compact actions as a plan of the world."""
+        row = list(self.code)
+        return decode(self.model, self.start, row, path)
+
+
+class _Run:
+    """One pass of A* with a weight, in slices, within limits."""
+
+    def __init__(
+        self, search: KitchenSearch, weight: int, limits: Limits, watch: Watch | None
+    ) -> None:
+        self.search, self.weight, self.limits, self.watch = search, weight, limits, watch
+        self.spent = 0
+        self.status = PAUSED
+        k, g = search.model.kitchen, search.goals
+        self.room = FIRST_ROOM
+        while self.room < 4 * g.rows:
+            self.room *= 2
+        self.nodes: Nodes = new_nodes(k, self.room)
+        for row in range(g.rows):
+            state = list(search.code)
+            state[ROOT] = row
+            push(k, g, self.nodes, ints(state), -1, 0, 0, weight)
+
+    @property
+    def expansions(self) -> int:
+        return int(self.nodes.notes[EXPANDED])
+
+    @property
+    def promise(self) -> int:
+        return int(self.nodes.notes[PROMISE])
+
+    @property
+    def best(self) -> int | None:
+        return int(self.nodes.notes[BEST]) if self.nodes.notes[GOAL] >= 0 else None
+
+    def improve_on(self, length: int) -> None:
+        """Leave out what is not shorter than a known plan."""
+        self.nodes.notes[BEST] = length
+
+    def go(self, expansions: int | None) -> None:
+        """Go on for so many expansions, or to the end, or to the limits."""
+        until = None if expansions is None else self.expansions + expansions
+        while self.status in (PAUSED, GROW):
+            allowed = self._allowed(until)
+            if allowed <= 0 or (self.limits.stop is not None and self.limits.stop()):
+                self.status = PAUSED
+                return
+            self.status = run(
+                self.search.model.kitchen, self.search.goals, self.nodes, self.weight, allowed
+            )
+            if self.watch is not None:
+                self.watch(self.spent + self.expansions, self.promise, self.best)
+            if self.status == GROW and not self._grow():
+                self.status = PAUSED
+                return
+            if self.weight > EXACT and self.best is not None:
+                return
+
+    def _allowed(self, until: int | None) -> int:
+        allowed = SLICE if until is None else min(SLICE, until - self.expansions)
+        if self.limits.expansions is not None:
+            allowed = min(allowed, self.limits.expansions - self.spent - self.expansions)
+        return allowed
+
+    def _grow(self) -> bool:
+        most = self.limits.states
+        if most is not None and self.nodes.notes[COUNT] >= most:
+            return False
+        self.room *= 2
+        self.nodes = new_nodes(self.search.model.kitchen, self.room, self.nodes)
+        return True
+
+    def path(self) -> list[list[int]]:
+        """The joint actions that lead to the best goal found."""
+        node = int(self.nodes.notes[GOAL])
+        joints: list[list[int]] = []
+        while self.nodes.parent[node] >= 0:
+            joints.append(list(_joint(int(self.nodes.action[node]))))
+            node = int(self.nodes.parent[node])
+        return joints[::-1]
+
+
+def _joint(packed: int) -> Iterator[int]:
+    yield packed
