@@ -6,8 +6,11 @@ not. Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Iterable, MutableSequence
+from functools import cache
+from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 __all__ = ["COMPILED", "Ints", "grown", "ints", "kernel", "zeros"]
@@ -30,8 +33,22 @@ def kernel(function: F) -> F:
     """The function, compiled if possible; what is compiled is kept on disk for the next time."""
     if not COMPILED:
         return function
-    compiled: F = numba.njit(cache=True, boundscheck=False)(function)
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_cache_folder())
+    try:
+        compiled: F = numba.njit(cache=True)(function)
+    finally:
+        numba.config.CACHE_DIR = before
     return compiled
+
+
+@cache
+def _cache_folder() -> Path:
+    """Where compiled kernels are kept: a folder for each version of their source, since a kernel
+    contains those it calls."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    source = b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))
+    return Path(home) / "robotouille" / hashlib.blake2b(source, digest_size=8).hexdigest()
 
 
 def ints(values: Iterable[int]) -> Ints:

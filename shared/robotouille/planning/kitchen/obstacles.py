@@ -49,17 +49,26 @@ def obstacles(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> None:
 
 @kernel
 def remove(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> None:
-    """An object has to leave its place, where nothing else would have made it leave."""
+    """An object has to leave its place, where nothing else would have made it leave.
+
+    If that is where it belongs it has to come back, and with one player to lie elsewhere meanwhile.
+    """
     w[LEAVES + o] = 1
     if w[LEGS + o] > 0:
         return
-    w[LEGS + o] = 1 if g.role[row * k.n + o] else 0
+    at = row * k.n + o
     walk = walk_to(k, s, o, w) if w[HERE + o] == 0 else 0
-    w[WORK + o] += 3 + walk
-    if not g.role[row * k.n + o]:
+    work = 3 + walk
+    if not g.role[at]:
         w[JOINED] += 1
-    elif w[CHAIN + o] == 0:
-        w[CHAIN + o] = 3 + walk
+    elif k.players == 1 and (g.base[at] or g.atop[at] or g.pile[at]):
+        w[LEGS + o] = 2
+        work += 4
+    else:
+        w[LEGS + o] = 1
+    w[WORK + o] += work
+    if g.role[at] and w[CHAIN + o] == 0:
+        w[CHAIN + o] = work
 
 
 @kernel
