@@ -13,7 +13,7 @@ SOURCES = {
     "robotouille_server": ROOT / "server/robotouille_server",
     "robotouille_client": ROOT / "client/robotouille_client",
 }
-LAYERS = ["domain", "world", ("generation", "planning", "episode"), "protocol", "replay"]
+LAYERS = ["domain", "world", ("planning", "episode"), "generation", "protocol", "replay"]
 ALLOWED = {
     "robotouille": {"robotouille"},
     "robotouille_server": {"robotouille", "robotouille_server"},

@@ -10,7 +10,11 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille_client.cli.certify import certify
 from robotouille_client.cli.console import explain, fail
+from robotouille_client.cli.export import pddl
+from robotouille_client.cli.generate import generate
+from robotouille_client.cli.plan import plan
 from robotouille_client.cli.play import play
 from robotouille_client.cli.replay import replay
 
@@ -23,6 +27,10 @@ app = typer.Typer(
 )
 app.add_typer(replay, name="replay")
 app.command()(play)
+app.command()(pddl)
+app.command()(plan)
+app.command()(certify)
+app.command()(generate)
 
 
 @app.command()

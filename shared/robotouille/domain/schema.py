@@ -3,7 +3,7 @@
 Paper: section 2 "Domain and Problem JSONs" and appendix "Additional Robotouille JSONs". Two
 dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds the
 fields `layout`, `travel`, `config`/`default` of effects, `player_types`, `station_types`,
-`objects`, `seats` and `domain`. See docs/formats.md.
+`objects`, `seats`, `domain` and `provenance`. See docs/formats.md.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ __all__ = [
     "ObjectDef",
     "PredicateDef",
     "ProblemFile",
+    "Provenance",
     "PublishedDefaults",
     "Repetitive",
 ]
@@ -227,6 +228,17 @@ _PUBLISHED_LISTS = {
 }
 
 
+class Provenance(Schema):
+    """Where a generated problem comes from: what the generator needs to make it again."""
+
+    source: Words
+    seed: int
+    kind: Name
+    attempt: Annotated[int, Field(ge=1)]
+    parameters: dict[Name, bool | int] = {}
+    generator: Words
+
+
 class ProblemFile(Schema):
     """A problem: the grid, its objects and the goal (paper, section 2 and appendix)."""
 
@@ -243,6 +255,7 @@ class ProblemFile(Schema):
     seats: tuple[Annotated[int, Field(ge=1, le=16)], ...] | None = None
     goal_description: Words = ""
     goal: tuple[GoalTerm, ...] = Field(max_length=1000)
+    provenance: Provenance | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
-from robotouille.planning.planner import Planner
+from robotouille.planning import general
+from robotouille.planning.answer import UNLIMITED, Answer, Limits, Watch
+from robotouille.planning.kitchen.roots import TooManyChoicesError
+from robotouille.planning.kitchen.solver import kitchen_search
 from robotouille.world.state import State
 from robotouille.world.world import World
 
@@ -22,6 +24,10 @@ def solve(
     All players of the world act together. One input, one answer, unless `limits.stop` intervenes.
     """
     state = world.initial if start is None else start
-    solution = Planner(world).solve(state, tuple(world.players))
-    plan = solution.plan if solution.reached else None
-    return Answer(plan, 0, Proof.NONE, "beam", 0)
+    try:
+        search = kitchen_search(world, state)
+    except TooManyChoicesError:
+        search = None
+    if search is None:
+        return general.solve(world, state, limits=limits, watch=watch)
+    return search.solve(limits, watch)

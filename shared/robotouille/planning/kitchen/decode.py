@@ -7,14 +7,22 @@ from collections.abc import Sequence
 from robotouille.planning.kitchen.compiled import Ints, ints
 from robotouille.planning.kitchen.layout import (
     ADD,
+    BELOW,
     BOIL,
     FILL,
+    HELD,
+    INSIDE,
+    ITEMS,
     MOVE,
     PICK,
+    PLACE,
+    PLAYERS,
     POUR,
     PROCESS,
     PUT,
+    TABLE,
     WAIT,
+    N,
 )
 from robotouille.planning.kitchen.model import Model, bound_action
 from robotouille.planning.kitchen.moves import act, spot, tick
@@ -33,7 +41,7 @@ def decode(model: Model, start: State, code: list[int], path: Sequence[Sequence[
     """
     decoder = _Decoder(model, start, ints(code))
     for joint in path:
-        if model.kitchen.players == 1:
+        if model.kitchen[PLAYERS] == 1:
             decoder.alone(joint[0])
         else:
             decoder.together(joint)
@@ -51,10 +59,10 @@ class _Decoder:
             later = ints(self.s)
             tick(self.k, later)
             there = spot(self.k, later, action)
-            if self.s[self.k.place] != there:
+            if self.s[self.k[PLACE]] != there:
                 self._step([self._walk(0, there, self.state)])
                 self.s = later
-                self.s[self.k.place] = there
+                self.s[self.k[PLACE]] = there
         self.together([action] if action % 16 != WAIT else [])
 
     def together(self, joint: Sequence[int]) -> None:
@@ -82,16 +90,16 @@ class _Decoder:
     def _name_of(self, place: int, state: State) -> str:
         """The station of a place; of free tables the first that nobody is at."""
         k, model = self.k, self.model
-        if k.n <= place < k.table:
-            return model.stations[place - k.n]
-        if place == k.table:
+        if k[N] <= place < k[TABLE]:
+            return model.stations[place - k[N]]
+        if place == k[TABLE]:
             return next(
                 t
                 for t in model.tables
                 if state.holds("station_empty", t) and state.holds("vacant", t)
             )
         name = model.objects[place]
-        predicate = "item_on" if place < k.items else "container_at"
+        predicate = "item_on" if place < k[ITEMS] else "container_at"
         return next(t for t in model.tables if state.holds(predicate, name, t))
 
     def _walk(self, p: int, place: int, state: State) -> GroundAction:
@@ -109,16 +117,16 @@ class _Decoder:
         model, k, s = self.model, self.k, self.s
         names = model.rules.actions
         binding = {"p1": model.players[p], "s1": self._here(p, state)}
-        held = s[k.held + p] - 1
-        if kind == PICK and x >= k.items:
+        held = s[k[HELD] + p] - 1
+        if kind == PICK and x >= k[ITEMS]:
             return self._bound(names["pick container"], binding, c1=x)
-        if kind == PICK and s[k.below + x] < k.n:
-            return self._bound(names["unstack"], binding, i1=x, i2=s[k.below + x])
+        if kind == PICK and s[k[BELOW] + x] < k[N]:
+            return self._bound(names["unstack"], binding, i1=x, i2=s[k[BELOW] + x])
         if kind == PICK:
             return self._bound(names["pick item"], binding, i1=x)
-        if kind == PUT and x < k.n:
+        if kind == PUT and x < k[N]:
             return self._bound(names["stack"], binding, i1=held, i2=x)
-        if kind == PUT and held >= k.items:
+        if kind == PUT and held >= k[ITEMS]:
             return self._bound(names["place container"], binding, c1=held)
         if kind == PUT:
             return self._bound(names["place item"], binding, i1=held)
@@ -129,7 +137,7 @@ class _Decoder:
         if kind == POUR:
             binding["m1"] = self._meal_in(held, state)
             return self._bound(names["pour"], binding, c1=x, c2=held)
-        pot = s[k.inside + x] - 1
+        pot = s[k[INSIDE] + x] - 1
         binding["m1"] = self._meal_in(pot, state)
         if kind == BOIL:
             return self._bound(names["boil"], binding, c1=pot)

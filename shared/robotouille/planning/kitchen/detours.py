@@ -10,7 +10,24 @@ pick up, walk. Circles without a common object count each for itself.
 from __future__ import annotations
 
 from robotouille.planning.kitchen.compiled import Ints, kernel
-from robotouille.planning.kitchen.layout import Goals, Kitchen
+from robotouille.planning.kitchen.layout import (
+    ATOP,
+    BELOW,
+    CLASSES,
+    HELD,
+    INTO,
+    IS_POT,
+    ITEMS,
+    MEALS,
+    PILE,
+    SINK_CLASS,
+    STATION_CLASS,
+    STATIONS,
+    TOP,
+    VESSEL,
+    WANTED,
+    N,
+)
 from robotouille.planning.kitchen.rows import FIRST, LEAVES, LEGS, NEEDS, NEXT, SHARED
 from robotouille.planning.kitchen.vessels import unmade
 
@@ -21,16 +38,16 @@ MOST = 28
 
 
 @kernel
-def detours(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> int:
+def detours(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> int:
     """Steps of additional stops that are needed at least."""
-    if k.n > MOST or k.meals > 6:
+    if k[N] > MOST or k[MEALS] > 6:
         return 0
-    nodes = 2 * k.n + k.meals
+    nodes = 2 * k[N] + k[MEALS]
     for i in range(nodes):
         w[NEXT + i] = 0
-    for o in range(k.n):
+    for o in range(k[N]):
         if w[LEGS + o] > 1:
-            w[NEXT + o] |= 1 << (k.n + o)
+            w[NEXT + o] |= 1 << (k[N] + o)
     above_before_below(k, g, s, row, w)
     below_before_top(k, g, row, w)
     stations_in_turn(k, s, w)
@@ -40,110 +57,114 @@ def detours(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> int:
 
 
 @kernel
-def last(k: Kitchen, o: int, w: Ints) -> int:
+def last(k: Ints, o: int, w: Ints) -> int:
     """The node of the last leg of an object; that of the first is its number."""
-    return k.n + o if w[LEGS + o] > 1 else o
+    return k[N] + o if w[LEGS + o] > 1 else o
 
 
 @kernel
-def above_before_below(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> None:
-    for o in range(k.items):
+def above_before_below(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
+    for o in range(k[ITEMS]):
         if not w[LEAVES + o] or w[LEGS + o] == 0:
             continue
-        under = s[k.below + o]
-        while under < k.n:
+        under = s[k[BELOW] + o]
+        while under < k[N]:
             if w[LEAVES + under] and w[LEGS + under] > 0:
                 w[NEXT + o] |= 1 << under
-            under = s[k.below + under]
+            under = s[k[BELOW] + under]
 
 
 @kernel
-def below_before_top(k: Kitchen, g: Goals, row: int, w: Ints) -> None:
-    for o in range(k.items):
-        at = row * k.n + o
+def below_before_top(k: Ints, g: Ints, row: int, w: Ints) -> None:
+    for o in range(k[ITEMS]):
+        at = row * k[N] + o
         if w[LEGS + o] == 0:
             continue
-        if g.atop[at] and w[LEGS + g.atop[at] - 1] > 0:
-            w[NEXT + last(k, g.atop[at] - 1, w)] |= 1 << last(k, o, w)
-        if not g.pile[at]:
+        if g[g[ATOP] + at] and w[LEGS + g[g[ATOP] + at] - 1] > 0:
+            w[NEXT + last(k, g[g[ATOP] + at] - 1, w)] |= 1 << last(k, o, w)
+        if not g[g[PILE] + at]:
             continue
-        base = g.pile[at] - 1
+        base = g[g[PILE] + at] - 1
         if w[LEGS + base] > 0:
             w[NEXT + last(k, base, w)] |= 1 << last(k, o, w)
-        if g.top[at]:
-            for other in range(k.items):
-                if other != o and w[LEGS + other] > 0 and g.pile[row * k.n + other] == g.pile[at]:
+        if g[g[TOP] + at]:
+            for other in range(k[ITEMS]):
+                if (
+                    other != o
+                    and w[LEGS + other] > 0
+                    and g[g[PILE] + row * k[N] + other] == g[g[PILE] + at]
+                ):
                     w[NEXT + last(k, other, w)] |= 1 << last(k, o, w)
 
 
 @kernel
-def stations_in_turn(k: Kitchen, s: Ints, w: Ints) -> None:
-    for c in range(k.classes):
+def stations_in_turn(k: Ints, s: Ints, w: Ints) -> None:
+    for c in range(k[CLASSES]):
         only = -1
         many = 0
-        for station in range(k.stations):
-            if k.station_class[station] == c:
+        for station in range(k[STATIONS]):
+            if k[k[STATION_CLASS] + station] == c:
                 only = station
                 many += 1
         if many != 1:
             continue
         foot = -1
-        for o in range(k.n):
-            if s[k.below + o] == k.n + only:
+        for o in range(k[N]):
+            if s[k[BELOW] + o] == k[N] + only:
                 foot = o
         if foot < 0 or not w[LEAVES + foot] or w[LEGS + foot] == 0:
             continue
-        for o in range(k.n):
+        for o in range(k[N]):
             if o != foot and w[NEEDS + o] >> c & 1:
                 w[NEXT + foot] |= 1 << (o if w[FIRST + o] == c + 1 else last(k, o, w))
 
 
 @kernel
-def water_first(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> None:
+def water_first(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
     """Nothing is added before there is water, nor after it is poured."""
-    for m in range(k.meals):
-        if not g.wanted[row * k.meals + m]:
+    for m in range(k[MEALS]):
+        if not g[g[WANTED] + row * k[MEALS] + m]:
             continue
-        filling = 2 * k.n + m
+        filling = 2 * k[N] + m
         missing = unmade(k, g, s, row, m)
         pot = only_pot(k, w)
-        if pot >= 0 and missing and w[FIRST + pot] == k.sink_class + 1:
+        if pot >= 0 and missing and w[FIRST + pot] == k[SINK_CLASS] + 1:
             w[NEXT + pot] |= 1 << filling
-        for o in range(k.items):
-            if g.into[row * k.n + o] == m + 1 and w[LEGS + o] > 0:
+        for o in range(k[ITEMS]):
+            if g[g[INTO] + row * k[N] + o] == m + 1 and w[LEGS + o] > 0:
                 if missing:
                     w[NEXT + filling] |= 1 << last(k, o, w)
-                if pot >= 0 and g.vessel[row * k.meals + m]:
+                if pot >= 0 and g[g[VESSEL] + row * k[MEALS] + m]:
                     w[NEXT + last(k, o, w)] |= 1 << last(k, pot, w)
 
 
 @kernel
-def only_pot(k: Kitchen, w: Ints) -> int:
+def only_pot(k: Ints, w: Ints) -> int:
     """The pot for the one meal there is to cook; -1 if there are several of either."""
     if w[SHARED]:
         return -1
-    for c in range(k.items, k.n):
-        if k.is_pot[c] == 1 and w[LEGS + c] > 0:
+    for c in range(k[ITEMS], k[N]):
+        if k[k[IS_POT] + c] == 1 and w[LEGS + c] > 0:
             return c
     return -1
 
 
 @kernel
-def hand_first(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> None:
-    held = s[k.held] - 1
+def hand_first(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
+    held = s[k[HELD]] - 1
     if held < 0 or w[LEGS + held] == 0:
         return
-    for o in range(k.n):
+    for o in range(k[N]):
         if o != held and w[LEGS + o] > 0:
             w[NEXT + held] |= 1 << o
             w[NEXT + held] |= 1 << last(k, o, w)
-    for m in range(k.meals):
+    for m in range(k[MEALS]):
         if unmade(k, g, s, row, m):
-            w[NEXT + held] |= 1 << (2 * k.n + m)
+            w[NEXT + held] |= 1 << (2 * k[N] + m)
 
 
 @kernel
-def circles(k: Kitchen, nodes: int, w: Ints) -> int:
+def circles(k: Ints, nodes: int, w: Ints) -> int:
     """The price of as many separate circles as are found, shortest first."""
     alive = 0
     for i in range(nodes):
@@ -156,11 +177,11 @@ def circles(k: Kitchen, nodes: int, w: Ints) -> int:
             return price
         circle = shortest_circle(nodes, alive, w)
         least = 4
-        for o in range(k.n):
-            if circle >> o & 1 or circle >> (k.n + o) & 1:
+        for o in range(k[N]):
+            if circle >> o & 1 or circle >> (k[N] + o) & 1:
                 alive &= ~(1 << o)
-                alive &= ~(1 << (k.n + o))
-                if o >= k.items:
+                alive &= ~(1 << (k[N] + o))
+                if o >= k[ITEMS]:
                     least = 3
         price += least
 
@@ -217,7 +238,9 @@ def along(nodes: int, alive: int, start: int, length: int, w: Ints) -> int:
     node = start
     for left in range(length - 1, 0, -1):
         for i in range(nodes):
-            if w[NEXT + node] & alive & ~circle & (1 << i) and leads(nodes, alive, i, start, left, w):
+            if w[NEXT + node] & alive & ~circle & (1 << i) and leads(
+                nodes, alive, i, start, left, w
+            ):
                 circle |= 1 << i
                 node = i
                 break

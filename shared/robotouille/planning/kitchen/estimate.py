@@ -18,7 +18,37 @@ from __future__ import annotations
 
 from robotouille.planning.kitchen.compiled import Ints, kernel
 from robotouille.planning.kitchen.detours import detours
-from robotouille.planning.kitchen.layout import LOOSE, ROOT, Goals, Kitchen
+from robotouille.planning.kitchen.layout import (
+    ABLE,
+    AFTER,
+    ATOP,
+    BASE,
+    BELOW,
+    DONE,
+    HAND,
+    HELD,
+    INTO,
+    IS_POT,
+    ITEMS,
+    MEAL,
+    MEALS,
+    NEED,
+    PILE,
+    PLAYERS,
+    PROCESS_CLASS,
+    PROCESSES,
+    ROLE,
+    ROOT,
+    STATION_CLASS,
+    STATIONS,
+    TABLE,
+    TIMED,
+    TIMER,
+    TOP,
+    TOTAL,
+    VESSEL,
+    N,
+)
 from robotouille.planning.kitchen.moves import is_done
 from robotouille.planning.kitchen.obstacles import crowded_stations, obstacles
 from robotouille.planning.kitchen.rows import (
@@ -45,37 +75,37 @@ __all__ = ["estimate"]
 
 
 @kernel
-def estimate(k: Kitchen, g: Goals, s: Ints, w: Ints) -> int:
+def estimate(k: Ints, g: Ints, s: Ints, w: Ints) -> int:
     """Steps that are needed at least; DEAD where the goal cannot be met any more."""
     survey(k, s, w)
     row = s[ROOT]
-    for o in range(k.items):
-        if g.role[row * k.n + o] and not item(k, g, s, row, o, w):
+    for o in range(k[ITEMS]):
+        if g[g[ROLE] + row * k[N] + o] and not item(k, g, s, row, o, w):
             return DEAD
     if not vessels(k, g, s, row, w):
         return DEAD
     obstacles(k, g, s, row, w)
     total = crowded_stations(k, s, w)
     longest = w[CHAIN_OF_MEALS]
-    for o in range(k.n):
+    for o in range(k[N]):
         total += w[WORK + o]
         chain = w[CHAIN + o]
         if chain > 0:
             longest = max(longest, chain + followers(k, g, s, row, o, w))
     if total == 0:
         return longest
-    if k.players > 1:
-        total -= min(w[WET], w[JOINED]) + 2 * min(k.players, w[CLEAR_ONLY])
-        return max(longest, -(-total // k.players))
+    if k[PLAYERS] > 1:
+        total -= min(w[WET], w[JOINED]) + 2 * min(k[PLAYERS], w[CLEAR_ONLY])
+        return max(longest, -(-total // k[PLAYERS]))
     total += useless_in_hand(k, s, w)
     total -= min(w[WET], w[JOINED]) + 2 * min(1, w[CLEAR_ONLY])
     return max(longest, total + detours(k, g, s, row, w))
 
 
 @kernel
-def survey(k: Kitchen, s: Ints, w: Ints) -> None:
+def survey(k: Ints, s: Ints, w: Ints) -> None:
     """Clear the scratch space, and note what is on what."""
-    for o in range(k.n):
+    for o in range(k[N]):
         w[ABOVE + o] = -1
         w[LEGS + o] = 0
         w[HERE + o] = 0
@@ -86,43 +116,43 @@ def survey(k: Kitchen, s: Ints, w: Ints) -> None:
         w[CHAIN + o] = 0
     for i in range(TOTALS, TOTALS + 8):
         w[i] = 0
-    for o in range(k.items):
-        under = s[k.below + o]
-        if under < k.n:
+    for o in range(k[ITEMS]):
+        under = s[k[BELOW] + o]
+        if under < k[N]:
             w[ABOVE + under] = o
 
 
 @kernel
-def in_place(k: Kitchen, g: Goals, s: Ints, at: int, o: int) -> bool:
+def in_place(k: Ints, g: Ints, s: Ints, at: int, o: int) -> bool:
     """Whether an item is where the goal wants it, as far as what is below it tells."""
-    if g.base[at]:
-        return s[k.below + o] == k.table
-    if g.atop[at] and s[k.below + o] != g.atop[at] - 1:
+    if g[g[BASE] + at]:
+        return s[k[BELOW] + o] == k[TABLE]
+    if g[g[ATOP] + at] and s[k[BELOW] + o] != g[g[ATOP] + at] - 1:
         return False
-    if g.pile[at]:
+    if g[g[PILE] + at]:
         foot = o
-        while s[k.below + foot] < k.n:
-            foot = s[k.below + foot]
-        return foot == g.pile[at] - 1
+        while s[k[BELOW] + foot] < k[N]:
+            foot = s[k[BELOW] + foot]
+        return foot == g[g[PILE] + at] - 1
     return True
 
 
 @kernel
-def item(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> bool:
+def item(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> bool:
     """Note the work on an item of the goal and its chain of events; False if it is lost."""
-    at = row * k.n + o
-    under = s[k.below + o]
-    stops = stops_of(k, g, s, row, o, under - k.n, w)
-    if under >= k.meal:
-        return g.into[at] == under - k.meal + 1 and stops == 0
+    at = row * k[N] + o
+    under = s[k[BELOW] + o]
+    stops = stops_of(k, g, s, row, o, under - k[N], w)
+    if under >= k[MEAL]:
+        return g[g[INTO] + at] == under - k[MEAL] + 1 and stops == 0
     if stops < 0:
         return False
-    placed = g.base[at] or g.atop[at] or g.pile[at] or g.into[at]
-    held = under >= k.hand
+    placed = g[g[BASE] + at] or g[g[ATOP] + at] or g[g[PILE] + at] or g[g[INTO] + at]
+    held = under >= k[HAND]
     legs = stops
-    if placed and (stops > 0 or g.into[at] or held or not in_place(k, g, s, at, o)):
+    if placed and (stops > 0 or g[g[INTO] + at] or held or not in_place(k, g, s, at, o)):
         legs += 1
-    if g.into[at]:
+    if g[g[INTO] + at]:
         w[JOINED] += 1
     w[LEGS + o] = legs
     w[CHAIN + o] += 3 * legs
@@ -135,7 +165,7 @@ def item(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> bool:
         w[CHAIN + o] -= saved
         return True
     w[LEAVES + o] = 1 if legs else 0
-    if w[HERE + o] == 0 and runs(k, g, s, row, o, under - k.n):
+    if w[HERE + o] == 0 and runs(k, g, s, row, o, under - k[N]):
         w[WORK + o] += 1
     else:
         walk = walk_to(k, s, o, w)
@@ -145,30 +175,30 @@ def item(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> bool:
 
 
 @kernel
-def stops_of(k: Kitchen, g: Goals, s: Ints, row: int, o: int, station: int, w: Ints) -> int:
+def stops_of(k: Ints, g: Ints, s: Ints, row: int, o: int, station: int, w: Ints) -> int:
     """How many stations an item has to be brought to; notes the work there. -1 if impossible.
 
     A timed process needs somebody to come back for the item, or to stay: one more step.
     """
     stops = 0
     back = 0
-    here = 0 <= station < k.stations
-    at_row = g.base[row * k.n + o] or g.atop[row * k.n + o]
-    placed = at_row or g.pile[row * k.n + o] or g.into[row * k.n + o]
-    for q in range(k.processes):
-        at = q * k.items + o
-        if not g.need[row * k.processes * k.items + at] or is_done(k, s, q, o):
+    here = 0 <= station < k[STATIONS]
+    at_row = g[g[BASE] + row * k[N] + o] or g[g[ATOP] + row * k[N] + o]
+    placed = at_row or g[g[PILE] + row * k[N] + o] or g[g[INTO] + row * k[N] + o]
+    for q in range(k[PROCESSES]):
+        at = q * k[ITEMS] + o
+        if not g[g[NEED] + row * k[PROCESSES] * k[ITEMS] + at] or is_done(k, s, q, o):
             continue
-        if not k.able[at] or k.done[at] < 0:
+        if not k[k[ABLE] + at] or k[k[DONE] + at] < 0:
             return -1
-        waits = k.after[at] > 0 and not is_done(k, s, k.after[at] - 1, o)
-        if here and not waits and k.station_class[station] == k.process_class[q]:
+        waits = k[k[AFTER] + at] > 0 and not is_done(k, s, k[k[AFTER] + at] - 1, o)
+        if here and not waits and k[k[STATION_CLASS] + station] == k[k[PROCESS_CLASS] + q]:
             back += work_here(k, s, at, o, station, w)
             continue
         stops += 1
-        w[NEEDS + o] |= 1 << k.process_class[q]
+        w[NEEDS + o] |= 1 << k[k[PROCESS_CLASS] + q]
         if not waits and w[HERE + o] == 0 and w[FIRST + o] == 0:
-            w[FIRST + o] = k.process_class[q] + 1
+            w[FIRST + o] = k[k[PROCESS_CLASS] + q] + 1
         back += work_there(k, s, q, at, o, w)
     if not placed:
         back = max(0, back - 1)
@@ -177,94 +207,99 @@ def stops_of(k: Kitchen, g: Goals, s: Ints, row: int, o: int, station: int, w: I
 
 
 @kernel
-def work_here(k: Kitchen, s: Ints, at: int, o: int, station: int, w: Ints) -> int:
+def work_here(k: Ints, s: Ints, at: int, o: int, station: int, w: Ints) -> int:
     """Note the work of a process where an item is; returns 1 if one has to come back for it."""
-    if not k.timed[at // k.items]:
-        left = k.total[at] - s[k.done[at]]
+    if not k[k[TIMED] + at // k[ITEMS]]:
+        left = k[k[TOTAL] + at] - s[k[k[DONE] + at]]
         w[HERE + o] = 1
         w[WORK + o] += left
         w[CHAIN + o] += left
         return 0
-    count = s[k.timer[at * k.stations + station]]
+    count = s[k[k[TIMER] + at * k[STATIONS] + station]]
     if count > 0:
-        w[CHAIN + o] += k.total[at] + 1 - count
+        w[CHAIN + o] += k[k[TOTAL] + at] + 1 - count
         return 0
     w[HERE + o] = 1
     w[WORK + o] += 1
-    w[CHAIN + o] += k.total[at]
-    return 1 if k.total[at] > 1 else 0
+    w[CHAIN + o] += k[k[TOTAL] + at]
+    return 1 if k[k[TOTAL] + at] > 1 else 0
 
 
 @kernel
-def work_there(k: Kitchen, s: Ints, q: int, at: int, o: int, w: Ints) -> int:
+def work_there(k: Ints, s: Ints, q: int, at: int, o: int, w: Ints) -> int:
     """Note the work of a process at another station; returns 1 if one has to come back for it.
 
     A delay that was interrupted goes on in the very step in which the item is put back.
     """
-    if not k.timed[q]:
-        left = k.total[at] - s[k.done[at]]
+    if not k[k[TIMED] + q]:
+        left = k[k[TOTAL] + at] - s[k[k[DONE] + at]]
         w[WORK + o] += left
         w[CHAIN + o] += left
         return 0
-    left = k.total[at]
+    left = k[k[TOTAL] + at]
     start = 1
-    for station in range(k.stations):
-        slot = k.timer[at * k.stations + station]
+    for station in range(k[STATIONS]):
+        slot = k[k[TIMER] + at * k[STATIONS] + station]
         if slot >= 0 and s[slot] > 0:
             start = 0
-            left = min(left, k.total[at] - s[slot])
+            left = min(left, k[k[TOTAL] + at] - s[slot])
     w[WORK + o] += start
     w[CHAIN + o] += left
     return 1 if left > start else 0
 
 
 @kernel
-def runs(k: Kitchen, g: Goals, s: Ints, row: int, o: int, station: int) -> bool:
+def runs(k: Ints, g: Ints, s: Ints, row: int, o: int, station: int) -> bool:
     """Whether a wanted process runs on an item where it is."""
-    if not 0 <= station < k.stations:
+    if not 0 <= station < k[STATIONS]:
         return False
-    for q in range(k.processes):
-        at = q * k.items + o
-        if g.need[row * k.processes * k.items + at] and k.timed[q]:
-            slot = k.timer[at * k.stations + station]
+    for q in range(k[PROCESSES]):
+        at = q * k[ITEMS] + o
+        if g[g[NEED] + row * k[PROCESSES] * k[ITEMS] + at] and k[k[TIMED] + q]:
+            slot = k[k[TIMER] + at * k[STATIONS] + station]
             if slot >= 0 and s[slot] > 0:
                 return True
     return False
 
 
 @kernel
-def followers(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> int:
+def followers(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> int:
     """Steps that have to follow the last leg of an object.
 
     What goes on top of it is placed by somebody who has to fetch it, if there is one player, or
     by somebody who takes the other's place.
     """
-    at = row * k.n + o
-    each = 4 if k.players == 1 else 2
-    if w[LEGS + o] == 0 or o >= k.items:
+    at = row * k[N] + o
+    each = 4 if k[PLAYERS] == 1 else 2
+    if w[LEGS + o] == 0 or o >= k[ITEMS]:
         return 0
-    if g.into[at]:
-        m = g.into[at] - 1
-        return 3 if g.vessel[row * k.meals + m] else 0
+    if g[g[INTO] + at]:
+        m = g[g[INTO] + at] - 1
+        return 3 if g[g[VESSEL] + row * k[MEALS] + m] else 0
     later = 0
-    for other in range(k.items):
+    for other in range(k[ITEMS]):
         if other == o or w[LEGS + other] == 0:
             continue
-        also = row * k.n + other
-        if g.base[at] and g.pile[also] == o + 1:
-            later += each
-        elif g.pile[at] and g.pile[also] == g.pile[at] and g.top[also] and not g.top[at]:
-            later += each
-        elif g.atop[also] and rests_on(k, g, row, other, o):
+        also = row * k[N] + other
+        if (
+            (g[g[BASE] + at] and g[g[PILE] + also] == o + 1)
+            or (
+                g[g[PILE] + at]
+                and g[g[PILE] + also] == g[g[PILE] + at]
+                and g[g[TOP] + also]
+                and not g[g[TOP] + at]
+            )
+            or (g[g[ATOP] + also] and rests_on(k, g, row, other, o))
+        ):
             later += each
     return later
 
 
 @kernel
-def rests_on(k: Kitchen, g: Goals, row: int, upper: int, lower: int) -> bool:
+def rests_on(k: Ints, g: Ints, row: int, upper: int, lower: int) -> bool:
     """Whether the goal wants an item directly or indirectly on another, piece by piece."""
-    for _ in range(k.items):
-        upper = g.atop[row * k.n + upper] - 1
+    for _ in range(k[ITEMS]):
+        upper = g[g[ATOP] + row * k[N] + upper] - 1
         if upper == lower:
             return True
         if upper < 0:
@@ -273,13 +308,13 @@ def rests_on(k: Kitchen, g: Goals, row: int, upper: int, lower: int) -> bool:
 
 
 @kernel
-def useless_in_hand(k: Kitchen, s: Ints, w: Ints) -> int:
+def useless_in_hand(k: Ints, s: Ints, w: Ints) -> int:
     """What it takes to get rid of something on which no work is left."""
-    held = s[k.held] - 1
+    held = s[k[HELD]] - 1
     if held < 0 or w[WORK + held] > 0:
         return 0
-    if w[SHARED] and k.is_pot[held] == 1:
+    if w[SHARED] and k[k[IS_POT] + held] == 1:
         return 0
-    if held < k.items:
+    if held < k[ITEMS]:
         w[JOINED] += 1
     return 1 + carry(k, s)

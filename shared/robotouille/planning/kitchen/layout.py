@@ -1,109 +1,87 @@
-"""The layout of a compact state: which integer means what, and what never changes.
+"""The layout of a compact state, and of the two sequences that say what never changes.
 
-A state of `n` objects (items, then containers) is a short sequence of integers: for every player
-its place and what it holds, for every object what it is on, for every meal where it is, and
-counters. Plain tables are alike, so they have no numbers: a pile on one is known by its lowest
-object. Codes of what an object is on, of places and of supports:
+A state of N objects (items, then containers) is a short sequence of integers: for every player its
+place and what it holds, for every object what it is on, for every meal where it is, and counters.
+Plain tables are alike, so they have no numbers: a pile on one is known by its lowest object. Codes
+of what an object is on, of places and of supports:
 
-    0 … n-1         another object (as a place: the plain table on which that object is lowest)
-    n … n+s-1       one of the s stations with a purpose
-    table = n+s     a plain table (as a place: an empty one)
-    hand, hand+1 …  in a player's hand
-    meal, meal+1 …  added to a meal
+    0 … N-1             another object (as a place: the plain table on which that is lowest)
+    N … TABLE-1         one of the stations with a purpose
+    TABLE               a plain table (as a place: an empty one)
+    HAND, HAND+1 …      in a player's hand
+    MEAL, MEAL+1 …      added to a meal
+
+What never changes is one sequence for a kitchen, `k`, and one for its goal, `g`: kernels are
+fastest with few arguments. `k[N]` is a number; `k[k[TIMER_SLOT] + i]` the i-th of a table. Counters
+are 0 until started, then 1, and one more after each step (timed) or performance (repeated); a
+process is done with its counter at its total plus 1 (timed) or at its total (repeated).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
-from robotouille.planning.kitchen.compiled import Ints
+from robotouille.planning.kitchen.compiled import Ints, ints
 
-__all__ = [
-    "ADD",
-    "BOIL",
-    "FILL",
-    "LOOSE",
-    "MOVE",
-    "PICK",
-    "POUR",
-    "PROCESS",
-    "PUT",
-    "ROOT",
-    "WAIT",
-    "Goals",
-    "Kitchen",
-]
-
+# Kinds of actions.
 WAIT, PICK, PUT, PROCESS, FILL, BOIL, ADD, POUR, MOVE = range(9)
 
+# The first integers of a state: which choice of objects it is for (`r`), and whether the only
+# player may have walked since it took what it holds.
 ROOT, LOOSE = 0, 1
-"""The first integers of a state: which choice of objects it is for (its row in `Goals`), and
-whether the only player may have walked since it took what it holds."""
+
+# Numbers of a kitchen: how many there are of each, codes, first positions in a state, totals.
+PLAYERS, N, ITEMS, STATIONS, TABLES, MEALS, PROCESSES, CLASSES, SIZE, WORDS, TIMERS = range(11)
+TABLE, HAND, MEAL = range(11, 14)
+PLACE, HELD, BELOW, INSIDE, BOILED = range(14, 19)
+SINK_CLASS, STOVE_CLASS, FILL_TOTAL, BOIL_TOTAL = range(19, 23)
+NUMBERS = 23
+
+# Tables of a kitchen. `q` is a process such as cutting, `c` a container counted from 0.
+STATION_CLASS = 23  # [station] its class, -1 without
+PROCESS_CLASS = 24  # [q]
+TIMED = 25  # [q]
+TOTAL = 26  # [q * ITEMS + item]
+ABLE = 27  # [q * ITEMS + item]
+AFTER = 28  # [q * ITEMS + item] the process that has to come first plus 1, or 0
+DONE = 29  # [q * ITEMS + item] position of the counter or flag, -1 if of no interest
+TIMER = 30  # [(q * ITEMS + item) * STATIONS + station] position of the counter, -1
+FILLING = 31  # [c * STATIONS + station] position of the counter, -1
+BOILING = 32  # [(meal * containers + c) * STATIONS + station] position of the counter, -1
+IS_POT = 33  # [object] 1 a pot, 2 a bowl
+TIMER_SLOT = 34  # [timer] position of its counter
+TIMER_KIND = 35  # [timer] 0 a process, 1 filling, 2 boiling
+TIMER_OBJECT = 36  # [timer] the object that has to be on the station
+TIMER_STATION = 37  # [timer] the code of the station
+TIMER_TOTAL = 38  # [timer]
+TIMER_EFFECT = 39  # [timer] position of the flag it sets; filling: the container
+WORD = 40  # [position] the word of a key in which it is packed
+SHIFT = 41  # [position]
+KITCHEN = 42
+
+# Tables of a goal, with a row for each choice of objects `r`.
+ROWS = 0
+ROLE = 1  # [r * N + object] whether the goal is about it
+NEED = 2  # [(r * PROCESSES + q) * ITEMS + item]
+BASE = 3  # [r * N + object] whether it has to be on a plain table itself
+PILE = 4  # [r * N + item] the lowest object of the pile it has to be in plus 1, or 0
+TOP = 5  # [r * N + item] whether nothing may be on it
+ATOP = 6  # [r * N + item] the object it has to be on plus 1, or 0
+INTO = 7  # [r * N + item] the meal it has to be in plus 1, or 0
+WANTED = 8  # [r * MEALS + meal] whether the goal is about it
+VESSEL = 9  # [r * MEALS + meal] the container it has to be in plus 1, or 0
+HOT = 10  # [r * MEALS + meal] whether it has to boil
+GOAL_TABLES = 11
 
 
-class Kitchen(NamedTuple):
-    """What never changes. Sequences are indexed as said; `q` is a process such as cutting.
-
-    `first_*` are positions in a state. Counters are 0 until started, then 1, and one more after
-    each step (timed) or performance (repeated); a process is done with its counter at its total
-    plus 1 (timed) or its total (repeated).
-    """
-
-    players: int
-    n: int
-    items: int
-    stations: int
-    tables: int
-    meals: int
-    processes: int
-    classes: int
-    size: int
-    table: int
-    hand: int
-    meal: int
-    place: int
-    held: int
-    below: int
-    inside: int
-    boiled: int
-    station_class: Ints  # [station] class, -1 without
-    process_class: Ints  # [q]
-    sink_class: int
-    stove_class: int
-    timed: Ints  # [q]
-    total: Ints  # [q * items + item]
-    able: Ints  # [q * items + item]
-    after: Ints  # [q * items + item]: the process that has to come first plus 1, or 0
-    done: Ints  # [q * items + item] position of the counter or flag, -1 if of no interest
-    timer: Ints  # [(q * items + item) * stations + station] position, -1
-    fill: Ints  # [(container - items) * stations + station] position, -1
-    boil: Ints  # [(meal * (n - items) + container - items) * stations + station] position, -1
-    fill_total: int
-    boil_total: int
-    is_pot: Ints  # [object]
-    timers: int
-    timer_slot: Ints  # [timer] position of its counter
-    timer_kind: Ints  # [timer] 0 a process, 1 filling, 2 boiling
-    timer_object: Ints  # [timer] the object that has to be on the station
-    timer_station: Ints  # [timer] the code of the station
-    timer_total: Ints  # [timer]
-    timer_effect: Ints  # [timer] position of the flag it sets; filling: the container
-    words: int
-    word: Ints  # [position] the word of a key in which it is packed
-    shift: Ints  # [position]
-
-
-class Goals(NamedTuple):
-    """The choices of objects that meet the goal, one row each (`r`)."""
-
-    rows: int
-    role: Ints  # [r * n + object] whether the goal is about it
-    need: Ints  # [(r * processes + q) * items + item]
-    base: Ints  # [r * n + object] whether it has to be on a plain table itself
-    pile: Ints  # [r * n + item] the lowest object of the pile it has to be in plus 1, or 0
-    top: Ints  # [r * n + item] whether nothing may be on it
-    atop: Ints  # [r * n + item] the object it has to be on plus 1, or 0
-    into: Ints  # [r * n + item] the meal it has to be in plus 1, or 0
-    wanted: Ints  # [r * meals + meal] whether the goal is about it
-    vessel: Ints  # [r * meals + meal] the container it has to be in plus 1, or 0
-    hot: Ints  # [r * meals + meal] whether it has to boil
+def laid_out(numbers: Mapping[int, int], tables: Mapping[int, Sequence[int]]) -> Ints:
+    """One sequence of numbers and tables; a table's entry is where it begins."""
+    size = len(numbers) + len(tables)
+    head = [0] * size
+    body: list[int] = []
+    for position, number in numbers.items():
+        head[position] = number
+    for position, values in tables.items():
+        head[position] = size + len(body)
+        body += values
+    return ints(head + body)

@@ -2,11 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from robotouille.planning.kitchen.compiled import Ints, ints
-from robotouille.planning.kitchen.layout import Kitchen
+from robotouille.planning.kitchen.compiled import Ints
+from robotouille.planning.kitchen.layout import (
+    ABLE,
+    AFTER,
+    BELOW,
+    BOIL_TOTAL,
+    BOILED,
+    BOILING,
+    CLASSES,
+    DONE,
+    FILL_TOTAL,
+    FILLING,
+    HAND,
+    HELD,
+    INSIDE,
+    IS_POT,
+    ITEMS,
+    MEAL,
+    MEALS,
+    PLACE,
+    PLAYERS,
+    PROCESS_CLASS,
+    PROCESSES,
+    SHIFT,
+    SINK_CLASS,
+    SIZE,
+    STATION_CLASS,
+    STATIONS,
+    STOVE_CLASS,
+    TABLE,
+    TABLES,
+    TIMED,
+    TIMER,
+    TIMER_EFFECT,
+    TIMER_KIND,
+    TIMER_OBJECT,
+    TIMER_SLOT,
+    TIMER_STATION,
+    TIMER_TOTAL,
+    TIMERS,
+    TOTAL,
+    WORD,
+    WORDS,
+    N,
+    laid_out,
+)
 from robotouille.planning.kitchen.rules import Process, Rules, recognise
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
@@ -17,17 +61,17 @@ __all__ = ["Model", "model_of"]
 MOST_OBJECTS = 32
 """Rows of the scratch space have room for no more."""
 
-WORD = 62
+BITS = 62
 
 Rows = dict[tuple[str, int, tuple[str, ...]], tuple[int, ...]]
 
 
 @dataclass
 class Model:
-    """A kitchen's names by number, and the `Kitchen` for its kernels.
+    """A kitchen's names by number, and the sequence for its kernels.
 
     `stations` have a purpose; `tables` are the plain stations. `meals` exist; there is room for
-    `kitchen.meals`.
+    `kitchen[MEALS]`.
     """
 
     world: World
@@ -38,7 +82,7 @@ class Model:
     stations: list[str]
     tables: list[str]
     meals: list[str]
-    kitchen: Kitchen
+    kitchen: Ints
 
     def encode(self, state: State) -> list[int]:
         """The compact state, for no particular choice of objects (row 0)."""
@@ -69,9 +113,7 @@ def model_of(world: World, state: State) -> Model | None:
         return None
     players = list(world.players)
     objects = items + containers
-    return Model(
-        world, rules, players, objects, len(items), stations, tables, meals, kitchen
-    )
+    return Model(world, rules, players, objects, len(items), stations, tables, meals, kitchen)
 
 
 _TYPES = ("station", "item", "container", "meal")
@@ -98,7 +140,7 @@ def _wanted_meals(world: World) -> int:
 
 
 class _Draft:
-    """Collects the arrays of a `Kitchen`."""
+    """Collects the numbers and tables of a kitchen."""
 
     def __init__(
         self,
@@ -127,7 +169,7 @@ class _Draft:
             self.field(most)
         return first
 
-    def kitchen(self, tables: int, meals: int) -> Kitchen | None:
+    def kitchen(self, tables: int, meals: int) -> Ints | None:
         classes = self._classes()
         if classes is None:
             return None
@@ -147,18 +189,53 @@ class _Draft:
         fill, boil, fill_total, boil_total = self._meals(station_class, flags, meals, n, boiled)
         words, word, shift = self._packing()
         rows = list(zip(*self.timers, strict=True)) or [()] * 6
-        return Kitchen(
-            players, n, items, len(self.stations), tables, meals, len(self.rules.processes),
-            len(flags), self.size, table, hand, meal, place, held, below, inside, boiled,
-            ints(station_class), ints(flags.index(p.station) for p in self.rules.processes),
-            flags.index("issink") if "issink" in flags else -2,
-            flags.index("isstove") if "isstove" in flags else -2,
-            ints(int(p.timed) for p in self.rules.processes),
-            ints(total), ints(able), ints(after), ints(done), ints(timer), ints(fill), ints(boil),
-            fill_total, boil_total, ints(self._pots()), len(self.timers),
-            ints(rows[0]), ints(rows[1]), ints(rows[2]), ints(rows[3]), ints(rows[4]),
-            ints(rows[5]), words, ints(word), ints(shift),
-        )  # fmt: skip
+        numbers = {
+            PLAYERS: players,
+            N: n,
+            ITEMS: items,
+            STATIONS: len(self.stations),
+            TABLES: tables,
+            MEALS: meals,
+            PROCESSES: len(self.rules.processes),
+            CLASSES: len(flags),
+            SIZE: self.size,
+            WORDS: words,
+            TIMERS: len(self.timers),
+            TABLE: table,
+            HAND: hand,
+            MEAL: meal,
+            PLACE: place,
+            HELD: held,
+            BELOW: below,
+            INSIDE: inside,
+            BOILED: boiled,
+            SINK_CLASS: flags.index("issink") if "issink" in flags else -2,
+            STOVE_CLASS: flags.index("isstove") if "isstove" in flags else -2,
+            FILL_TOTAL: fill_total,
+            BOIL_TOTAL: boil_total,
+        }
+        arrays: dict[int, Sequence[int]] = {
+            STATION_CLASS: station_class,
+            PROCESS_CLASS: [flags.index(p.station) for p in self.rules.processes],
+            TIMED: [int(p.timed) for p in self.rules.processes],
+            TOTAL: total,
+            ABLE: able,
+            AFTER: after,
+            DONE: done,
+            TIMER: timer,
+            FILLING: fill,
+            BOILING: boil,
+            IS_POT: self._pots(),
+            TIMER_SLOT: rows[0],
+            TIMER_KIND: rows[1],
+            TIMER_OBJECT: rows[2],
+            TIMER_STATION: rows[3],
+            TIMER_TOTAL: rows[4],
+            TIMER_EFFECT: rows[5],
+            WORD: word,
+            SHIFT: shift,
+        }
+        return laid_out(numbers, arrays)
 
     def _classes(self) -> tuple[list[str], list[int]] | None:
         """The facts that give a station its purpose, and which of them each station has."""
@@ -190,7 +267,9 @@ class _Draft:
         for process in self.rules.processes:
             for o, item in enumerate(self.items):
                 first = self._enabled_by(process, item)
-                places = [i for i, c in enumerate(station_class) if c == flags.index(process.station)]
+                places = [
+                    i for i, c in enumerate(station_class) if c == flags.index(process.station)
+                ]
                 possible = first is not None and bool(places)
                 count = self._total(process, item, places) if possible else 0
                 able.append(int(possible))
@@ -264,7 +343,7 @@ class _Draft:
         word, shift = [], []
         number = used = 0
         for width in self.widths:
-            if used + width > WORD:
+            if used + width > BITS:
                 number, used = number + 1, 0
             word.append(number)
             shift.append(used)
@@ -288,10 +367,10 @@ class _Encoder:
     def __init__(self, model: Model, state: State) -> None:
         self.model, self.k = model, model.kitchen
         self.codes = {name: i for i, name in enumerate(model.objects)}
-        self.codes |= {name: self.k.n + i for i, name in enumerate(model.stations)}
-        self.codes |= dict.fromkeys(model.tables, self.k.table)
+        self.codes |= {name: self.k[N] + i for i, name in enumerate(model.stations)}
+        self.codes |= dict.fromkeys(model.tables, self.k[TABLE])
         self.numbers = {name: i for i, name in enumerate(model.meals)}
-        self.s = [0] * self.k.size
+        self.s = [0] * self.k[SIZE]
         self.atoms = state.atoms()
         self.rows: Rows = {(a, i, args): c for a, i, args, c in state.timer_rows()}
 
@@ -301,24 +380,24 @@ class _Encoder:
         for atom in self.atoms:
             match atom:
                 case ("item_on" | "container_at" | "atop", name, under):
-                    s[k.below + self.codes[name]] = self.codes[under]
+                    s[k[BELOW] + self.codes[name]] = self.codes[under]
                     if atom[0] != "atop" and under in self.model.tables:
                         lowest[under] = self.codes[name]
                 case ("has_item" | "has_container", player, name):
                     p = self.model.players.index(player)
-                    s[k.below + self.codes[name]] = k.hand + p
-                    s[k.held + p] = self.codes[name] + 1
+                    s[k[BELOW] + self.codes[name]] = k[HAND] + p
+                    s[k[HELD] + p] = self.codes[name] + 1
                 case ("addedto", name, meal):
-                    s[k.below + self.codes[name]] = k.meal + self.numbers[meal]
+                    s[k[BELOW] + self.codes[name]] = k[MEAL] + self.numbers[meal]
                 case ("in", meal, name):
-                    s[k.inside + self.numbers[meal]] = self.codes[name] + 1
+                    s[k[INSIDE] + self.numbers[meal]] = self.codes[name] + 1
                 case ("isboiling", meal):
-                    s[k.boiled + self.numbers[meal]] = 1
+                    s[k[BOILED] + self.numbers[meal]] = 1
         for atom in self.atoms:
             if atom[0] == "loc":
                 p = self.model.players.index(atom[1])
-                s[k.place + p] = lowest.get(atom[2], self.codes[atom[2]])
-        if k.players == 1 and s[k.held]:
+                s[k[PLACE] + p] = lowest.get(atom[2], self.codes[atom[2]])
+        if k[PLAYERS] == 1 and s[k[HELD]]:
             s[1] = 1
         self._counters(set(self.atoms))
         return s
@@ -326,28 +405,28 @@ class _Encoder:
     def _counters(self, atoms: Iterable[tuple[str, ...]]) -> None:
         k, s, model = self.k, self.s, self.model
         for q, process in enumerate(model.rules.processes):
-            for o, item in enumerate(model.objects[: k.items]):
-                at = q * k.items + o
-                if k.done[at] < 0:
+            for o, item in enumerate(model.objects[: k[ITEMS]]):
+                at = q * k[ITEMS] + o
+                if k[k[DONE] + at] < 0:
                     continue
                 if (process.result, item) in atoms:
-                    s[k.done[at]] = 1 if process.timed else k.total[at]
+                    s[k[k[DONE] + at]] = 1 if process.timed else k[k[TOTAL] + at]
                 elif not process.timed:
-                    s[k.done[at]] = self.rows.get((process.action, 0, (item,)), (0,))[0]
+                    s[k[k[DONE] + at]] = self.rows.get((process.action, 0, (item,)), (0,))[0]
                 else:
-                    self._timers(process.action, (item,), k.timer, at)
+                    self._timers(process.action, (item,), TIMER, at)
         names = model.rules.actions
-        for c, container in enumerate(model.objects[k.items :]):
-            if k.meals:
-                self._timers(names.get("fill", ""), (container,), k.fill, c)
+        for c, container in enumerate(model.objects[k[ITEMS] :]):
+            if k[MEALS]:
+                self._timers(names.get("fill", ""), (container,), FILLING, c)
             for meal, m in self.numbers.items():
-                if not s[k.boiled + m]:
-                    row = m * (k.n - k.items) + c
-                    self._timers(names.get("boil", ""), (meal, container), k.boil, row)
+                if not s[k[BOILED] + m]:
+                    row = m * (k[N] - k[ITEMS]) + c
+                    self._timers(names.get("boil", ""), (meal, container), BOILING, row)
 
-    def _timers(self, action: str, about: tuple[str, ...], slots: Ints, row: int) -> None:
+    def _timers(self, action: str, about: tuple[str, ...], table: int, row: int) -> None:
         for i, station in enumerate(self.model.stations):
-            slot = slots[row * self.k.stations + i]
+            slot = self.k[self.k[table] + row * self.k[STATIONS] + i]
             if slot < 0:
                 continue
             for (name, _, arguments), counters in self.rows.items():

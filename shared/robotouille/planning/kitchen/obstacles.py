@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from robotouille.planning.kitchen.compiled import Ints, kernel
-from robotouille.planning.kitchen.layout import Goals, Kitchen
+from robotouille.planning.kitchen.layout import (
+    ATOP,
+    BASE,
+    BELOW,
+    CLASSES,
+    ITEMS,
+    PILE,
+    PLAYERS,
+    ROLE,
+    STATION_CLASS,
+    STATIONS,
+    TABLE,
+    TOP,
+    N,
+)
 from robotouille.planning.kitchen.rows import (
     CHAIN,
     CLEAR_ONLY,
@@ -21,34 +35,34 @@ __all__ = ["crowded_stations", "obstacles"]
 
 
 @kernel
-def obstacles(k: Kitchen, g: Goals, s: Ints, row: int, w: Ints) -> None:
+def obstacles(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
     """Note what has to be taken off what, until nothing more follows from it."""
     changed = True
     while changed:
         changed = False
-        for o in range(k.items):
-            if w[LEAVES + o] or s[k.below + o] >= k.table:
+        for o in range(k[ITEMS]):
+            if w[LEAVES + o] or s[k[BELOW] + o] >= k[TABLE]:
                 continue
-            under = s[k.below + o]
-            if under < k.n and w[LEAVES + under] + w[HERE + under] > 0:
+            under = s[k[BELOW] + o]
+            if under < k[N] and w[LEAVES + under] + w[HERE + under] > 0:
                 remove(k, g, s, row, o, w)
                 changed = True
-            elif under < k.n and must_be_clear(k, g, row, under, o, w):
-                w[CLEAR_ONLY] += 0 if g.role[row * k.n + o] else 1
+            elif under < k[N] and must_be_clear(k, g, row, under, o, w):
+                w[CLEAR_ONLY] += 0 if g[g[ROLE] + row * k[N] + o] else 1
                 remove(k, g, s, row, o, w)
                 changed = True
             elif is_finished_too_soon(k, g, row, o, w):
                 remove(k, g, s, row, o, w)
                 changed = True
-        for o in range(k.items):
-            if not w[LEAVES + o] and s[k.below + o] == k.table:
+        for o in range(k[ITEMS]):
+            if not w[LEAVES + o] and s[k[BELOW] + o] == k[TABLE]:
                 if is_finished_too_soon(k, g, row, o, w):
                     remove(k, g, s, row, o, w)
                     changed = True
 
 
 @kernel
-def remove(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> None:
+def remove(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> None:
     """An object has to leave its place, where nothing else would have made it leave.
 
     If that is where it belongs it has to come back, and with one player to lie elsewhere meanwhile.
@@ -56,57 +70,61 @@ def remove(k: Kitchen, g: Goals, s: Ints, row: int, o: int, w: Ints) -> None:
     w[LEAVES + o] = 1
     if w[LEGS + o] > 0:
         return
-    at = row * k.n + o
+    at = row * k[N] + o
     walk = walk_to(k, s, o, w) if w[HERE + o] == 0 else 0
     work = 3 + walk
-    if not g.role[at]:
+    if not g[g[ROLE] + at]:
         w[JOINED] += 1
-    elif k.players == 1 and (g.base[at] or g.atop[at] or g.pile[at]):
+    elif k[PLAYERS] == 1 and (g[g[BASE] + at] or g[g[ATOP] + at] or g[g[PILE] + at]):
         w[LEGS + o] = 2
         work += 4
     else:
         w[LEGS + o] = 1
     w[WORK + o] += work
-    if g.role[at] and w[CHAIN + o] == 0:
+    if g[g[ROLE] + at] and w[CHAIN + o] == 0:
         w[CHAIN + o] = work
 
 
 @kernel
-def must_be_clear(k: Kitchen, g: Goals, row: int, under: int, upper: int, w: Ints) -> bool:
+def must_be_clear(k: Ints, g: Ints, row: int, under: int, upper: int, w: Ints) -> bool:
     """Whether the goal wants nothing on an item, or something else than what is there."""
-    if g.top[row * k.n + under]:
+    if g[g[TOP] + row * k[N] + under]:
         return True
-    for o in range(k.items):
-        if o != upper and g.atop[row * k.n + o] == under + 1 and w[LEGS + o] > 0:
+    for o in range(k[ITEMS]):
+        if o != upper and g[g[ATOP] + row * k[N] + o] == under + 1 and w[LEGS + o] > 0:
             return True
     return False
 
 
 @kernel
-def is_finished_too_soon(k: Kitchen, g: Goals, row: int, o: int, w: Ints) -> bool:
+def is_finished_too_soon(k: Ints, g: Ints, row: int, o: int, w: Ints) -> bool:
     """Whether the top of a pile is in place while something that goes below it is not."""
-    at = row * k.n + o
-    if not g.top[at] or not g.pile[at]:
+    at = row * k[N] + o
+    if not g[g[TOP] + at] or not g[g[PILE] + at]:
         return False
-    for other in range(k.items):
-        if other != o and g.pile[row * k.n + other] == g.pile[at] and w[LEGS + other] > 0:
+    for other in range(k[ITEMS]):
+        if (
+            other != o
+            and g[g[PILE] + row * k[N] + other] == g[g[PILE] + at]
+            and w[LEGS + other] > 0
+        ):
             return True
-    return w[LEGS + g.pile[at] - 1] > 0
+    return w[LEGS + g[g[PILE] + at] - 1] > 0
 
 
 @kernel
-def crowded_stations(k: Kitchen, s: Ints, w: Ints) -> int:
+def crowded_stations(k: Ints, s: Ints, w: Ints) -> int:
     """The work of clearing stations that are needed and taken by what would stay there."""
     needed = 0
-    for o in range(k.n):
+    for o in range(k[N]):
         needed |= w[NEEDS + o]
     work = 0
-    for c in range(k.classes):
+    for c in range(k[CLASSES]):
         if not needed >> c & 1:
             continue
         least = DEAD
-        for station in range(k.stations):
-            if k.station_class[station] == c:
+        for station in range(k[STATIONS]):
+            if k[k[STATION_CLASS] + station] == c:
                 least = min(least, clearing(k, s, station, w))
         if least == DEAD:
             return DEAD
@@ -115,17 +133,17 @@ def crowded_stations(k: Kitchen, s: Ints, w: Ints) -> int:
 
 
 @kernel
-def clearing(k: Kitchen, s: Ints, station: int, w: Ints) -> int:
+def clearing(k: Ints, s: Ints, station: int, w: Ints) -> int:
     """The work of clearing a station, besides that of what leaves it anyway."""
     foot = -1
-    for o in range(k.n):
-        if s[k.below + o] == k.n + station:
+    for o in range(k[N]):
+        if s[k[BELOW] + o] == k[N] + station:
             foot = o
     if foot < 0 or w[LEAVES + foot]:
         return 0
     work = 0
     o = foot
-    for _ in range(k.n):
+    for _ in range(k[N]):
         if not w[LEAVES + o]:
             work += 3 + walk_to(k, s, o, w)
             w[JOINED] += 1

@@ -1,4 +1,4 @@
-"""Every choice of objects that could meet the goal, one row of `Goals` each."""
+"""Every choice of objects that could meet the goal, one row each."""
 
 from __future__ import annotations
 
@@ -6,8 +6,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.kitchen.compiled import ints
-from robotouille.planning.kitchen.layout import Goals
+from robotouille.planning.kitchen.compiled import Ints
+from robotouille.planning.kitchen.layout import (
+    ABLE,
+    AFTER,
+    BELOW,
+    DONE,
+    ITEMS,
+    MEALS,
+    PLACE,
+    PLAYERS,
+    PROCESSES,
+    ROLE,
+    ROWS,
+    STATIONS,
+    TABLE,
+    TIMER,
+    TOTAL,
+    N,
+    laid_out,
+)
 from robotouille.planning.kitchen.model import Model
 
 __all__ = ["TooManyChoicesError", "goals_of"]
@@ -37,7 +55,7 @@ class _Wants:
     hot: list[int | str] = field(default_factory=list)
 
 
-def goals_of(model: Model, start: list[int]) -> Goals | None:
+def goals_of(model: Model, start: list[int]) -> Ints | None:
     """The rows for a start; None if the goal says something that a compact state does not.
 
     Objects that are alike at the start are interchangeable: of choices that differ only in them
@@ -69,7 +87,9 @@ def _read(model: Model) -> _Wants | None:
 
 def _stations(model: Model) -> list[int | str]:
     goal = model.world.goal
-    return [i for i in goal.variables if set(goal.candidates(i)) <= {*model.tables, *model.stations}]
+    return [
+        i for i in goal.variables if set(goal.candidates(i)) <= {*model.tables, *model.stations}
+    ]
 
 
 def _note(model: Model, term: GoalTerm, wants: _Wants) -> bool:
@@ -139,7 +159,7 @@ def _candidates(model: Model, identifier: int | str, taken: set[tuple[str, int]]
     """The objects that may stand for a variable; of meals yet to be made, those in turn."""
     variable = model.world.goal.variables[identifier]
     if variable.kind == "water":
-        return list(range(model.kitchen.meals))
+        return list(range(model.kitchen[MEALS]))
     names = set(model.world.goal.candidates(identifier))
     return [o for o, name in enumerate(model.objects) if name in names]
 
@@ -147,52 +167,54 @@ def _candidates(model: Model, identifier: int | str, taken: set[tuple[str, int]]
 def _kinds_of_alike(model: Model, start: list[int]) -> dict[int, tuple[object, ...]]:
     """Items that lie alone on plain tables, by what there is to tell them apart."""
     k = model.kitchen
-    covered = {start[k.below + o] for o in range(k.items)}
+    covered = {start[k[BELOW] + o] for o in range(k[ITEMS])}
     found: dict[int, tuple[object, ...]] = {}
-    for o in range(k.items):
-        if start[k.below + o] != k.table or o in covered:
+    for o in range(k[ITEMS]):
+        if start[k[BELOW] + o] != k[TABLE] or o in covered:
             continue
         counters = []
-        for q in range(k.processes):
-            at = q * k.items + o
-            slots = [k.done[at]] + [k.timer[at * k.stations + i] for i in range(k.stations)]
-            facts = (k.able[at], k.after[at], k.total[at])
+        for q in range(k[PROCESSES]):
+            at = q * k[ITEMS] + o
+            slots = [k[k[DONE] + at]] + [
+                k[k[TIMER] + at * k[STATIONS] + i] for i in range(k[STATIONS])
+            ]
+            facts = (k[k[ABLE] + at], k[k[AFTER] + at], k[k[TOTAL] + at])
             counters.append((*facts, *(start[slot] if slot >= 0 else -1 for slot in slots)))
-        here = tuple(start[k.place + p] == o for p in range(k.players))
+        here = tuple(start[k[PLACE] + p] == o for p in range(k[PLAYERS]))
         kind = model.world.thing(model.objects[o]).kind
         found[o] = (kind, here, *counters)
     return found
 
 
-def _table(model: Model, wants: _Wants, rows: list[Choice]) -> Goals:
+def _table(model: Model, wants: _Wants, rows: list[Choice]) -> Ints:
     k = model.kitchen
-    role, base, pile, top, atop, into = ([0] * (len(rows) * k.n) for _ in range(6))
-    need = [0] * (len(rows) * k.processes * k.items)
-    wanted, vessel, hot = ([0] * (len(rows) * k.meals) for _ in range(3))
+    role, base, pile, top, atop, into = ([0] * (len(rows) * k[N]) for _ in range(6))
+    need = [0] * (len(rows) * k[PROCESSES] * k[ITEMS])
+    wanted, vessel, hot = ([0] * (len(rows) * k[MEALS]) for _ in range(3))
     meals = {v.id for v in model.world.goal.variables.values() if v.kind == "water"}
     for r, choice in enumerate(rows):
         for variable, o in choice.items():
             if variable in meals:
-                wanted[r * k.meals + o] = 1
+                wanted[r * k[MEALS] + o] = 1
             else:
-                role[r * k.n + o] = 1
+                role[r * k[N] + o] = 1
         for variable, q in wants.processes:
-            need[(r * k.processes + q) * k.items + choice[variable]] = 1
+            need[(r * k[PROCESSES] + q) * k[ITEMS] + choice[variable]] = 1
         for variable in (*wants.lowest.values(), *wants.served.values()):
-            base[r * k.n + choice[variable]] = 1
+            base[r * k[N] + choice[variable]] = 1
         for variable, station in wants.there:
             lowest = choice[wants.lowest[station]]
             if choice[variable] != lowest:
-                pile[r * k.n + choice[variable]] = lowest + 1
+                pile[r * k[N] + choice[variable]] = lowest + 1
         for variable in wants.clear:
-            top[r * k.n + choice[variable]] = 1
+            top[r * k[N] + choice[variable]] = 1
         for upper, lower in wants.atop:
-            atop[r * k.n + choice[upper]] = choice[lower] + 1
+            atop[r * k[N] + choice[upper]] = choice[lower] + 1
         for variable, meal in wants.added:
-            into[r * k.n + choice[variable]] = choice[meal] + 1
+            into[r * k[N] + choice[variable]] = choice[meal] + 1
         for meal, variable in wants.inside:
-            vessel[r * k.meals + choice[meal]] = choice[variable] + 1
+            vessel[r * k[MEALS] + choice[meal]] = choice[variable] + 1
         for meal in wants.hot:
-            hot[r * k.meals + choice[meal]] = 1
-    columns = (role, need, base, pile, top, atop, into, wanted, vessel, hot)
-    return Goals(len(rows), *(ints(c) for c in columns))
+            hot[r * k[MEALS] + choice[meal]] = 1
+    tables = dict(enumerate((role, need, base, pile, top, atop, into, wanted, vessel, hot), ROLE))
+    return laid_out({ROWS: len(rows)}, tables)

@@ -11,8 +11,14 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from robotouille.domain.schema import ActionDef, Condition, Conditional, Creation, DomainFile
-from robotouille.domain.schema import EffectDef
+from robotouille.domain.schema import (
+    ActionDef,
+    Condition,
+    Conditional,
+    Creation,
+    DomainFile,
+    EffectDef,
+)
 
 __all__ = ["Process", "Rules", "recognise"]
 
@@ -46,7 +52,7 @@ FIXED = {
 }
 
 _NAME = r"([\w-]+)"
-_BEFORE = "clear(i1); item_on(i1,s1); loc(p1,s1); nothing(p1)".split("; ")
+_BEFORE = ["clear(i1)", "item_on(i1,s1)", "loc(p1,s1)", "nothing(p1)"]
 _REPEATED = re.compile(rf"repetitive i1 {{{_NAME}\(i1\)}}")
 _TIMED = re.compile(
     rf"conditional i1 if item_on\(i1,s1\) {{(?:{_NAME}\(i1\))?}} "

@@ -12,7 +12,12 @@ from typing import NamedTuple
 
 from robotouille.planning.kitchen.compiled import Ints, grown, ints, kernel, zeros
 from robotouille.planning.kitchen.estimate import estimate
-from robotouille.planning.kitchen.layout import WAIT, Goals, Kitchen
+from robotouille.planning.kitchen.layout import (
+    PLACE,
+    SIZE,
+    WAIT,
+    WORDS,
+)
 from robotouille.planning.kitchen.moves import act, options, pack, running, spot, tick, unpack
 from robotouille.planning.kitchen.rows import DEAD, SCRATCH
 
@@ -65,20 +70,20 @@ class Nodes(NamedTuple):
     packed: Ints
 
 
-def new_nodes(k: Kitchen, room: int, like: Nodes | None = None) -> Nodes:
+def new_nodes(k: Ints, room: int, like: Nodes | None = None) -> Nodes:
     """Room for so many nodes, with the nodes of another search taken over."""
     if like is None:
-        arrays = [zeros(room * k.words), *(zeros(room) for _ in range(5))]
+        arrays = [zeros(room * k[WORDS]), *(zeros(room) for _ in range(5))]
         notes = zeros(8)
         notes[BEST] = PROMISES - 1
         notes[GOAL] = -1
         notes[PROMISE] = PROMISES
-        rest = [zeros(k.size), zeros(k.size), zeros(k.size), zeros(1024), zeros(SCRATCH)]
+        rest = [zeros(k[SIZE]), zeros(k[SIZE]), zeros(k[SIZE]), zeros(1024), zeros(SCRATCH)]
         return Nodes(
             *arrays, zeros(2 * room), zeros(PROMISES * ESTIMATES),
-            ints([ESTIMATES] * PROMISES), notes, *rest, zeros(k.words),
+            ints([ESTIMATES] * PROMISES), notes, *rest, zeros(k[WORDS]),
         )  # fmt: skip
-    key = grown(like.key, room * k.words)
+    key = grown(like.key, room * k[WORDS])
     arrays = [grown(values, room) for values in like[1:6]]
     nodes = Nodes(key, *arrays, zeros(2 * room), *like[7:])
     rehash(k, nodes)
@@ -86,21 +91,21 @@ def new_nodes(k: Kitchen, room: int, like: Nodes | None = None) -> Nodes:
 
 
 @kernel
-def rehash(k: Kitchen, x: Nodes) -> None:
+def rehash(k: Ints, x: Nodes) -> None:
     """Fill the hash table anew."""
     for node in range(x.notes[COUNT]):
         if x.estimate[node] < DEAD:
-            for i in range(k.words):
-                x.packed[i] = x.key[node * k.words + i]
+            for i in range(k[WORDS]):
+                x.packed[i] = x.key[node * k[WORDS] + i]
             x.table[slot_of(k, x)] = node + 1
 
 
 @kernel
-def slot_of(k: Kitchen, x: Nodes) -> int:
+def slot_of(k: Ints, x: Nodes) -> int:
     """Where the packed key is in the hash table, or belongs."""
     mask = len(x.table) - 1
     h = 0
-    for i in range(k.words):
+    for i in range(k[WORDS]):
         h = (h ^ x.packed[i]) & 0xFFFFFFFFFFF
         h = (h * 0x9E3B1) & 0xFFFFFFFFFFFFFFF
         h ^= h >> 23
@@ -110,8 +115,8 @@ def slot_of(k: Kitchen, x: Nodes) -> int:
         if node < 0:
             return h
         same = True
-        for i in range(k.words):
-            if x.key[node * k.words + i] != x.packed[i]:
+        for i in range(k[WORDS]):
+            if x.key[node * k[WORDS] + i] != x.packed[i]:
                 same = False
                 break
         if same:
@@ -120,7 +125,7 @@ def slot_of(k: Kitchen, x: Nodes) -> int:
 
 
 @kernel
-def push(k: Kitchen, g: Goals, x: Nodes, t: Ints, parent: int, action: int, steps: int,
+def push(k: Ints, g: Ints, x: Nodes, t: Ints, parent: int, action: int, steps: int,
          weight: int) -> None:  # fmt: skip
     """Add a state, if it is new or reached sooner, and promises to better the best plan."""
     pack(k, t, x.packed, 0)
@@ -137,8 +142,8 @@ def push(k: Kitchen, g: Goals, x: Nodes, t: Ints, parent: int, action: int, step
     node = x.notes[COUNT]
     if known >= 0:
         x.estimate[known] = DEAD
-    for i in range(k.words):
-        x.key[node * k.words + i] = x.packed[i]
+    for i in range(k[WORDS]):
+        x.key[node * k[WORDS] + i] = x.packed[i]
     x.steps[node] = steps
     x.estimate[node] = left
     x.parent[node] = parent
@@ -178,7 +183,7 @@ def pop(x: Nodes) -> int:
 
 
 @kernel
-def run(k: Kitchen, g: Goals, x: Nodes, weight: int, expansions: int) -> int:
+def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
     """Go on with a search for so many expansions."""
     until = x.notes[EXPANDED] + expansions
     while x.notes[EXPANDED] < until:
@@ -190,13 +195,13 @@ def run(k: Kitchen, g: Goals, x: Nodes, weight: int, expansions: int) -> int:
         if node < 0:
             return PROVEN if x.notes[GOAL] >= 0 else EMPTY
         x.notes[EXPANDED] += 1
-        unpack(k, x.key, node * k.words, x.s)
+        unpack(k, x.key, node * k[WORDS], x.s)
         expand_alone(k, g, x, node, weight)
     return PAUSED
 
 
 @kernel
-def expand_alone(k: Kitchen, g: Goals, x: Nodes, node: int, weight: int) -> None:
+def expand_alone(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
     """The successors of one player's state: what can be done here, elsewhere, or by waiting.
 
     Walks are not states of their own: who walks somewhere does something there. Walking takes a
@@ -217,13 +222,13 @@ def expand_alone(k: Kitchen, g: Goals, x: Nodes, node: int, weight: int) -> None
     count = options(k, g, x.u, 0, False, x.acts)
     for i in range(count):
         copy(k, x.u, x.t)
-        x.t[k.place] = spot(k, x.t, x.acts[i])
+        x.t[k[PLACE]] = spot(k, x.t, x.acts[i])
         act(k, x.t, 0, x.acts[i])
         tick(k, x.t)
         push(k, g, x, x.t, node, x.acts[i], steps + 2, weight)
 
 
 @kernel
-def copy(k: Kitchen, s: Ints, t: Ints) -> None:
-    for i in range(k.size):
+def copy(k: Ints, s: Ints, t: Ints) -> None:
+    for i in range(k[SIZE]):
         t[i] = s[i]

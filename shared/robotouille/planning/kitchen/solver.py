@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
-from robotouille.planning.kitchen.compiled import ints
+from robotouille.planning.kitchen.compiled import Ints, ints
 from robotouille.planning.kitchen.decode import decode
-from robotouille.planning.kitchen.layout import ROOT, Goals
+from robotouille.planning.kitchen.layout import (
+    ROOT,
+    ROWS,
+)
 from robotouille.planning.kitchen.model import Model, model_of
 from robotouille.planning.kitchen.roots import goals_of
 from robotouille.planning.kitchen.search import (
@@ -53,7 +56,7 @@ def kitchen_search(world: World, start: State) -> KitchenSearch | None:
 class KitchenSearch:
     """A search from one state of a kitchen."""
 
-    def __init__(self, model: Model, goals: Goals, start: State, code: list[int]) -> None:
+    def __init__(self, model: Model, goals: Ints, start: State, code: list[int]) -> None:
         self.model = model
         self.goals = goals
         self.start = start
@@ -103,10 +106,10 @@ class _Run:
         self.status = PAUSED
         k, g = search.model.kitchen, search.goals
         self.room = FIRST_ROOM
-        while self.room < 4 * g.rows:
+        while self.room < 4 * g[ROWS]:
             self.room *= 2
         self.nodes: Nodes = new_nodes(k, self.room)
-        for row in range(g.rows):
+        for row in range(g[ROWS]):
             state = list(search.code)
             state[ROOT] = row
             push(k, g, self.nodes, ints(state), -1, 0, 0, weight)

@@ -1,0 +1,236 @@
+"""`robotouille plan TASK`: the shortest plan, and what is proven about it."""
+
+from __future__ import annotations
+
+import math
+import re
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+from rich.console import Console
+from rich.status import Status
+
+from robotouille import State, Task, Timing, World, load_task
+from robotouille.errors import FileError, RecordingError, RobotouilleError
+from robotouille.planning import optimal
+from robotouille.planning.answer import Limits
+from robotouille.planning.certificate import (
+    Certificate,
+    Deadline,
+    certificate_path,
+    certify,
+    json_text,
+    write_certificate,
+    write_whole,
+)
+from robotouille.planning.dataset import BUDGET
+from robotouille.planning.plan import read_plan, write_plan
+from robotouille.replay.recording import read_recording
+from robotouille_client.cli.console import explain, fail
+
+__all__ = ["plan"]
+
+PATIENCE = 2.0
+"""Seconds before progress is shown."""
+
+
+def plan(
+    task: Annotated[
+        str | None, typer.Argument(help="Task name or problem file; @N for N seats.")
+    ] = None,
+    recording: Annotated[
+        str | None,
+        typer.Option("--from", help="RECORDING@STEP: plan from where a recorded game stood."),
+    ] = None,
+    seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None,
+    timing: Annotated[Timing | None, typer.Option(help="Timing; benchmark by default.")] = None,
+    expansions: Annotated[
+        int | None, typer.Option(min=0, help="Give up after so many expansions.")
+    ] = None,
+    timeout: Annotated[
+        float | None, typer.Option(min=0.1, help="Give up after so many seconds.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the plan.")] = None,
+    json_output: Annotated[bool, typer.Option("--json", help="Print a certificate.")] = False,
+    certificate: Annotated[
+        bool,
+        typer.Option("--certificate", help="Write a certificate beside the plan or problem file."),
+    ] = False,
+) -> None:
+    """Find the shortest plan of a task, and prove that it is.
+
+    Ctrl-C or a limit ends the search with the best plan so far, and the gap to what is proven.
+    Exit status 1 if there is no plan, or none was found.
+    """
+    try:
+        found, start = _beginning(task, recording, seats, timing)
+        place = _certificate_place(task, found, out) if certificate else None
+        if certificate and start is not None:
+            raise RobotouilleError("--certificate is for the start of a task: leave out --from")
+        if out is not None and not out.parent.is_dir():
+            raise RobotouilleError(f"there is no folder {out.parent}")
+        answer = _search(found, start, expansions, Deadline(timeout or math.inf))
+        notes = [] if recording is None else [f"from: {recording}"]
+        text = _text(answer, World(found) if start is None else start.world, notes)
+        _publish(answer, text, out, json_output)
+        if place is not None:
+            write_certificate(answer, place)
+    except (RobotouilleError, ValidationError, KeyError) as error:
+        fail(explain(error))
+    except KeyboardInterrupt:
+        fail("interrupted", 130)
+    if answer.plan is None:
+        fail(_despair(answer))
+
+
+# Where the plan begins
+
+
+def _beginning(
+    name: str | None, recording: str | None, seats: int | None, timing: Timing | None
+) -> tuple[Task, State | None]:
+    if recording is None:
+        if name is None:
+            raise RobotouilleError("expected a task, a problem file or --from RECORDING@STEP")
+        return load_task(name, seats=seats, timing=timing or Timing.BENCHMARK), None
+    if seats is not None or timing is not None:
+        raise RobotouilleError("a recording has its own seats and timing: leave out yours")
+    start = _recorded_state(recording)
+    task = start.world.task
+    if name is not None:
+        given = load_task(name, seats=task.seats, timing=task.timing)
+        if replace(given, name=task.name).digest != task.digest:
+            raise RobotouilleError(
+                f"{recording}: is of {task.name}@{task.seats} as it was recorded, not of {name}"
+            )
+    return task, start
+
+
+def _recorded_state(reference: str) -> State:
+    """The state of a recorded game after a step, for RECORDING@STEP."""
+    file, _, number = reference.rpartition("@")
+    if not file or not re.fullmatch("[0-9]{1,9}", number):
+        raise RobotouilleError(f"expected RECORDING@STEP like game.rbt@12, found {reference!r}")
+    recording, step = read_recording(Path(file)), int(number)
+    last = len(recording.steps)
+    if step > last:
+        raise RecordingError(f"{file}: there is no step {step}; it has the steps 0 to {last}")
+    return next(islice(recording.states(), step, None))[1]
+
+
+# The search
+
+
+def _search(
+    task: Task, start: State | None, expansions: int | None, deadline: Deadline
+) -> Certificate:
+    progress = _Progress()
+    limits = Limits(expansions, BUDGET.states, deadline)
+    with _interruptible(deadline), progress.shown():
+        return certify(task, optimal.solve, limits, progress, start)
+
+
+@contextmanager
+def _interruptible(deadline: Deadline) -> Iterator[None]:
+    """The first Ctrl-C ends the search, a second one the program."""
+
+    def strike(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        deadline.strike()
+
+    before = signal.signal(signal.SIGINT, strike)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _Progress:
+    """A `Watch` that shows a long search on stderr, where that is a terminal."""
+
+    def __init__(self) -> None:
+        self._began = time.monotonic()
+        self._status: Status | None = None
+
+    def __call__(self, expansions: int, bound: int, length: int | None) -> None:
+        if time.monotonic() - self._began < PATIENCE:
+            return
+        best = "no plan yet" if length is None else f"plan {length}, gap {max(0, length - bound)}"
+        words = f"{expansions:,} expansions, bound {bound}, {best} (Ctrl-C takes what there is)"
+        if self._status is None:
+            self._status = Console(stderr=True).status(words)
+            self._status.start()
+        self._status.update(words)
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            if self._status is not None:
+                self._status.stop()
+
+
+# What is said
+
+
+def _text(certificate: Certificate, world: World, notes: list[str]) -> str:
+    """The plan with what is known about it as comments; empty without a plan."""
+    if certificate.plan is None:
+        return ""
+    notes += [
+        f"length: {certificate.length}",
+        f"bound: {certificate.bound}",
+        f"gap: {certificate.gap}",
+        f"proof: {certificate.proof.value}",
+        f"planner: {certificate.planner}, {certificate.expansions} expansions",
+    ]
+    return write_plan(read_plan("\n".join(certificate.plan), world), world, notes)
+
+
+def _publish(certificate: Certificate, text: str, out: Path | None, json_output: bool) -> None:
+    if json_output:
+        typer.echo(json_text(certificate), nl=False)
+    if not text:
+        return
+    if out is None:
+        typer.echo("" if json_output else text, nl=False)
+        return
+    try:
+        write_whole(out, text)
+    except FileError:
+        typer.echo(text, nl=False)
+        raise
+    if not json_output:
+        typer.echo(f"{out}: {certificate.length} steps, {_claim(certificate)}")
+
+
+def _claim(certificate: Certificate) -> str:
+    if certificate.optimal:
+        return f"optimal ({certificate.proof.value})"
+    return f"bound {certificate.bound} ({certificate.proof.value}), gap {certificate.gap}"
+
+
+def _despair(certificate: Certificate) -> str:
+    name = f"{certificate.task}@{certificate.seats}"
+    if certificate.unsolvable:
+        return f"{name} is unsolvable: no plan reaches the goal ({certificate.proof.value})"
+    proven = f"bound {certificate.bound} ({certificate.proof.value})"
+    return f"{name}: no plan was found in {certificate.expansions:,} expansions; {proven}"
+
+
+def _certificate_place(name: str | None, task: Task, out: Path | None) -> Path:
+    if out is not None:
+        return out.with_name(f"{out.stem}.certificate.json")
+    if re.search(r"\.json(@[0-9]{1,3})?$", name or ""):
+        return certificate_path(Path(task.source), task)
+    raise RobotouilleError("--certificate needs a problem file or --out FILE to lie beside")

@@ -1,0 +1,156 @@
+"""From a task and a seed to an instance that is proven solvable.
+
+Paper, section 2, "Procedural Generation": objects are shuffled and new ones added. A seed stands
+for a row of attempts, numbered from 1, each of which draws another kitchen; the first that can be
+solved is the instance. Its file says which one that was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
+
+from robotouille.domain.schema import Provenance
+from robotouille.domain.task import Task, Timing
+from robotouille.generation.arrangement import arrange
+from robotouille.generation.chance import Chance
+from robotouille.generation.floorplan import lay_out, size_for
+from robotouille.generation.instance import Instance, seat_counts, write_instance
+from robotouille.generation.kitchen import Kitchen
+from robotouille.generation.parameters import (
+    DEFAULT,
+    AttemptError,
+    GenerationError,
+    Kind,
+    Parameters,
+)
+from robotouille.generation.proof import (
+    Solver,
+    carried,
+    check_band,
+    plan_beside,
+    shortest,
+    solved,
+    working,
+)
+from robotouille.generation.roles import Roles
+from robotouille.generation.stock import Stock
+from robotouille.planning.answer import Answer
+from robotouille.planning.plan import Plan
+from robotouille.world.world import World
+
+__all__ = ["ATTEMPTS", "GENERATOR", "Generator", "generate"]
+
+GENERATOR = "1"
+"""The version of the generator: what a seed gives changes only with it."""
+
+ATTEMPTS = 50
+
+
+def generate(
+    task: Task,
+    seed: int,
+    kind: Kind = Kind.FREE,
+    parameters: Parameters = DEFAULT,
+    *,
+    solver: Solver = shortest,
+) -> Instance:
+    """An instance of a task, proven solvable for every number of players that the task allows.
+
+    Raises GenerationError, which names a parameter, where there is none, and FileError where the
+    task itself has faults.
+    """
+    return Generator(task, kind, parameters, solver=solver).instance(seed)
+
+
+class Generator:
+    """Makes the instances of one task.
+
+    `plans` are plans for the original by number of players; those missing are read from the files
+    beside the problem, or found by the solver. Noisy instances need them.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        kind: Kind = Kind.FREE,
+        parameters: Parameters = DEFAULT,
+        *,
+        solver: Solver = shortest,
+        plans: Mapping[int, Plan] | None = None,
+        attempts: int = ATTEMPTS,
+    ) -> None:
+        if kind is Kind.NOISY and parameters.held:
+            raise GenerationError("held", "players of a noisy instance hold what they did")
+        if attempts < 1:
+            raise GenerationError("attempts", f"expected at least 1, found {attempts}")
+        self.task = replace(task, seats=seat_counts(task)[0], timing=Timing.BENCHMARK)
+        self.kind = kind
+        self.parameters = parameters
+        self.attempts = attempts
+        self._solver = solver
+        self._plans = plans or {}
+        self._roles = Roles.of(task.domain)
+        self._kitchen = Kitchen(self.task, self._roles)
+        self._stock = Stock(self.task, self._roles)
+
+    def instance(self, seed: int) -> Instance:
+        """The instance of a seed: that of the first attempt which can be solved."""
+        for attempt in range(1, self.attempts + 1):
+            try:
+                instance = self.draw(seed, attempt)
+                return replace(instance, answers=self._answers(instance))
+            except AttemptError as rejected:
+                last = rejected
+        message = (
+            f"no {self.kind} instance of {self.task.name} with seed {seed} in {self.attempts} "
+            f"attempts; the last one: {last.message}"
+        )
+        raise GenerationError(last.parameter, message)
+
+    def draw(self, seed: int, attempt: int = 1) -> Instance:
+        """What an attempt gives, solvable or not; AttemptError where things do not fit."""
+        chance = Chance(f"{self.kind} {seed} {attempt}")
+        arrangement = arrange(self._kitchen, self._stock, self.kind, self.parameters, chance)
+        stations = [t.key for t in arrangement.things if t.type in self._roles.stations]
+        problem = self.task.problem
+        size = size_for(len(stations), problem.width, problem.height, self.parameters)
+        floorplan = lay_out(stations, arrangement.faces, *size, chance)
+        provenance = Provenance(
+            source=self.task.name,
+            seed=seed,
+            kind=self.kind.value,
+            attempt=attempt,
+            parameters=self.parameters.asked(),
+            generator=GENERATOR,
+        )
+        return write_instance(self.task, arrangement, floorplan, provenance)
+
+    def _answers(self, instance: Instance) -> dict[int, Answer]:
+        """A proof for each number of players; AttemptError where one is missing."""
+        answers = {}
+        for seats in seat_counts(self.task):
+            usual = seats == self.task.seats
+            if self.kind is Kind.NOISY and not (usual and self.parameters.banded):
+                answers[seats] = carried(self._original_plans[seats], instance, seats)
+                continue
+            answers[seats] = solved(instance.world(seats), self._solver)
+            if usual:
+                check_band(answers[seats], self.parameters)
+        return answers
+
+    @cached_property
+    def _original_plans(self) -> dict[int, Plan]:
+        return {seats: self._original_plan(seats) for seats in seat_counts(self.task)}
+
+    def _original_plan(self, seats: int) -> Plan:
+        world = World(replace(self.task, seats=seats))
+        known = self._plans.get(seats) or plan_beside(world)
+        try:
+            return working(known or self._solved_plan(world), world)
+        except AttemptError as rejected:
+            raise GenerationError("task", f"{self.task.name}: {rejected.message}") from None
+
+    def _solved_plan(self, world: World) -> Plan:
+        return solved(world, self._solver).plan or Plan(())

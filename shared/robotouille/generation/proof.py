@@ -1,0 +1,93 @@
+"""Proofs that an instance can be solved: plans, replayed by the world's own rules."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from robotouille.domain.files import is_file
+from robotouille.errors import FileError
+from robotouille.generation.instance import Instance
+from robotouille.generation.parameters import AttemptError, Parameters
+from robotouille.planning.answer import Answer, Limits, Proof
+from robotouille.planning.optimal import solve
+from robotouille.planning.plan import Plan, read_plan
+from robotouille.planning.validate import replay
+from robotouille.world.world import World
+
+__all__ = ["Solver", "carried", "check_band", "plan_beside", "shortest", "solved", "working"]
+
+Solver = Callable[[World], Answer]
+"""Finds a plan for all players of a world from its initial state."""
+
+LIMITS = Limits(expansions=200_000)
+"""How long the usual solver searches: the same on every machine."""
+
+
+def shortest(world: World) -> Answer:
+    """The usual solver: a shortest plan, or a good one and a bound within `LIMITS`."""
+    return solve(world, limits=LIMITS)
+
+
+def solved(world: World, solver: Solver) -> Answer:
+    """A solver's answer, its plan replayed; AttemptError if there is none or it does not work."""
+    if world.initial.goal_reached:
+        raise AttemptError("seed", "the goal holds at the start")
+    answer = solver(world)
+    players = len(world.players)
+    if answer.plan is None:
+        how = "there is no plan" if answer.unsolvable else "no plan was found"
+        raise AttemptError("solver", f"{how} for {players} players")
+    return replace(answer, plan=working(answer.plan, world))
+
+
+def carried(plan: Plan, instance: Instance, seats: int) -> Answer:
+    """A plan for the original, carried over to an instance and replayed there."""
+    world = instance.world(seats)
+    there = working(instance.renaming(seats).carry(plan, world), world)
+    return Answer(there, 0, Proof.NONE, "carried over", 0)
+
+
+def working(plan: Plan, world: World) -> Plan:
+    """A plan up to the step in which it reaches the goal; AttemptError if it does not work.
+
+    A plan that is carried over may be cut short: irrelevant things can help it to the goal.
+    """
+    report = replay(plan, world)
+    if report.rejection is not None or not report.reached_at:
+        message = f"a plan for {len(world.players)} players does not work: {report}"
+        raise AttemptError("solver", message)
+    return Plan(plan.steps[: report.reached_at])
+
+
+def check_band(answer: Answer, parameters: Parameters) -> None:
+    """Reject an answer unless the optimal number of steps is surely as asked for."""
+    low, high = answer.bound, len(answer.plan or ())
+    found = str(high) if low >= high else f"between {low} and {high} (not proven)"
+    if parameters.min_steps is not None and low < parameters.min_steps:
+        message = (
+            f"{parameters.min_steps} asked for; the shortest plan's number of steps is {found}"
+        )
+        raise AttemptError("min_steps", message)
+    if parameters.max_steps is not None and high > parameters.max_steps:
+        message = (
+            f"{parameters.max_steps} asked for; the shortest plan's number of steps is {found}"
+        )
+        raise AttemptError("max_steps", message)
+
+
+def plan_beside(world: World) -> Plan | None:
+    """The plan in the file beside a world's problem file, if there is one and it works."""
+    source = Path(world.task.source)
+    for name in (f"{source.stem}@{world.task.seats}.plan", f"{source.stem}.plan"):
+        path = source.parent / name
+        if not is_file(path):
+            continue
+        try:
+            plan = read_plan(path.read_text(encoding="utf-8"), world, str(path))
+        except (OSError, UnicodeDecodeError, FileError):
+            continue
+        if replay(plan, world).ok:
+            return plan
+    return None

@@ -1,0 +1,65 @@
+"""The objects of a relaxation: those that exist, and one that stands for all yet to be created."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from robotouille.domain.schema import Creation, EffectDef
+from robotouille.world.world import World
+
+__all__ = ["Cast", "Member", "cast_of", "future_name"]
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """An object by name, kind and type; `future` if it stands for all that will be created."""
+
+    name: str
+    kind: str
+    type: str
+    future: bool
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Who takes part in a relaxation."""
+
+    members: tuple[Member, ...]
+
+    @cached_property
+    def by_name(self) -> dict[str, Member]:
+        return {member.name: member for member in self.members}
+
+    @cached_property
+    def future(self) -> frozenset[str]:
+        """The names that stand for objects yet to be created."""
+        return frozenset(m.name for m in self.members if m.future)
+
+    def of_type(self, kind: str) -> list[str]:
+        return [m.name for m in self.members if m.type == kind]
+
+
+def cast_of(world: World, facts: int) -> Cast:
+    """The objects that exist in `facts`, and a future one of each kind that play can create."""
+    present = [Member(o.name, o.kind, o.type, False) for o in world.objects_in(facts)]
+    created = {
+        (effect.created_obj.name, effect.created_obj.type)
+        for schema in world.schemas
+        for effect in _walk(schema.definition.sfx)
+        if isinstance(effect, Creation)
+    }
+    future = [Member(future_name(kind, of), kind, of, True) for kind, of in sorted(created)]
+    return Cast((*present, *future))
+
+
+def future_name(kind: str, type_: str) -> str:
+    """A name that no object has."""
+    return f"{kind}+{type_}"
+
+
+def _walk(effects: tuple[EffectDef, ...]) -> Iterator[EffectDef]:
+    for effect in effects:
+        yield effect
+        yield from _walk(effect.sfx)

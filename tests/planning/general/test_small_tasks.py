@@ -1,0 +1,106 @@
+"""Brute force agrees: lengths, proofs and bounds on many small tasks of all kinds.
+
+`ROBOTOUILLE_ORACLE_TASKS=5000` tries as many tasks of each kind, new ones each time.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from robotouille import Task, World
+from robotouille.planning.answer import Limits
+from robotouille.planning.general.heuristics import BLIND, CriticalPath, Heuristic, LandmarkCut
+from robotouille.planning.general.search import solve
+from robotouille.planning.general.unreachable import unreachable_goal
+from robotouille.planning.validate import replay
+from tests.planning.general.small_tasks import deep_tasks, tiny_kitchens
+from tests.planning.oracle import Oracle, explore
+from tests.world.random_tasks import tasks
+
+ORDERED = os.environ.get("ROBOTOUILLE_ORACLE_TASKS")
+KINDS = [
+    pytest.param(deep_tasks(30), 40, 100, id="random-solvable"),
+    pytest.param(tasks(), 30, 40, id="random"),
+    pytest.param(tiny_kitchens(), 400, 40, id="tiny-kitchens"),
+    pytest.param(tiny_kitchens(players=2), 120, 30, id="tiny-kitchens-for-two"),
+]
+
+
+def quickly(examples: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return settings(
+        max_examples=int(ORDERED or examples),
+        derandomize=ORDERED is None,
+        deadline=None,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+
+
+@pytest.mark.parametrize(("strategy", "cap", "examples"), KINDS)
+def test_small_tasks(strategy: st.SearchStrategy[Task], cap: int, examples: int) -> None:
+    @quickly(examples)
+    @given(task=strategy)
+    def agree(task: Task) -> None:
+        world = World(task)
+        oracle = explore(task, world, cap)
+        check_answers(world, oracle, 4 * cap)
+        if oracle.complete:
+            check_estimates(oracle, LandmarkCut(world))
+            check_estimates(oracle, CriticalPath(world))
+
+    agree()
+
+
+def check_answers(world: World, oracle: Oracle, states: int) -> None:
+    """With and without symmetry and estimates, answers are those of brute force."""
+    guides: tuple[Heuristic | None, ...] = (None, BLIND)
+    for guide in guides:
+        for symmetry in (True, False):
+            limits = Limits(states=states)
+            answer = solve(world, heuristic=guide, symmetry=symmetry, limits=limits)
+            if answer.plan is not None:
+                assert replay(answer.plan, world).ok
+            if oracle.depth is not None:
+                assert answer.bound <= oracle.depth
+                assert answer.optimal or (oracle.depth > 0 and not oracle.complete)
+                assert answer.plan is None or len(answer.plan) >= oracle.depth
+            elif oracle.complete:
+                assert answer.unsolvable
+                assert answer.plan is None
+            else:
+                assert answer.plan is None or len(answer.plan) > oracle.layers
+            if oracle.depth is not None and answer.optimal:
+                assert answer.plan is not None
+                assert len(answer.plan) == oracle.depth
+
+
+def check_estimates(oracle: Oracle, estimate: Heuristic) -> None:
+    """No estimate exceeds the distance, and only of a dead end is it infinite."""
+    distances = oracle.distances()
+    for key, state in oracle.states.items():
+        if key not in oracle.goals:
+            least = estimate(state.facts, state.timers)
+            assert least <= distances.get(key, math.inf)
+
+
+@quickly(30)
+@given(task=tiny_kitchens())
+def test_what_is_unreachable_never_holds(task: Task) -> None:
+    world = World(task)
+    oracle = explore(task, world, 300)
+    parts = unreachable_goal(world)
+    if oracle.goals:
+        assert not parts
+    elif oracle.complete:
+        seen = 0
+        for state in oracle.states.values():
+            seen |= state.facts
+        missing = [t for t in world.goal.terms if not seen & world.goal.possible_mask(t)]
+        assert len(parts) == len(missing)

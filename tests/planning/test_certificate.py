@@ -1,0 +1,325 @@
+"""A certificate holds, or `check` says what does not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille import FileError, RobotouilleError, State, Task, World, load_task
+from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.certificate import (
+    Budget,
+    Certificate,
+    Deadline,
+    Solver,
+    certificate_path,
+    certify,
+    check,
+    json_text,
+    prove_again,
+    read_certificate,
+    write_certificate,
+)
+from robotouille.planning.plan import Plan, read_plan, write_plan
+from robotouille.planning.planner import Planner
+
+FIELDS = tuple(Certificate.model_fields)
+TASK = load_task("synchronous/01")
+
+
+TEXTS: dict[tuple[str, str], str] = {}
+
+
+def planned(state: State) -> Plan:
+    """A plan from a state, searched for once."""
+    world, key = state.world, (state.world.task.digest, state.digest)
+    if key not in TEXTS:
+        TEXTS[key] = write_plan(Planner(world).solve(state, world.players).plan, world)
+    return read_plan(TEXTS[key], world)
+
+
+def proving(
+    world: World,
+    start: State | None = None,
+    *,
+    limits: Limits = UNLIMITED,
+    watch: Watch | None = None,
+) -> Answer:
+    """A planner that claims that its first plan is a shortest one."""
+    state = start or world.initial
+    if limits.expansions == 0:
+        return Answer(None, 0, Proof.NONE, "proving 1.0", 0)
+    plan = planned(state)
+    if watch is not None:
+        watch(7, len(plan) - 1, len(plan))
+    return Answer(plan, len(plan), Proof.EXHAUSTED, "proving 1.0", 7)
+
+
+def answering(**changes: Any) -> Solver:
+    """A planner whose answer is that of `proving` with changes."""
+
+    def solver(world: World, start: State | None = None, **options: Any) -> Answer:
+        return replace(proving(world, start), **changes)
+
+    return solver
+
+
+@cache
+def certificate() -> Certificate:
+    return certify(TASK, proving, Limits(expansions=100, states=200))
+
+
+def changed(**fields: Any) -> Certificate:
+    """The certificate with other values and the digest that belongs to them."""
+    row = certificate().model_dump(mode="json") | fields
+    draft = Certificate.model_validate(row)
+    return draft.model_copy(update={"digest": draft.content})
+
+
+def test_it_says_what_was_found_and_is_valid() -> None:
+    found = certificate()
+    assert (found.length, found.bound, found.optimal, found.gap) == (8, 8, True, 0)
+    assert (found.task, found.seats, found.instance) == (TASK.name, 1, TASK.digest)
+    assert found.limits == Budget(expansions=100, states=200)
+    assert found.plan is not None
+    assert found.plan[0] == "move(robot1, table3, table1)"
+    assert check(found, TASK) == []
+
+
+def test_the_same_bytes_every_time(tmp_path: Path) -> None:
+    path = tmp_path / "one.certificate.json"
+    write_certificate(certificate(), path)
+    again = read_certificate(path)
+    assert again == certificate()
+    assert json_text(again).encode() == path.read_bytes()
+    assert tuple(json.loads(path.read_text())) == FIELDS
+    assert path.read_text().startswith('{\n  "format": "robotouille-certificate/1",\n')
+    assert path.read_text().endswith("}\n")
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+OTHER_VALUES: dict[str, st.SearchStrategy[Any]] = {
+    "format": st.just("robotouille-certificate/2"),
+    "task": st.text("ab/", max_size=9),
+    "seats": st.integers(0, 9),
+    "timing": st.just("people"),
+    "instance": st.text("0123456789abcdef", min_size=32, max_size=32),
+    "start": st.just("0" * 32),
+    "length": st.none() | st.integers(0, 99),
+    "bound": st.integers(0, 99),
+    "optimal": st.booleans(),
+    "proof": st.sampled_from([proof.value for proof in Proof]),
+    "unsolvable": st.booleans(),
+    "planner": st.text("ab ", max_size=9),
+    "expansions": st.integers(0, 99),
+    "limits": st.builds(lambda n: {"expansions": n, "states": n, "seconds": None}, st.integers(0)),
+    "plan": st.none()
+    | st.lists(st.sampled_from(["-", "move(robot1, table3, table1)"]), max_size=9),
+    "digest": st.text("0123456789abcdef", min_size=32, max_size=32),
+}
+
+
+@given(st.data())
+def test_any_change_is_noticed(data: st.DataObject) -> None:
+    field = data.draw(st.sampled_from(FIELDS))
+    row = certificate().model_dump(mode="json")
+    value = data.draw(OTHER_VALUES[field].filter(lambda v: v != row[field]))
+    try:
+        found = Certificate.model_validate(row | {field: value})
+    except ValueError:
+        return
+    assert check(found, TASK)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"task": "other"}, "instance: expected"),
+        ({"seats": 2}, "seats: expected 1, found 2"),
+        ({"timing": "people"}, "timing: expected benchmark, found people"),
+        ({"instance": "0" * 32}, f"instance: expected {TASK.digest}"),
+        ({"start": "0" * 32}, "start: expected null"),
+        ({"length": 7}, "length: is 7, but the plan has 8 steps"),
+        ({"length": None}, "length: is null, but the plan has 8 steps"),
+        ({"plan": None}, "length: is 8, but the plan has null steps"),
+        ({"bound": 9}, "bound: 9 is above the length 8"),
+        ({"bound": 7}, "optimal: the length is 8, the bound 7"),
+        ({"optimal": False}, "optimal: the length is 8, the bound 8"),
+        ({"proof": "none"}, "proof: is none, but the bound is 8"),
+        ({"unsolvable": True}, "unsolvable: there is a plan"),
+    ],
+)
+def test_claims_that_contradict_one_another(fields: dict[str, Any], words: str) -> None:
+    assert words in "\n".join(check(changed(**fields), TASK))
+
+
+@pytest.mark.parametrize(
+    ("number", "line", "words"),
+    [
+        (0, "-", "plan: step 2"),
+        (7, "-", "the goal is not reached"),
+        (2, "dance(robot1)", "plan: line 3: no action 'dance'"),
+        (2, "# nothing", "plan: expected one string for each step"),
+        (2, "-\n-", "plan: expected one string for each step"),
+        (2, "move(robot1,table1,table2)", "plan: expected one string for each step"),
+    ],
+)
+def test_a_plan_that_does_not_replay(number: int, line: str, words: str) -> None:
+    plan = list(certificate().plan or ())
+    plan[number] = line
+    assert words in "\n".join(check(changed(plan=plan), TASK))
+
+
+def test_steps_after_the_goal_do_not_count() -> None:
+    late = changed(plan=[*(certificate().plan or ()), "-"], length=9, bound=9)
+    assert check(late, TASK) == ["plan: the goal is reached in step 8 of 9"]
+
+
+def test_the_same_kitchen_by_another_name() -> None:
+    named = replace(TASK, name="breakfast")
+    assert check(certificate(), named) == []
+    assert check(certificate(), load_task("synchronous/02")) != []
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"plan": Plan(((), ()))}, "plan: the goal is not reached in 2 steps"),
+        ({"bound": 9}, "bound: 9 is above the length 8"),
+        ({"proof": Proof.NONE}, "proof: is none"),
+        ({"unsolvable": True}, "unsolvable: there is a plan"),
+    ],
+)
+def test_an_answer_that_does_not_hold_is_not_certified(changes: Any, words: str) -> None:
+    with pytest.raises(RobotouilleError, match=words) as error:
+        certify(TASK, answering(**changes))
+    assert "synchronous/01_cheese_sandwich@1: proving 1.0 is wrong" in str(error.value)
+
+
+def test_without_a_plan() -> None:
+    for changes in ({"bound": 3}, {"bound": 3, "unsolvable": True}):
+        found = certify(TASK, answering(plan=None, **changes))
+        assert (found.length, found.gap, found.optimal) == (None, None, False)
+        assert check(found, TASK) == []
+
+
+def test_from_a_later_state() -> None:
+    world = World(TASK)
+    start = world.step(world.initial, [world.action("move", "robot1", "table3", "table1")]).state
+    found = certify(TASK, proving, start=start)
+    assert (found.start, found.length) == (start.digest, 7)
+    assert check(found, TASK, start) == []
+    assert check(found, TASK) == [f"start: expected null, found {start.digest}"]
+
+
+@pytest.mark.parametrize(
+    ("claimed", "answered", "proven"),
+    [
+        ({}, {}, True),
+        ({}, {"bound": 7}, False),
+        ({}, {"plan": None}, False),
+        ({"bound": 5}, {}, True),
+        ({"bound": 5}, {"bound": 4}, False),
+        ({"bound": 5}, {"plan": None, "bound": 5}, True),
+        ({"bound": 5}, {"plan": None, "bound": 9}, False),
+        ({"bound": 5}, {"plan": None, "bound": 5, "unsolvable": True}, False),
+        ({"plan": None, "unsolvable": True}, {"plan": None, "unsolvable": True}, True),
+        ({"plan": None, "unsolvable": True}, {}, False),
+    ],
+)
+def test_proven_again(claimed: Any, answered: Any, proven: bool) -> None:
+    found = certify(TASK, answering(**claimed))
+    assert prove_again(found, TASK, answering(**answered)) is proven
+
+
+def test_where_certificates_lie() -> None:
+    def name(task: Task) -> str:
+        return certificate_path(Path(task.source), task).name
+
+    assert name(TASK) == "01_cheese_sandwich.certificate.json"
+    burger = load_task("multi_agent/01@3")
+    assert name(burger) == "01_lettuce_burger@3.certificate.json"
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"bound": -1}, "bound: input should be greater than or equal to 0, found -1"),
+        ({"bound": "8"}, "bound: input should be a valid integer, found '8'"),
+        ({"proof": "hearsay"}, "proof: input should be"),
+        ({"format": "robotouille-certificate/2"}, "format: input should be"),
+        ({"lenght": 8}, "lenght: unknown field 'lenght'; did you mean 'length'?"),
+    ],
+)
+def test_a_broken_file_is_named_with_its_field(
+    tmp_path: Path, fields: dict[str, Any], words: str
+) -> None:
+    path = tmp_path / "x.certificate.json"
+    path.write_text(json.dumps(certificate().model_dump(mode="json") | fields))
+    with pytest.raises(FileError) as error:
+        read_certificate(path)
+    assert f"{path}: {words}" in str(error.value)
+
+
+def test_a_file_that_was_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "x.certificate.json"
+    path.write_text(json_text(certificate())[:-40])
+    with pytest.raises(FileError, match="is not JSON"):
+        read_certificate(path)
+
+
+def test_a_failed_write_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.certificate.json"
+    path.write_text("before")
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(FileError, match="cannot be written: No space left on device"):
+        write_certificate(certificate(), path)
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_seconds_count_only_where_the_clock_ended_the_search() -> None:
+    def waiting(world: World, start: State | None = None, **options: Any) -> Answer:
+        assert options["limits"].stop()
+        return replace(proving(world, start), bound=1)
+
+    cut = certify(TASK, waiting, Limits(stop=Deadline(0)))
+    assert cut.limits == Budget(seconds=0)
+    assert certify(TASK, proving, Limits(stop=Deadline(60))).limits == Budget()
+
+
+@pytest.mark.parametrize(
+    ("budget", "spent", "covered"),
+    [
+        (Budget(expansions=9), Budget(expansions=9), True),
+        (Budget(expansions=9), Budget(expansions=8), False),
+        (Budget(states=9), Budget(), False),
+        (Budget(), Budget(seconds=5), False),
+        (Budget(seconds=5), Budget(seconds=5), True),
+        (Budget(seconds=6), Budget(seconds=5), False),
+        (Budget(seconds=6), Budget(), True),
+    ],
+)
+def test_what_a_past_search_covers(budget: Budget, spent: Budget, covered: bool) -> None:
+    assert budget.covered_by(spent) is covered
+
+
+def test_a_deadline_may_come_early() -> None:
+    deadline = Deadline(60)
+    assert not deadline()
+    deadline.strike()
+    assert deadline()
+    assert deadline.seconds == 0

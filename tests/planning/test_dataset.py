@@ -1,0 +1,345 @@
+"""A folder of problems is certified: resumably, in parallel, and to the same bytes."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from robotouille import RobotouilleError, State, World
+from robotouille.planning.answer import Answer, Proof
+from robotouille.planning.certificate import Budget, content_hash, read_certificate
+from robotouille.planning.dataset import (
+    MANIFEST,
+    Outcome,
+    Running,
+    certify_dataset,
+    check_dataset,
+    read_dataset,
+)
+from robotouille.resources import data_folder
+from tests.planning.test_certificate import proving
+
+FILES = ("synchronous/01_cheese_sandwich", "synchronous/02_lettuce_sandwich")
+NAMES = ["01_cheese_sandwich", "02_lettuce_sandwich", "sub/01_cheese_sandwich"]
+BUDGET = Budget(expansions=100, states=100)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return filled(tmp_path / "dataset")
+
+
+def filled(folder: Path) -> Path:
+    """A dataset of three instances, with a domain file between them."""
+    problems = data_folder("problems")
+    (folder / "sub").mkdir(parents=True)
+    for name in FILES:
+        shutil.copy(problems / f"{name}.json", folder)
+    shutil.copy(problems / f"{FILES[0]}.json", folder / "sub")
+    shutil.copy(data_folder("domains") / "robotouille.json", folder)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def failing_at(number: int, error: BaseException) -> Any:
+    """A planner that raises at its n-th search."""
+    count = 0
+
+    def solver(world: World, start: State | None = None, **options: Any) -> Answer:
+        nonlocal count
+        count += options["limits"].expansions != 0
+        if count == number:
+            raise error
+        return proving(world, start, **options)
+
+    return solver
+
+
+def never(world: World, start: State | None = None, **options: Any) -> Answer:
+    """`proving`, but it may not search."""
+    assert options["limits"].expansions == 0
+    return proving(world, start, **options)
+
+
+def renamed(world: World, start: State | None = None, **options: Any) -> Answer:
+    answer = proving(world, start, **options)
+    return Answer(answer.plan, answer.bound, answer.proof, "proving 2.0", 0)
+
+
+def test_a_certificate_for_each_instance_and_a_manifest(folder: Path) -> None:
+    report = certify_dataset(folder, proving, budget=BUDGET)
+    assert report.faults == ()
+    assert [str(outcome.instance) for outcome in report.outcomes] == NAMES
+    assert not any(outcome.kept for outcome in report.outcomes)
+    manifest = json.loads((folder / MANIFEST).read_text())
+    assert manifest["format"] == "robotouille-dataset/1"
+    assert [row["certificate"] for row in manifest["instances"]] == [
+        f"{name}.certificate.json" for name in NAMES
+    ]
+    row, file = manifest["instances"][0], folder / f"{NAMES[0]}.json"
+    written = folder / row["certificate"]
+    assert row == {
+        "file": file.name,
+        "seats": 1,
+        "file_hash": content_hash(file.read_bytes()),
+        "instance": read_certificate(written).instance,
+        "certificate": written.name,
+        "certificate_hash": content_hash(written.read_bytes()),
+        "length": 8,
+        "bound": 8,
+        "optimal": True,
+        "proof": "exhausted search",
+    }
+    assert check_dataset(folder, proving, sample=2).faults == ()
+
+
+def test_one_certificate_for_each_number_of_seats(tmp_path: Path) -> None:
+    shutil.copy(data_folder("problems") / "training/03_multi_agent.json", tmp_path)
+    found = read_dataset(tmp_path).instances
+    assert [(i.seats, str(i)) for i in found] == [(n, f"03_multi_agent@{n}") for n in (2, 3, 4)]
+
+
+def test_the_same_bytes_whatever_the_number_of_processes(tmp_path: Path) -> None:
+    one, two = filled(tmp_path / "one"), filled(tmp_path / "two")
+    first = certify_dataset(one, proving, budget=BUDGET)
+    second = certify_dataset(two, proving, budget=BUDGET, jobs=2)
+    assert first.outcomes == second.outcomes
+    assert contents(one) == contents(two)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_an_interrupted_run_is_resumed(folder: Path, tmp_path: Path, number: int) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        certify_dataset(folder, failing_at(number, KeyboardInterrupt()), budget=BUDGET)
+    left = sorted(folder.rglob("*.certificate.json"))
+    assert len(left) == number - 1
+    assert not (folder / MANIFEST).exists()
+    report = certify_dataset(folder, proving, budget=BUDGET)
+    assert [outcome.kept for outcome in report.outcomes] == [i < number - 1 for i in range(3)]
+    whole = filled(tmp_path / "whole")
+    certify_dataset(whole, proving, budget=BUDGET)
+    assert contents(folder) == contents(whole)
+
+
+def test_what_is_kept_and_what_is_done_again(folder: Path) -> None:
+    def kept(solver: Any, **options: Any) -> list[bool]:
+        report = certify_dataset(folder, solver, **{"budget": BUDGET, **options})
+        return [outcome.kept for outcome in report.outcomes]
+
+    assert kept(proving) == [False] * 3
+    before = contents(folder)
+    assert kept(never) == [True] * 3
+    assert contents(folder) == before
+    assert kept(proving, fresh=True) == [False] * 3
+    assert kept(proving, budget=Budget(expansions=99, states=100)) == [False] * 3
+    assert kept(proving, budget=Budget(expansions=99, states=100, seconds=9)) == [True] * 3
+    assert kept(renamed, budget=Budget(expansions=99, states=100)) == [False] * 3
+    assert kept(proving) == [False] * 3
+    (folder / f"{NAMES[0]}.certificate.json").write_text("{}")
+    edit(folder / f"{NAMES[1]}.json", lambda problem: problem.update(goal_description="Eat."))
+    assert kept(proving) == [False, False, True]
+    assert check_dataset(folder, proving).faults == ()
+
+
+def edit(path: Path, change: Callable[[Any], Any]) -> None:
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def test_broken_files_are_reported_and_the_others_certified(folder: Path) -> None:
+    (folder / "cut.json").write_text('{"width": 3')
+    (folder / "wrong.json").write_text('{"goal": [], "width": 0, "height": 3}')
+    report = certify_dataset(folder, failing_at(2, RobotouilleError("no idea")), budget=BUDGET)
+    faults = "\n".join(report.faults)
+    assert "cut.json: is not JSON" in faults
+    assert "wrong.json: width: input should be greater than or equal to 1" in faults
+    assert f"{NAMES[1]}.json: no idea" in faults
+    assert list(map(str, report.certificates)) == [NAMES[0], NAMES[2]]
+    rows = json.loads((folder / MANIFEST).read_text())["instances"]
+    assert [row["file"] for row in rows] == [f"{NAMES[0]}.json", f"{NAMES[2]}.json"]
+    checked = "\n".join(check_dataset(folder, proving).faults)
+    assert "cut.json: is not JSON" in checked
+    assert f"{NAMES[1]}.certificate.json: cannot be read" in checked
+
+
+def test_a_wrong_planner_is_no_end_of_the_run(folder: Path) -> None:
+    def wrong(world: World, start: State | None = None, **options: Any) -> Answer:
+        return Answer(proving(world).plan, 99, Proof.HEURISTIC, "wrong 1.0", 0)
+
+    report = certify_dataset(folder, wrong, budget=BUDGET)
+    assert len(report.faults) == 3
+    assert "wrong 1.0 is wrong: bound: 99 is above the length 8" in report.faults[0]
+
+
+def test_folders_without_problems(tmp_path: Path) -> None:
+    with pytest.raises(RobotouilleError, match="there are no problem files in it"):
+        certify_dataset(tmp_path, proving)
+    with pytest.raises(RobotouilleError, match="is not a folder"):
+        certify_dataset(tmp_path / "missing", proving)
+
+
+def test_a_folder_that_cannot_be_written_to(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path).name != "sub")
+    with pytest.raises(RobotouilleError, match="sub: is a folder that cannot be written to"):
+        certify_dataset(folder, never, budget=BUDGET)
+
+
+def test_a_full_disk_keeps_what_is_there(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write = Path.write_bytes
+
+    def full(path: Path, content: bytes) -> int:
+        if path.name.startswith(".02"):
+            raise OSError(28, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(RobotouilleError, match="cannot be written: No space left on device"):
+        certify_dataset(folder, proving, budget=BUDGET)
+    assert len(list(folder.rglob("*.certificate.json"))) == 1
+
+
+def test_what_is_told_meanwhile(folder: Path) -> None:
+    told: list[tuple[int, int, list[Running]]] = []
+
+    def tell(done: Any, total: int, running: Any) -> None:
+        told.append((len(done), total, list(running)))
+
+    certify_dataset(folder, proving, budget=BUDGET, tell=tell)
+    first = read_dataset(folder).instances[0]
+    assert (0, 3, [Running(first, 7, 7, 8)]) in told
+    assert told[-1] == (3, 3, [])
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "words"),
+    [
+        (f"{NAMES[0]}.json", lambda p: p.update(goal_description="Eat."), "instance: expected"),
+        (f"{NAMES[0]}.certificate.json", lambda c: c.update(bound=7), "digest: expected"),
+        (f"{NAMES[0]}.certificate.json", lambda c: c.pop("plan"), "plan: Field required"),
+        (MANIFEST, lambda m: m["instances"].pop(), f"{NAMES[2]}.certificate.json: is missing"),
+        (MANIFEST, lambda m: m["instances"].reverse(), "is not written as manifests are"),
+        (MANIFEST, lambda m: m["instances"][0].update(bound=7), "bound: expected 8, found 7"),
+        (
+            MANIFEST,
+            lambda m: m["instances"][0].update(certificate="x.certificate.json"),
+            "x.certificate.json: there is no such instance",
+        ),
+    ],
+)
+def test_what_was_changed_is_noticed(
+    folder: Path, file: str, change: Callable[[Any], Any], words: str
+) -> None:
+    certify_dataset(folder, proving, budget=BUDGET)
+    edit(folder / file, change)
+    faults = "\n".join(check_dataset(folder, proving).faults)
+    assert f"{folder / file}: " in faults or file == f"{NAMES[0]}.json"
+    assert words in faults
+
+
+def test_every_field_of_a_manifest_is_checked(folder: Path) -> None:
+    certify_dataset(folder, proving, budget=BUDGET)
+    path = folder / MANIFEST
+    text = path.read_text()
+    other = {int: 77, str: "0" * 32, bool: False}
+    for field, value in json.loads(text)["instances"][1].items():
+        content = json.loads(text)
+        content["instances"][1][field] = "none" if field == "proof" else other[type(value)]
+        path.write_text(json.dumps(content, indent=2) + "\n")
+        assert check_dataset(folder, proving).faults, field
+        path.write_text(text)
+
+
+def test_missing_and_stray_files(folder: Path) -> None:
+    certify_dataset(folder, proving, budget=BUDGET)
+    (folder / MANIFEST).unlink()
+    (folder / f"{NAMES[0]}.certificate.json").rename(folder / "x.certificate.json")
+    faults = "\n".join(check_dataset(folder, proving).faults)
+    assert "x.certificate.json: belongs to no problem file" in faults
+    assert f"{MANIFEST}: cannot be read" in faults
+    assert f"{NAMES[0]}.certificate.json: cannot be read" in faults
+
+
+def test_a_sample_is_proven_again(folder: Path) -> None:
+    certify_dataset(folder, proving, budget=BUDGET)
+
+    def weaker(world: World, start: State | None = None, **options: Any) -> Answer:
+        return Answer(proving(world).plan, 3, Proof.HEURISTIC, "weaker", 0)
+
+    assert check_dataset(folder, weaker).faults == ()
+    one, same, all_of_them = (
+        check_dataset(folder, weaker, sample=n, seed=1).faults for n in (1, 1, 9)
+    )
+    assert one == same
+    assert (len(one), len(all_of_them)) == (1, 3)
+    assert one[0].endswith("the bound is not proven again")
+
+
+PROGRAM = """
+import sys, time
+from pathlib import Path
+from robotouille.planning.dataset import certify_dataset
+from tests.planning.test_certificate import proving
+
+def slow(world, start=None, **options):
+    if "lettuce" in world.task.name:
+        time.sleep(60)
+    return proving(world, start, **options)
+
+if __name__ == "__main__":
+    try:
+        certify_dataset(Path(sys.argv[1]), slow, jobs=2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_no_process_outlives_the_run(folder: Path, number: int, status: int) -> None:
+    program = folder.parent / "program.py"
+    program.write_text(PROGRAM)
+    root = str(Path(__file__).parents[2])
+    command = [sys.executable, str(program), str(folder)]
+    environment = {**os.environ, "PYTHONPATH": root}
+    with subprocess.Popen(command, env=environment) as run:
+        until(lambda: len(list(folder.rglob("*.certificate.json"))) == 2)
+        workers = psutil.Process(run.pid).children(recursive=True)
+        assert len(workers) >= 2
+        run.send_signal(number)
+        assert run.wait(timeout=10) == status
+    until(lambda: all(map(over, workers)))
+    assert not (folder / MANIFEST).exists()
+    left = {o.instance.file for o in outcomes(folder) if o.kept}
+    assert left == {f"{NAMES[0]}.json", f"{NAMES[2]}.json"}
+
+
+def over(process: psutil.Process) -> bool:
+    try:
+        return process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def outcomes(folder: Path) -> tuple[Outcome, ...]:
+    return check_dataset(folder, proving).outcomes
+
+
+def until(condition: Callable[[], bool], seconds: float = 20) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it takes too long"
+        time.sleep(0.05)
