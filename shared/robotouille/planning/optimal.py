@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robotouille.planning import general
 from robotouille.planning.answer import UNLIMITED, Answer, Limits, Watch
+from robotouille.planning.general.search import solve as solve_generally
 from robotouille.planning.kitchen.roots import TooManyChoicesError
 from robotouille.planning.kitchen.solver import kitchen_search
 from robotouille.world.state import State
@@ -29,5 +29,5 @@ def solve(
     except TooManyChoicesError:
         search = None
     if search is None:
-        return general.solve(world, state, limits=limits, watch=watch)
+        return solve_generally(world, state, limits=limits, watch=watch)
     return search.solve(limits, watch)

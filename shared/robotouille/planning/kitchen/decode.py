@@ -25,7 +25,7 @@ from robotouille.planning.kitchen.layout import (
     N,
 )
 from robotouille.planning.kitchen.model import Model, bound_action
-from robotouille.planning.kitchen.moves import act, spot, tick
+from robotouille.planning.kitchen.moves import act, in_order, spot, tick
 from robotouille.planning.plan import Joint, Plan
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
@@ -53,6 +53,7 @@ class _Decoder:
         self.model, self.k = model, model.kitchen
         self.state, self.s = state, s
         self.steps: list[Joint] = []
+        self.players = list(model.players)
 
     def alone(self, action: int) -> None:
         if action % 16 != WAIT:
@@ -76,6 +77,8 @@ class _Decoder:
             facts = (now.facts | ground.touched) ^ ground.removed
             now = State(now.world, facts, now.timers)
         tick(self.k, self.s)
+        if in_order(self.k, self.s):
+            self.players.reverse()
         self._step(taken)
 
     def _step(self, taken: list[GroundAction]) -> None:
@@ -83,7 +86,7 @@ class _Decoder:
         self.state = self.state.step(taken).state
 
     def _here(self, p: int, state: State) -> str:
-        player = self.model.players[p]
+        player = self.players[p]
         names = self.model.stations + self.model.tables
         return next(s for s in names if state.holds("loc", player, s))
 
@@ -104,7 +107,7 @@ class _Decoder:
 
     def _walk(self, p: int, place: int, state: State) -> GroundAction:
         binding = {
-            "p1": self.model.players[p],
+            "p1": self.players[p],
             "s1": self._here(p, state),
             "s2": self._name_of(place, state),
         }
@@ -116,7 +119,7 @@ class _Decoder:
             return self._walk(p, x, state)
         model, k, s = self.model, self.k, self.s
         names = model.rules.actions
-        binding = {"p1": model.players[p], "s1": self._here(p, state)}
+        binding = {"p1": self.players[p], "s1": self._here(p, state)}
         held = s[k[HELD] + p] - 1
         if kind == PICK and x >= k[ITEMS]:
             return self._bound(names["pick container"], binding, c1=x)

@@ -66,7 +66,20 @@ from robotouille.planning.kitchen.layout import (
     N,
 )
 
-__all__ = ["act", "options", "pack", "pile_place", "running", "spot", "tick"]
+__all__ = [
+    "act",
+    "holds_nothing",
+    "in_order",
+    "is_done",
+    "options",
+    "pack",
+    "pile_place",
+    "running",
+    "spot",
+    "tick",
+    "unpack",
+    "walks",
+]
 
 
 @kernel
@@ -226,34 +239,62 @@ def is_done(k: Ints, s: Ints, q: int, o: int) -> bool:
 
 
 @kernel
-def options(k: Ints, g: Ints, s: Ints, p: int, here: bool, out: Ints) -> int:
-    """Write the actions of a player into `out`; returns how many.
+def options(k: Ints, g: Ints, s: Ints, p: int, here: bool, out: Ints, start: int) -> int:
+    """Write the actions of a player into `out`, from `start` on; returns how many.
 
     With `here`, those at its place; else those anywhere else, to which it would walk first.
     """
     if s[k[HELD] + p] == 0:
-        count = empty_handed(k, g, s, out)
+        count = empty_handed(k, g, s, out, start)
     elif s[k[HELD] + p] <= k[ITEMS]:
-        count = with_item(k, g, s, p, out)
+        count = with_item(k, g, s, p, out, start)
     else:
-        count = with_container(k, s, p, out)
-    place = s[k[PLACE] + p]
-    kept = 0
-    alone = k[PLAYERS] == 1
-    for i in range(count):
-        at = spot(k, s, out[i])
-        if (at == place) != here:
+        count = with_container(k, s, p, out, start)
+    kept = start
+    for i in range(start, start + count):
+        if (spot(k, s, out[i]) == s[k[PLACE] + p]) == here and is_of_use(k, s, p, here, out[i]):
+            out[kept] = out[i]
+            kept += 1
+    return kept - start
+
+
+@kernel
+def is_of_use(k: Ints, s: Ints, p: int, here: bool, action: int) -> bool:
+    """Whether one player does not just put something back, or on another table that is alike."""
+    if k[PLAYERS] > 1 or action % 16 != PUT:
+        return True
+    if here:
+        return bool(s[LOOSE])
+    return action // 16 % 256 != k[TABLE] or s[k[PLACE] + p] != k[TABLE]
+
+
+@kernel
+def walks(k: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
+    """Write the walks of one of several players into `out`, from `start` on; returns how many."""
+    count = 0
+    for place in range(k[TABLE] + 1):
+        if place == s[k[PLACE] + p] or (place < k[N] and s[k[BELOW] + place] != k[TABLE]):
             continue
-        if alone and out[i] % 16 == PUT:
-            if here and not s[LOOSE]:
-                continue
-            if at == k[TABLE] and place == k[TABLE] and not (here and s[LOOSE]):
-                continue
-        if not here and taken(k, s, p, at):
-            continue
-        out[kept] = out[i]
-        kept += 1
-    return kept
+        if not taken(k, s, p, place):
+            out[start + count] = code(MOVE, place, 0)
+            count += 1
+    return count
+
+
+@kernel
+def in_order(k: Ints, s: Ints) -> bool:
+    """Bring two players into the order of their places: they are alike. Whether they changed."""
+    if k[PLAYERS] != 2:
+        return False
+    place, held = s[k[PLACE]], s[k[HELD]]
+    if place * 64 + held <= s[k[PLACE] + 1] * 64 + s[k[HELD] + 1]:
+        return False
+    s[k[PLACE]], s[k[HELD]] = s[k[PLACE] + 1], s[k[HELD] + 1]
+    s[k[PLACE] + 1], s[k[HELD] + 1] = place, held
+    for p in range(2):
+        if s[k[HELD] + p]:
+            s[k[BELOW] + s[k[HELD] + p] - 1] = k[HAND] + p
+    return True
 
 
 @kernel
@@ -274,7 +315,7 @@ def taken(k: Ints, s: Ints, p: int, place: int) -> bool:
 
 
 @kernel
-def empty_handed(k: Ints, g: Ints, s: Ints, out: Ints) -> int:
+def empty_handed(k: Ints, g: Ints, s: Ints, out: Ints, start: int) -> int:
     """The actions that need an empty hand."""
     count = 0
     row = s[ROOT]
@@ -282,14 +323,14 @@ def empty_handed(k: Ints, g: Ints, s: Ints, out: Ints) -> int:
         under = s[k[BELOW] + o]
         if under >= k[HAND] or not is_clear(k, s, o):
             continue
-        out[count] = code(PICK, o, 0)
+        out[start + count] = code(PICK, o, 0)
         count += 1
         if o < k[ITEMS] and k[N] <= under < k[TABLE]:
             for q in range(k[PROCESSES]):
                 if may_process(k, g, s, row, q, o, under - k[N]):
-                    out[count] = code(PROCESS, o, q)
+                    out[start + count] = code(PROCESS, o, q)
                     count += 1
-    return count + with_pots(k, g, s, row, out, count)
+    return count + with_pots(k, g, s, row, out, start + count)
 
 
 @kernel
@@ -356,27 +397,27 @@ def may_fill(k: Ints, g: Ints, s: Ints, row: int) -> bool:
 
 
 @kernel
-def puts(k: Ints, s: Ints, p: int, out: Ints) -> int:
+def puts(k: Ints, s: Ints, out: Ints, start: int) -> int:
     """Putting down what is held, where nothing is."""
     count = 0
     for station in range(k[N], k[N] + k[STATIONS]):
         if is_free(k, s, station):
-            out[count] = code(PUT, station, 0)
+            out[start + count] = code(PUT, station, 0)
             count += 1
     if free_tables(k, s) > 0:
-        out[count] = code(PUT, k[TABLE], 0)
+        out[start + count] = code(PUT, k[TABLE], 0)
         count += 1
     return count
 
 
 @kernel
-def with_item(k: Ints, g: Ints, s: Ints, p: int, out: Ints) -> int:
+def with_item(k: Ints, g: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
     """The actions with an item in hand."""
     item = s[k[HELD] + p] - 1
-    count = puts(k, s, p, out)
+    count = puts(k, s, out, start)
     for o in range(k[ITEMS]):
         if o != item and s[k[BELOW] + o] < k[HAND] and is_clear(k, s, o):
-            out[count] = code(PUT, o, 0)
+            out[start + count] = code(PUT, o, 0)
             count += 1
     at = s[ROOT] * k[N] + item
     for m in range(k[MEALS]):
@@ -384,16 +425,16 @@ def with_item(k: Ints, g: Ints, s: Ints, p: int, out: Ints) -> int:
         if c < 0 or k[k[IS_POT] + c] != 1 or s[k[BELOW] + c] >= k[HAND]:
             continue
         if g[g[INTO] + at] == m + 1 or not g[g[ROLE] + at]:
-            out[count] = code(ADD, m, 0)
+            out[start + count] = code(ADD, m, 0)
             count += 1
     return count
 
 
 @kernel
-def with_container(k: Ints, s: Ints, p: int, out: Ints) -> int:
+def with_container(k: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
     """The actions with a container in hand."""
     held = s[k[HELD] + p] - 1
-    count = puts(k, s, p, out)
+    count = puts(k, s, out, start)
     if k[k[IS_POT] + held] != 1:
         return count
     for m in range(k[MEALS]):
@@ -401,7 +442,7 @@ def with_container(k: Ints, s: Ints, p: int, out: Ints) -> int:
             continue
         for c in range(k[ITEMS], k[N]):
             if k[k[IS_POT] + c] == 2 and s[k[BELOW] + c] < k[HAND] and holds_nothing(k, s, c):
-                out[count] = code(POUR, c, m)
+                out[start + count] = code(POUR, c, m)
                 count += 1
     return count
 

@@ -14,11 +14,22 @@ from robotouille.planning.kitchen.compiled import Ints, grown, ints, kernel, zer
 from robotouille.planning.kitchen.estimate import estimate
 from robotouille.planning.kitchen.layout import (
     PLACE,
+    PLAYERS,
     SIZE,
     WAIT,
     WORDS,
 )
-from robotouille.planning.kitchen.moves import act, options, pack, running, spot, tick, unpack
+from robotouille.planning.kitchen.moves import (
+    act,
+    in_order,
+    options,
+    pack,
+    running,
+    spot,
+    tick,
+    unpack,
+    walks,
+)
 from robotouille.planning.kitchen.rows import DEAD, SCRATCH
 
 __all__ = [
@@ -42,11 +53,11 @@ PAUSED, GROW, PROVEN, EMPTY = range(4)
 
 PROMISES, ESTIMATES = 512, 256
 
-COUNT, EXPANDED, PROMISE, BEST, GOAL = range(5)
+COUNT, EXPANDED, PROMISE, BEST, GOAL, FIRST_COUNT = range(6)
 """Positions in `Nodes.notes`: nodes, expansions, the lowest promise, the length of the best plan
-known (plans have to be shorter) and its last node, -1 if it was not found here."""
+known (plans have to be shorter) and its last node, -1 if it was not found here, and scratch."""
 
-MOST_SUCCESSORS = 256
+MOST_SUCCESSORS = 4096
 
 
 class Nodes(NamedTuple):
@@ -137,6 +148,8 @@ def push(k: Ints, g: Ints, x: Nodes, t: Ints, parent: int, action: int, steps: i
         left = x.estimate[known]
     else:
         left = estimate(k, g, t, x.w)
+        if parent >= 0:
+            left = max(left, x.estimate[parent] - (steps - x.steps[parent]))
     if left >= DEAD or steps + left >= x.notes[BEST] or left >= ESTIMATES:
         return
     node = x.notes[COUNT]
@@ -196,7 +209,10 @@ def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
             return PROVEN if x.notes[GOAL] >= 0 else EMPTY
         x.notes[EXPANDED] += 1
         unpack(k, x.key, node * k[WORDS], x.s)
-        expand_alone(k, g, x, node, weight)
+        if k[PLAYERS] == 1:
+            expand_alone(k, g, x, node, weight)
+        else:
+            expand_pair(k, g, x, node, weight)
     return PAUSED
 
 
@@ -208,7 +224,7 @@ def expand_alone(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
     step, in which time passes.
     """
     steps = x.steps[node]
-    count = options(k, g, x.s, 0, True, x.acts)
+    count = options(k, g, x.s, 0, True, x.acts, 0)
     for i in range(count):
         copy(k, x.s, x.t)
         act(k, x.t, 0, x.acts[i])
@@ -219,13 +235,62 @@ def expand_alone(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
     tick(k, x.u)
     if waits:
         push(k, g, x, x.u, node, WAIT, steps + 1, weight)
-    count = options(k, g, x.u, 0, False, x.acts)
+    count = options(k, g, x.u, 0, False, x.acts, 0)
     for i in range(count):
         copy(k, x.u, x.t)
         x.t[k[PLACE]] = spot(k, x.t, x.acts[i])
         act(k, x.t, 0, x.acts[i])
         tick(k, x.t)
         push(k, g, x, x.t, node, x.acts[i], steps + 2, weight)
+
+
+@kernel
+def expand_pair(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
+    """The successors of two players' state: everything both can do in one step.
+
+    One acts after the other. The second order adds only what the first makes possible.
+    """
+    steps = x.steps[node] + 1
+    for order in range(2):
+        count = choices(k, g, x.s, order, x.acts, 0)
+        for i in range(count):
+            copy(k, x.s, x.u)
+            act(k, x.u, order, x.acts[i])
+            others = choices(k, g, x.u, 1 - order, x.acts, 256)
+            for j in range(256, 256 + others):
+                if order == 1 and contains(x.acts, 768, x.notes[FIRST_COUNT], x.acts[j]):
+                    continue
+                copy(k, x.u, x.t)
+                act(k, x.t, 1 - order, x.acts[j])
+                tick(k, x.t)
+                in_order(k, x.t)
+                joint = x.acts[i] + (x.acts[j] << 20) + (order << 40)
+                push(k, g, x, x.t, node, joint, steps, weight)
+        if order == 0:
+            x.notes[FIRST_COUNT] = count
+            for i in range(count):
+                x.acts[768 + i] = x.acts[i]
+
+
+@kernel
+def choices(k: Ints, g: Ints, s: Ints, p: int, acts: Ints, start: int) -> int:
+    """Write what one of two players can do in a step into `acts`, from `start` on: act, walk, or
+    nothing; returns how many."""
+    count = options(k, g, s, p, True, acts, start)
+    count += walks(k, s, p, acts, start + count)
+    acts[start + count] = WAIT
+    return count + 1
+
+
+@kernel
+def contains(acts: Ints, start: int, count: int, action: int) -> bool:
+    """Whether an action is among some others; doing nothing does not count."""
+    if action == WAIT:
+        return True
+    for i in range(start, start + count):
+        if acts[i] == action:
+            return True
+    return False
 
 
 @kernel

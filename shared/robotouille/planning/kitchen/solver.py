@@ -7,10 +7,7 @@ from collections.abc import Iterator
 from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
 from robotouille.planning.kitchen.compiled import Ints, ints
 from robotouille.planning.kitchen.decode import decode
-from robotouille.planning.kitchen.layout import (
-    ROOT,
-    ROWS,
-)
+from robotouille.planning.kitchen.layout import PLAYERS, ROOT, ROWS, WAIT
 from robotouille.planning.kitchen.model import Model, model_of
 from robotouille.planning.kitchen.roots import goals_of
 from robotouille.planning.kitchen.search import (
@@ -35,7 +32,7 @@ __all__ = ["PLANNER", "KitchenSearch", "kitchen_search"]
 PLANNER = "kitchen A* 1"
 
 SLICE = 4096
-FIRST_ROOM = 1 << 12
+FIRST_ROOM = 1 << 13
 HOPEFUL = 2_000
 """Expansions after which a plan is sought in haste, so that what cannot better it is left out."""
 
@@ -105,6 +102,7 @@ class _Run:
         self.spent = 0
         self.status = PAUSED
         k, g = search.model.kitchen, search.goals
+        self.players = int(k[PLAYERS])
         self.room = FIRST_ROOM
         while self.room < 4 * g[ROWS]:
             self.room *= 2
@@ -168,10 +166,17 @@ class _Run:
         node = int(self.nodes.notes[GOAL])
         joints: list[list[int]] = []
         while self.nodes.parent[node] >= 0:
-            joints.append(list(_joint(int(self.nodes.action[node]))))
+            joints.append(list(_joint(int(self.nodes.action[node]), self.players)))
             node = int(self.nodes.parent[node])
         return joints[::-1]
 
 
-def _joint(packed: int) -> Iterator[int]:
-    yield packed
+def _joint(packed: int, players: int) -> Iterator[int]:
+    """The actions of a node in their order, each with its player's number times 2²⁰ added."""
+    if players == 1:
+        yield packed
+        return
+    order = packed >> 40
+    for p, action in ((order, packed % (1 << 20)), (1 - order, (packed >> 20) % (1 << 20))):
+        if action != WAIT:
+            yield action + (p << 20)
