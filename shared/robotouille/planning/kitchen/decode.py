@@ -53,7 +53,7 @@ class _Decoder:
         self.model, self.k = model, model.kitchen
         self.state, self.s = state, s
         self.steps: list[Joint] = []
-        self.players = list(model.players)
+        self.who = ints(range(len(model.players)))
 
     def alone(self, action: int) -> None:
         if action % 16 != WAIT:
@@ -77,8 +77,7 @@ class _Decoder:
             facts = (now.facts | ground.touched) ^ ground.removed
             now = State(now.world, facts, now.timers)
         tick(self.k, self.s)
-        if in_order(self.k, self.s):
-            self.players.reverse()
+        in_order(self.k, self.s, self.who)
         self._step(taken)
 
     def _step(self, taken: list[GroundAction]) -> None:
@@ -86,7 +85,7 @@ class _Decoder:
         self.state = self.state.step(taken).state
 
     def _here(self, p: int, state: State) -> str:
-        player = self.players[p]
+        player = self.model.players[self.who[p]]
         names = self.model.stations + self.model.tables
         return next(s for s in names if state.holds("loc", player, s))
 
@@ -107,19 +106,19 @@ class _Decoder:
 
     def _walk(self, p: int, place: int, state: State) -> GroundAction:
         binding = {
-            "p1": self.players[p],
+            "p1": self.model.players[self.who[p]],
             "s1": self._here(p, state),
             "s2": self._name_of(place, state),
         }
         return bound_action(self.model.world, self.model.rules.actions["move"], binding)
 
     def _action(self, p: int, action: int, state: State) -> GroundAction:
-        kind, x, y = action % 16, action // 16 % 256, action // 4096
+        kind, x, y = action % 16, action // 16 % 64, action // 1024
         if kind == MOVE:
             return self._walk(p, x, state)
         model, k, s = self.model, self.k, self.s
         names = model.rules.actions
-        binding = {"p1": self.players[p], "s1": self._here(p, state)}
+        binding = {"p1": self.model.players[self.who[p]], "s1": self._here(p, state)}
         held = s[k[HELD] + p] - 1
         if kind == PICK and x >= k[ITEMS]:
             return self._bound(names["pick container"], binding, c1=x)

@@ -1,7 +1,7 @@
 """What can be done in a compact state, and what becomes of it: the kitchen's transition function.
 
 It says what the domain's actions say (`rules.py` checks that they do). An action is coded as
-`kind + 16 x + 4096 y`: PICK x, PUT on x, PROCESS x by y, FILL x, BOIL meal x, ADD to meal x,
+`kind + 16 x + 1024 y`: PICK x, PUT on x, PROCESS x by y, FILL x, BOIL meal x, ADD to meal x,
 POUR meal y into x, MOVE to x. Left out is what cannot be of use: work that the goal does not ask
 for, filling more than is wanted, and, for one player, putting something back where it was.
 """
@@ -85,7 +85,7 @@ __all__ = [
 @kernel
 def code(kind: int, x: int, y: int) -> int:
     """An action as one integer."""
-    return kind + 16 * x + 4096 * y
+    return kind + 16 * x + 1024 * y
 
 
 @kernel
@@ -174,7 +174,7 @@ def make_meal(k: Ints, s: Ints, container: int) -> None:
 def spot(k: Ints, s: Ints, action: int) -> int:
     """The place at which an action is done; a plain table that is free is all the same."""
     kind = action % 16
-    x = action // 16 % 256
+    x = action // 16 % 64
     if kind == PUT:
         return x if x >= k[N] else pile_place(k, s, x)
     if kind in (BOIL, ADD):
@@ -188,8 +188,8 @@ def spot(k: Ints, s: Ints, action: int) -> int:
 def act(k: Ints, s: Ints, p: int, action: int) -> None:
     """Change a state by an action of a player who stands where it is done."""
     kind = action % 16
-    x = action // 16 % 256
-    y = action // 4096
+    x = action // 16 % 64
+    y = action // 1024
     held = s[k[HELD] + p] - 1
     if kind == MOVE:
         s[k[PLACE] + p] = x
@@ -265,7 +265,7 @@ def is_of_use(k: Ints, s: Ints, p: int, here: bool, action: int) -> bool:
         return True
     if here:
         return bool(s[LOOSE])
-    return action // 16 % 256 != k[TABLE] or s[k[PLACE] + p] != k[TABLE]
+    return action // 16 % 64 != k[TABLE] or s[k[PLACE] + p] != k[TABLE]
 
 
 @kernel
@@ -282,19 +282,20 @@ def walks(k: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
 
 
 @kernel
-def in_order(k: Ints, s: Ints) -> bool:
-    """Bring two players into the order of their places: they are alike. Whether they changed."""
-    if k[PLAYERS] != 2:
-        return False
-    place, held = s[k[PLACE]], s[k[HELD]]
-    if place * 64 + held <= s[k[PLACE] + 1] * 64 + s[k[HELD] + 1]:
-        return False
-    s[k[PLACE]], s[k[HELD]] = s[k[PLACE] + 1], s[k[HELD] + 1]
-    s[k[PLACE] + 1], s[k[HELD] + 1] = place, held
-    for p in range(2):
+def in_order(k: Ints, s: Ints, who: Ints) -> None:
+    """Bring several players into the order of their places, for they are alike; and `who` too."""
+    for i in range(1, k[PLAYERS]):
+        for p in range(i, 0, -1):
+            place, held = s[k[PLACE] + p], s[k[HELD] + p]
+            before, hold = s[k[PLACE] + p - 1], s[k[HELD] + p - 1]
+            if before * 64 + hold <= place * 64 + held:
+                break
+            s[k[PLACE] + p], s[k[HELD] + p] = before, hold
+            s[k[PLACE] + p - 1], s[k[HELD] + p - 1] = place, held
+            who[p], who[p - 1] = who[p - 1], who[p]
+    for p in range(k[PLAYERS]):
         if s[k[HELD] + p]:
             s[k[BELOW] + s[k[HELD] + p] - 1] = k[HAND] + p
-    return True
 
 
 @kernel

@@ -34,30 +34,40 @@ from robotouille.planning.kitchen.rows import DEAD, SCRATCH
 
 __all__ = [
     "BEST",
+    "BITS",
     "COUNT",
     "EMPTY",
     "EXPANDED",
+    "FULL",
     "GOAL",
     "GROW",
+    "ORDER",
     "PAUSED",
     "PROMISE",
     "PROVEN",
     "Nodes",
+    "margin",
     "new_nodes",
     "push",
     "run",
 ]
 
-PAUSED, GROW, PROVEN, EMPTY = range(4)
-"""Why `run` returned: enough expansions, no room, no better plan exists, nothing is left."""
+PAUSED, GROW, PROVEN, EMPTY, FULL = range(5)
+"""Why `run` returned: enough expansions, no room, no better plan exists, nothing is left, or
+nothing more can be proven since some states had no room."""
 
 PROMISES, ESTIMATES = 512, 256
 
-COUNT, EXPANDED, PROMISE, BEST, GOAL, FIRST_COUNT = range(6)
+COUNT, EXPANDED, PROMISE, BEST, GOAL, CUT = range(6)
 """Positions in `Nodes.notes`: nodes, expansions, the lowest promise, the length of the best plan
-known (plans have to be shorter) and its last node, -1 if it was not found here, and scratch."""
+known (plans have to be shorter) and its last node, -1 if it was not found here;
+and the lowest promise of states that had no room."""
 
-MOST_SUCCESSORS = 4096
+ROOM = 128
+"""Actions of one player in one state that there is room for."""
+
+BITS, ORDER = 13, 52
+"""A joint action has 13 bits for each player's and, from bit 52 on, two for who acts in turn."""
 
 
 class Nodes(NamedTuple):
@@ -76,6 +86,10 @@ class Nodes(NamedTuple):
     s: Ints
     t: Ints
     u: Ints
+    v: Ints
+    y: Ints
+    z: Ints
+    who: Ints
     acts: Ints
     w: Ints
     packed: Ints
@@ -89,7 +103,9 @@ def new_nodes(k: Ints, room: int, like: Nodes | None = None) -> Nodes:
         notes[BEST] = PROMISES - 1
         notes[GOAL] = -1
         notes[PROMISE] = PROMISES
-        rest = [zeros(k[SIZE]), zeros(k[SIZE]), zeros(k[SIZE]), zeros(1024), zeros(SCRATCH)]
+        notes[CUT] = PROMISES
+        states = [zeros(k[SIZE]) for _ in range(6)]
+        rest = [*states, zeros(4), zeros(8 * ROOM), zeros(SCRATCH)]
         return Nodes(
             *arrays, zeros(2 * room), zeros(PROMISES * ESTIMATES),
             ints([ESTIMATES] * PROMISES), notes, *rest, zeros(k[WORDS]),
@@ -153,6 +169,9 @@ def push(k: Ints, g: Ints, x: Nodes, t: Ints, parent: int, action: int, steps: i
     if left >= DEAD or steps + left >= x.notes[BEST] or left >= ESTIMATES:
         return
     node = x.notes[COUNT]
+    if node >= len(x.steps):
+        x.notes[CUT] = min(x.notes[CUT], steps + left)
+        return
     if known >= 0:
         x.estimate[known] = DEAD
     for i in range(k[WORDS]):
@@ -200,8 +219,10 @@ def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
     """Go on with a search for so many expansions."""
     until = x.notes[EXPANDED] + expansions
     while x.notes[EXPANDED] < until:
-        if x.notes[COUNT] + MOST_SUCCESSORS >= len(x.steps):
+        if x.notes[COUNT] + margin(k[PLAYERS]) > len(x.steps):
             return GROW
+        if x.notes[PROMISE] >= x.notes[CUT]:
+            return FULL
         if weight == 4 and x.notes[PROMISE] >= x.notes[BEST]:
             return PROVEN
         node = pop(x)
@@ -212,8 +233,16 @@ def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
         if k[PLAYERS] == 1:
             expand_alone(k, g, x, node, weight)
         else:
-            expand_pair(k, g, x, node, weight)
+            expand_together(k, g, x, node, weight, 0, 0, 0)
     return PAUSED
+
+
+@kernel
+def margin(players: int) -> int:
+    """Room for the successors of one state; those beyond it are counted in `notes[CUT]`."""
+    if players == 1:
+        return 2 * ROOM
+    return 1 << 3 + 4 * min(players, 4)
 
 
 @kernel
@@ -245,37 +274,59 @@ def expand_alone(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
 
 
 @kernel
-def expand_pair(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
-    """The successors of two players' state: everything both can do in one step.
+def expand_together(
+    k: Ints, g: Ints, x: Nodes, node: int, weight: int, turn: int, acted: int, joint: int
+) -> None:
+    """The successors of several players' state: everything all can do in one step.
 
-    One acts after the other. The second order adds only what the first makes possible.
+    One acts after the other, in every order; `turn` have, those of the set `acted`. Where two act
+    against the order of their numbers, only what the first makes possible is new.
     """
-    steps = x.steps[node] + 1
-    for order in range(2):
-        count = choices(k, g, x.s, order, x.acts, 0)
-        for i in range(count):
-            copy(k, x.s, x.u)
-            act(k, x.u, order, x.acts[i])
-            others = choices(k, g, x.u, 1 - order, x.acts, 256)
-            for j in range(256, 256 + others):
-                if order == 1 and contains(x.acts, 768, x.notes[FIRST_COUNT], x.acts[j]):
-                    continue
-                copy(k, x.u, x.t)
-                act(k, x.t, 1 - order, x.acts[j])
-                tick(k, x.t)
-                in_order(k, x.t)
-                joint = x.acts[i] + (x.acts[j] << 20) + (order << 40)
-                push(k, g, x, x.t, node, joint, steps, weight)
-        if order == 0:
-            x.notes[FIRST_COUNT] = count
-            for i in range(count):
-                x.acts[768 + i] = x.acts[i]
+    before = buffer(x, turn)
+    if turn == k[PLAYERS]:
+        copy(k, before, x.t)
+        tick(k, x.t)
+        in_order(k, x.t, x.who)
+        push(k, g, x, x.t, node, joint, x.steps[node] + 1, weight)
+        return
+    previous = joint >> ORDER + 2 * (turn - 1) & 3 if turn else -1
+    after = buffer(x, turn + 1)
+    for p in range(k[PLAYERS]):
+        if acted >> p & 1:
+            continue
+        start = ROOM * turn
+        count = choices(k, g, before, p, x.acts, start)
+        known = 0
+        if p < previous:
+            known = choices(k, g, buffer(x, turn - 1), p, x.acts, ROOM * (turn + 4))
+        for i in range(start, start + count):
+            action = x.acts[i]
+            if p < previous and contains(x.acts, ROOM * (turn + 4), known, action):
+                continue
+            copy(k, before, after)
+            act(k, after, p, action)
+            done = joint + (action << BITS * p) + (p << ORDER + 2 * turn)
+            expand_together(k, g, x, node, weight, turn + 1, acted | 1 << p, done)
+
+
+@kernel
+def buffer(x: Nodes, turn: int) -> Ints:
+    """The state after so many players have acted."""
+    if turn == 0:
+        return x.s
+    if turn == 1:
+        return x.u
+    if turn == 2:
+        return x.v
+    if turn == 3:
+        return x.y
+    return x.z
 
 
 @kernel
 def choices(k: Ints, g: Ints, s: Ints, p: int, acts: Ints, start: int) -> int:
-    """Write what one of two players can do in a step into `acts`, from `start` on: act, walk, or
-    nothing; returns how many."""
+    """Write what one of several players can do in a step into `acts`, from `start` on: act, walk,
+    or nothing; returns how many."""
     count = options(k, g, s, p, True, acts, start)
     count += walks(k, s, p, acts, start + count)
     acts[start + count] = WAIT
@@ -284,9 +335,7 @@ def choices(k: Ints, g: Ints, s: Ints, p: int, acts: Ints, start: int) -> int:
 
 @kernel
 def contains(acts: Ints, start: int, count: int, action: int) -> bool:
-    """Whether an action is among some others; doing nothing does not count."""
-    if action == WAIT:
-        return True
+    """Whether an action is among some others."""
     for i in range(start, start + count):
         if acts[i] == action:
             return True

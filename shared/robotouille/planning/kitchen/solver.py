@@ -12,13 +12,18 @@ from robotouille.planning.kitchen.model import Model, model_of
 from robotouille.planning.kitchen.roots import goals_of
 from robotouille.planning.kitchen.search import (
     BEST,
+    BITS,
     COUNT,
+    EMPTY,
     EXPANDED,
     GOAL,
     GROW,
+    ORDER,
     PAUSED,
     PROMISE,
+    PROVEN,
     Nodes,
+    margin,
     new_nodes,
     push,
     run,
@@ -32,7 +37,6 @@ __all__ = ["PLANNER", "KitchenSearch", "kitchen_search"]
 PLANNER = "kitchen A* 1"
 
 SLICE = 4096
-FIRST_ROOM = 1 << 13
 HOPEFUL = 2_000
 """Expansions after which a plan is sought in haste, so that what cannot better it is left out."""
 
@@ -79,7 +83,7 @@ class KitchenSearch:
 
     def _answer(self, best: Plan | None, run: _Run) -> Answer:
         spent = run.spent + run.expansions
-        if run.status != PAUSED:
+        if run.status in (PROVEN, EMPTY):
             if best is None:
                 return Answer(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
             return Answer(best, len(best), Proof.HEURISTIC, PLANNER, spent)
@@ -103,7 +107,7 @@ class _Run:
         self.status = PAUSED
         k, g = search.model.kitchen, search.goals
         self.players = int(k[PLAYERS])
-        self.room = FIRST_ROOM
+        self.room = 4 * margin(self.players)
         while self.room < 4 * g[ROWS]:
             self.room *= 2
         self.nodes: Nodes = new_nodes(k, self.room)
@@ -176,7 +180,8 @@ def _joint(packed: int, players: int) -> Iterator[int]:
     if players == 1:
         yield packed
         return
-    order = packed >> 40
-    for p, action in ((order, packed % (1 << 20)), (1 - order, (packed >> 20) % (1 << 20))):
+    for turn in range(players):
+        p = packed >> ORDER + 2 * turn & 3
+        action = packed >> BITS * p & (1 << BITS) - 1
         if action != WAIT:
             yield action + (p << 20)
