@@ -66,6 +66,10 @@ and the lowest promise of states that had no room."""
 ROOM = 128
 """Actions of one player in one state that there is room for."""
 
+ACTOR, CHOICE, CHOICES, KNOWN, JOINT = range(5)
+"""What `Nodes.turns` says of each turn of a step: who acts, which of how many actions is next, how
+many of them are nothing new, and what is done so far."""
+
 BITS, ORDER = 13, 52
 """A joint action has 13 bits for each player's and, from bit 52 on, two for who acts in turn."""
 
@@ -90,6 +94,7 @@ class Nodes(NamedTuple):
     y: Ints
     z: Ints
     who: Ints
+    turns: Ints
     acts: Ints
     w: Ints
     packed: Ints
@@ -105,7 +110,7 @@ def new_nodes(k: Ints, room: int, like: Nodes | None = None) -> Nodes:
         notes[PROMISE] = PROMISES
         notes[CUT] = PROMISES
         states = [zeros(k[SIZE]) for _ in range(6)]
-        rest = [*states, zeros(4), zeros(8 * ROOM), zeros(SCRATCH)]
+        rest = [*states, zeros(4), zeros(40), zeros(8 * ROOM), zeros(SCRATCH)]
         return Nodes(
             *arrays, zeros(2 * room), zeros(PROMISES * ESTIMATES),
             ints([ESTIMATES] * PROMISES), notes, *rest, zeros(k[WORDS]),
@@ -233,7 +238,7 @@ def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
         if k[PLAYERS] == 1:
             expand_alone(k, g, x, node, weight)
         else:
-            expand_together(k, g, x, node, weight, 0, 0, 0)
+            expand_together(k, g, x, node, weight)
     return PAUSED
 
 
@@ -274,39 +279,82 @@ def expand_alone(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
 
 
 @kernel
-def expand_together(
-    k: Ints, g: Ints, x: Nodes, node: int, weight: int, turn: int, acted: int, joint: int
-) -> None:
+def expand_together(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
     """The successors of several players' state: everything all can do in one step.
 
-    One acts after the other, in every order; `turn` have, those of the set `acted`. Where two act
-    against the order of their numbers, only what the first makes possible is new.
+    One acts after the other, in every order. Where two act against the order of their numbers,
+    only what the first makes possible is new.
     """
-    before = buffer(x, turn)
-    if turn == k[PLAYERS]:
-        copy(k, before, x.t)
-        tick(k, x.t)
-        in_order(k, x.t, x.who)
-        push(k, g, x, x.t, node, joint, x.steps[node] + 1, weight)
-        return
-    previous = joint >> ORDER + 2 * (turn - 1) & 3 if turn else -1
-    after = buffer(x, turn + 1)
-    for p in range(k[PLAYERS]):
-        if acted >> p & 1:
+    turn = 0
+    begin_turn(x, 0, 0)
+    while turn >= 0:
+        if turn == k[PLAYERS]:
+            copy(k, buffer(x, turn), x.t)
+            tick(k, x.t)
+            in_order(k, x.t, x.who)
+            push(k, g, x, x.t, node, x.turns[8 * turn + JOINT], x.steps[node] + 1, weight)
+            turn -= 1
+        elif next_choice(k, g, x, turn):
+            turn += 1
+        else:
+            turn -= 1
+
+
+@kernel
+def begin_turn(x: Nodes, turn: int, joint: int) -> None:
+    """Let the next player choose; `joint` is what those before it do."""
+    x.turns[8 * turn + ACTOR] = -1
+    x.turns[8 * turn + CHOICE] = 0
+    x.turns[8 * turn + CHOICES] = 0
+    x.turns[8 * turn + JOINT] = joint
+
+
+@kernel
+def next_choice(k: Ints, g: Ints, x: Nodes, turn: int) -> bool:
+    """Take the next action of this turn; False if no player has any left."""
+    now = 8 * turn
+    while True:
+        while x.turns[now + CHOICE] == x.turns[now + CHOICES]:
+            if not next_actor(k, g, x, turn):
+                return False
+        p = x.turns[now + ACTOR]
+        action = x.acts[ROOM * turn + x.turns[now + CHOICE]]
+        x.turns[now + CHOICE] += 1
+        if contains(x.acts, ROOM * (turn + 4), x.turns[now + KNOWN], action):
             continue
-        start = ROOM * turn
-        count = choices(k, g, before, p, x.acts, start)
-        known = 0
-        if p < previous:
-            known = choices(k, g, buffer(x, turn - 1), p, x.acts, ROOM * (turn + 4))
-        for i in range(start, start + count):
-            action = x.acts[i]
-            if p < previous and contains(x.acts, ROOM * (turn + 4), known, action):
-                continue
-            copy(k, before, after)
-            act(k, after, p, action)
-            done = joint + (action << BITS * p) + (p << ORDER + 2 * turn)
-            expand_together(k, g, x, node, weight, turn + 1, acted | 1 << p, done)
+        copy(k, buffer(x, turn), buffer(x, turn + 1))
+        act(k, buffer(x, turn + 1), p, action)
+        joint = x.turns[now + JOINT] + (action << BITS * p) + (p << ORDER + 2 * turn)
+        begin_turn(x, turn + 1, joint)
+        return True
+
+
+@kernel
+def next_actor(k: Ints, g: Ints, x: Nodes, turn: int) -> bool:
+    """Go on to the next player who has not acted; False if there is none."""
+    now = 8 * turn
+    p = x.turns[now + ACTOR] + 1
+    while p < k[PLAYERS] and has_acted(x, turn, p):
+        p += 1
+    x.turns[now + ACTOR] = p
+    if p == k[PLAYERS]:
+        return False
+    x.turns[now + CHOICE] = 0
+    x.turns[now + CHOICES] = choices(k, g, buffer(x, turn), p, x.acts, ROOM * turn)
+    x.turns[now + KNOWN] = 0
+    if turn > 0 and p < x.turns[now - 8 + ACTOR]:
+        before = buffer(x, turn - 1)
+        x.turns[now + KNOWN] = choices(k, g, before, p, x.acts, ROOM * (turn + 4))
+    return True
+
+
+@kernel
+def has_acted(x: Nodes, turn: int, p: int) -> bool:
+    """Whether a player had an earlier turn in this step."""
+    for earlier in range(turn):
+        if x.turns[8 * earlier + ACTOR] == p:
+            return True
+    return False
 
 
 @kernel
