@@ -6,6 +6,8 @@ from robotouille.planning.answer import UNLIMITED, Answer, Limits, Watch
 from robotouille.planning.general.search import solve as solve_generally
 from robotouille.planning.kitchen.roots import TooManyChoicesError
 from robotouille.planning.kitchen.solver import kitchen_search
+from robotouille.planning.plan import Plan
+from robotouille.planning.planner import Planner
 from robotouille.world.state import State
 from robotouille.world.world import World
 
@@ -30,4 +32,12 @@ def solve(
         search = None
     if search is None:
         return solve_generally(world, state, limits=limits, watch=watch)
-    return search.solve(limits, watch)
+    return search.solve(limits, watch, _team_plan(world, state))
+
+
+def _team_plan(world: World, state: State) -> Plan | None:
+    """A plan of a beam search for several players, whose shortest plans are hard to find."""
+    if len(world.players) == 1:
+        return None
+    found = Planner(world).solve(state)
+    return found.plan if found.reached else None

@@ -36,6 +36,7 @@ __all__ = [
     "BEST",
     "BITS",
     "COUNT",
+    "CUT",
     "EMPTY",
     "EXPANDED",
     "FULL",

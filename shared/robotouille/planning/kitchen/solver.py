@@ -14,6 +14,7 @@ from robotouille.planning.kitchen.search import (
     BEST,
     BITS,
     COUNT,
+    CUT,
     EMPTY,
     EXPANDED,
     GOAL,
@@ -40,7 +41,10 @@ SLICE = 4096
 HOPEFUL = 2_000
 """Expansions after which a plan is sought in haste, so that what cannot better it is left out."""
 
-EXACT, HASTY = 4, 8
+HURRY = 3_000
+"""Expansions for each attempt at that."""
+
+EXACT, HASTY = 4, (5, 6, 8, 12)
 """Weights of the estimate, in quarters."""
 
 
@@ -63,23 +67,40 @@ class KitchenSearch:
         self.start = start
         self.code = code
 
-    def solve(self, limits: Limits = UNLIMITED, watch: Watch | None = None) -> Answer:
-        """The shortest plan, or the best one and the best bound within the limits."""
+    def solve(
+        self, limits: Limits = UNLIMITED, watch: Watch | None = None, known: Plan | None = None
+    ) -> Answer:
+        """The shortest plan, or the best one and the best bound within the limits.
+
+        `known` is a plan that need not be found again, only bettered.
+        """
         exact = _Run(self, EXACT, limits, watch)
         exact.go(HOPEFUL)
-        best: Plan | None = None
+        best = known
         if exact.status == PAUSED and exact.best is None:
-            hasty = _Run(self, HASTY, limits, watch)
-            hasty.spent = exact.expansions
-            hasty.go(None)
-            if hasty.best is not None:
-                best = self.plan(hasty.path())
+            best, exact.spent = self._hasty(exact, limits, watch, known)
+            if best is not None:
                 exact.improve_on(len(best))
-            exact.spent = hasty.expansions
         exact.go(None)
         if exact.nodes.notes[GOAL] >= 0:
             best = self.plan(exact.path())
         return self._answer(best, exact)
+
+    def _hasty(
+        self, exact: _Run, limits: Limits, watch: Watch | None, best: Plan | None
+    ) -> tuple[Plan | None, int]:
+        """A plan found in haste, if it is better, and the expansions it took."""
+        spent = 0
+        for weight in HASTY:
+            run = _Run(self, weight, limits, watch)
+            run.spent = exact.expansions + spent
+            if best is not None:
+                run.improve_on(len(best))
+            run.go(None if weight == HASTY[-1] and best is None else HURRY)
+            spent += run.expansions
+            if run.best is not None:
+                best = self.plan(run.path())
+        return best, spent
 
     def _answer(self, best: Plan | None, run: _Run) -> Answer:
         spent = run.spent + run.expansions
@@ -87,7 +108,7 @@ class KitchenSearch:
             if best is None:
                 return Answer(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
             return Answer(best, len(best), Proof.HEURISTIC, PLANNER, spent)
-        bound = run.promise if best is None else min(run.promise, len(best))
+        bound = min(run.promise, run.cut, 511 if best is None else len(best))
         return Answer(best, bound, Proof.HEURISTIC, PLANNER, spent)
 
     def plan(self, path: list[list[int]]) -> Plan:
@@ -123,6 +144,10 @@ class _Run:
     @property
     def promise(self) -> int:
         return int(self.nodes.notes[PROMISE])
+
+    @property
+    def cut(self) -> int:
+        return int(self.nodes.notes[CUT])
 
     @property
     def best(self) -> int | None:
