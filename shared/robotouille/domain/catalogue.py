@@ -14,13 +14,25 @@ from robotouille.resources import data_folder
 
 __all__ = ["load_task", "task_names"]
 
+GENERATED = "generated/"
+NOT_TASKS = (".certificate.json", "manifest.json")
+
 
 @cache
 def task_names() -> tuple[str, ...]:
-    """Every shipped task, e.g. `synchronous/01_cheese_sandwich`, in order."""
+    """Every shipped task, e.g. `synchronous/01_cheese_sandwich`, in order.
+
+    Their generated instances are tasks too, but not listed: `generated/synchronous/…_s42`.
+    """
+    return tuple(name for name in _all_names() if not name.startswith(GENERATED))
+
+
+@cache
+def _all_names() -> tuple[str, ...]:
     root = data_folder("problems")
-    files = (p for p in root.rglob("*.json") if not p.name.startswith("manifest"))
-    return tuple(sorted(p.relative_to(root).with_suffix("").as_posix() for p in files))
+    files = (p.relative_to(root).as_posix() for p in root.rglob("*.json"))
+    names = (f.removesuffix(".json") for f in files if not f.endswith(NOT_TASKS))
+    return tuple(sorted(names))
 
 
 def load_task(
@@ -64,7 +76,7 @@ def _find(name: str) -> Path:
         if not is_file(Path(name)):
             raise UnknownTaskError(name, task_names())
         return Path(name)
-    names = task_names()
+    names = _all_names() if name.startswith(GENERATED) else task_names()
     matches = [n for n in names if n == name] or [n for n in names if _matches(n, name)]
     if len(matches) != 1:
         if matches:

@@ -100,6 +100,14 @@ class Budget(Schema):
         stop = None if self.seconds is None else Deadline(self.seconds)
         return Limits(self.expansions, self.states, stop)
 
+    def for_seats(self, seats: int) -> Budget:
+        """The expansions of a team, whose every step has many more successors: a 20th of them for
+        each player but the first."""
+        if self.expansions is None:
+            return self
+        spread: int = 20 ** (seats - 1)
+        return self.model_copy(update={"expansions": -(-self.expansions // spread)})
+
     @classmethod
     def of(cls, limits: Limits) -> Budget:
         """What a search with these limits was allowed, once it is over."""

@@ -64,7 +64,7 @@ __all__ = [
     "read_dataset",
 ]
 
-BUDGET = Budget(expansions=5_000_000, states=2_000_000)
+BUDGET = Budget(expansions=2_000_000, states=6_000_000)
 """What an instance may cost by default; the states bound the memory of a process."""
 
 MANIFEST = "manifest.json"
@@ -288,7 +288,9 @@ class _Job:
         try:
             task = self.dataset.task(instance)
             kept = None if self.fresh else self._kept(instance, task)
-            found = kept or certify(task, self.solver, self.budget.limits(), watch)
+            found = kept or certify(
+                task, self.solver, self.budget.for_seats(task.seats).limits(), watch
+            )
         except (RobotouilleError, MemoryError) as error:
             reason = str(error) or "out of memory: fewer states may be kept"
             return Outcome(instance, None, f"{self.dataset.folder / instance.file}: {reason}")
@@ -300,7 +302,9 @@ class _Job:
             found = self.dataset.certificate(instance)
         except FileError:
             return None
-        same = found.instance == task.digest and self.budget.covered_by(found.limits)
+        same = found.instance == task.digest and self.budget.for_seats(task.seats).covered_by(
+            found.limits
+        )
         if not same or check(found, task):
             return None
         at_once = Limits(expansions=0, states=0, stop=lambda: True)

@@ -13,6 +13,9 @@ from robotouille.world.world import World
 
 __all__ = ["solve"]
 
+BEAM = 12_000
+"""Expansions of the beam search for a team."""
+
 
 def solve(
     world: World,
@@ -32,12 +35,12 @@ def solve(
         search = None
     if search is None:
         return solve_generally(world, state, limits=limits, watch=watch)
-    return search.solve(limits, watch, _team_plan(world, state))
+    if len(world.players) == 1:
+        return search.solve(limits, watch)
+    return search.solve(limits, watch, lambda: _team_plan(world, state))
 
 
 def _team_plan(world: World, state: State) -> Plan | None:
     """A plan of a beam search for several players, whose shortest plans are hard to find."""
-    if len(world.players) == 1:
-        return None
-    found = Planner(world).solve(state)
+    found = Planner(world).solve(state, expansions=BEAM)
     return found.plan if found.reached else None

@@ -10,35 +10,40 @@ import hashlib
 import os
 from collections.abc import Callable, Iterable, MutableSequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar, cast
 
 __all__ = ["COMPILED", "Ints", "grown", "ints", "kernel", "zeros"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 Ints: TypeAlias = "MutableSequence[int]"
 
-try:
-    if os.environ.get("ROBOTOUILLE_COMPILE") == "0":
-        raise ImportError
-    import numba
-    import numpy as np
 
-    COMPILED = True
-except ImportError:
-    COMPILED = False
+def _module(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        return None
+
+
+_numba: Any = None if os.environ.get("ROBOTOUILLE_COMPILE") == "0" else _module("numba")
+_numpy: Any = None if _numba is None else _module("numpy")
+
+COMPILED = _numba is not None
+"""Whether kernels are compiled."""
 
 
 def kernel(function: F) -> F:
     """The function, compiled if possible; what is compiled is kept on disk for the next time."""
     if not COMPILED:
         return function
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_cache_folder())
+    before = _numba.config.CACHE_DIR
+    _numba.config.CACHE_DIR = str(_cache_folder())
     try:
-        compiled: F = numba.njit(cache=True)(function)
+        compiled: F = _numba.njit(cache=True)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        _numba.config.CACHE_DIR = before
     return compiled
 
 
@@ -55,7 +60,7 @@ def ints(values: Iterable[int]) -> Ints:
     """A sequence of integers for kernels."""
     if not COMPILED:
         return list(values)
-    array: Ints = np.array(list(values), dtype=np.int64)
+    array: Ints = _numpy.array(list(values), dtype=_numpy.int64)
     return array
 
 
@@ -63,7 +68,7 @@ def zeros(size: int) -> Ints:
     """So many zeros for kernels."""
     if not COMPILED:
         return [0] * size
-    array: Ints = np.zeros(size, dtype=np.int64)
+    array: Ints = _numpy.zeros(size, dtype=_numpy.int64)
     return array
 
 
@@ -72,6 +77,6 @@ def grown(values: Ints, size: int) -> Ints:
     if not COMPILED:
         values.extend([0] * (size - len(values)))
         return values
-    array: Ints = np.zeros(size, dtype=np.int64)
-    array[: len(values)] = values  # type: ignore[assignment]
-    return array
+    array: Any = _numpy.zeros(size, dtype=_numpy.int64)
+    array[: len(values)] = values
+    return cast("Ints", array)

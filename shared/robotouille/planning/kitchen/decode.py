@@ -143,7 +143,8 @@ class _Decoder:
         binding["m1"] = self._meal_in(pot, state)
         if kind == BOIL:
             return self._bound(names["boil"], binding, c1=pot)
-        assert kind == ADD
+        if kind != ADD:
+            raise AssertionError(f"an action of unknown kind {kind}")
         return self._bound(names["add"], binding, i1=held, c1=pot)
 
     def _meal_in(self, container: int, state: State) -> str:

@@ -1,10 +1,10 @@
 """Stops that no order of the legs can avoid; part of the estimate for one player.
 
-One player has one hand, so a leg, once begun, is finished before the next. Some legs have to come
-before others: what lies above goes first; the top of a pile is placed last; a station has to be left
-before it is used by something else; what is in hand comes first of all. If the legs of some objects
-wait for one another in a circle, one of them has to be interrupted by a stop: put down, come back,
-pick up, walk. Circles without a common object count each for itself.
+One player has one hand, so a leg, once begun, is finished before the next. Some legs have to
+come before others: what lies above goes first; the top of a pile is placed last; a station has to
+be left before it is used by something else; what is in hand comes first of all. If the legs of some
+objects wait for one another in a circle, one of them has to be interrupted by a stop: put down,
+come back, pick up, walk. Circles without a common object count each for itself.
 """
 
 from __future__ import annotations

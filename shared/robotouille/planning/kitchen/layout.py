@@ -23,6 +23,74 @@ from collections.abc import Mapping, Sequence
 
 from robotouille.planning.kitchen.compiled import Ints, ints
 
+__all__ = [
+    "ABLE",
+    "ADD",
+    "AFTER",
+    "ATOP",
+    "BASE",
+    "BELOW",
+    "BOIL",
+    "BOILED",
+    "BOILING",
+    "BOIL_TOTAL",
+    "CLASSES",
+    "DONE",
+    "FILL",
+    "FILLING",
+    "FILL_TOTAL",
+    "HAND",
+    "HELD",
+    "HOT",
+    "INSIDE",
+    "INTO",
+    "IS_POT",
+    "ITEMS",
+    "LOOSE",
+    "MEAL",
+    "MEALS",
+    "MOVE",
+    "NEED",
+    "PICK",
+    "PILE",
+    "PLACE",
+    "PLAYERS",
+    "POUR",
+    "PROCESS",
+    "PROCESSES",
+    "PROCESS_CLASS",
+    "PUT",
+    "ROLE",
+    "ROOT",
+    "ROWS",
+    "SHIFT",
+    "SINK_CLASS",
+    "SIZE",
+    "STATIONS",
+    "STATION_CLASS",
+    "STOVE_CLASS",
+    "TABLE",
+    "TABLES",
+    "TIMED",
+    "TIMER",
+    "TIMERS",
+    "TIMER_EFFECT",
+    "TIMER_KIND",
+    "TIMER_OBJECT",
+    "TIMER_SLOT",
+    "TIMER_STATION",
+    "TIMER_TOTAL",
+    "TOP",
+    "TOTAL",
+    "VESSEL",
+    "WAIT",
+    "WANTED",
+    "WORD",
+    "WORDS",
+    "N",
+    "laid_out",
+]
+
 # Kinds of actions.
 WAIT, PICK, PUT, PROCESS, FILL, BOIL, ADD, POUR, MOVE = range(9)
 
@@ -35,7 +103,6 @@ PLAYERS, N, ITEMS, STATIONS, TABLES, MEALS, PROCESSES, CLASSES, SIZE, WORDS, TIM
 TABLE, HAND, MEAL = range(11, 14)
 PLACE, HELD, BELOW, INSIDE, BOILED = range(14, 19)
 SINK_CLASS, STOVE_CLASS, FILL_TOTAL, BOIL_TOTAL = range(19, 23)
-NUMBERS = 23
 
 # Tables of a kitchen. `q` is a process such as cutting, `c` a container counted from 0.
 STATION_CLASS = 23  # [station] its class, -1 without
@@ -57,7 +124,6 @@ TIMER_TOTAL = 38  # [timer]
 TIMER_EFFECT = 39  # [timer] position of the flag it sets; filling: the container
 WORD = 40  # [position] the word of a key in which it is packed
 SHIFT = 41  # [position]
-KITCHEN = 42
 
 # Tables of a goal, with a row for each choice of objects `r`.
 ROWS = 0
@@ -71,7 +137,6 @@ INTO = 7  # [r * N + item] the meal it has to be in plus 1, or 0
 WANTED = 8  # [r * MEALS + meal] whether the goal is about it
 VESSEL = 9  # [r * MEALS + meal] the container it has to be in plus 1, or 0
 HOT = 10  # [r * MEALS + meal] whether it has to boil
-GOAL_TABLES = 11
 
 
 def laid_out(numbers: Mapping[int, int], tables: Mapping[int, Sequence[int]]) -> Ints:

@@ -358,10 +358,11 @@ def with_pots(k: Ints, g: Ints, s: Ints, row: int, out: Ints, start: int) -> int
             station = s[k[BELOW] + c] - k[N]
             if k[k[IS_POT] + c] != 1 or not 0 <= station < k[STATIONS]:
                 continue
-            if k[k[STATION_CLASS] + station] == k[SINK_CLASS] and holds_nothing(k, s, c):
-                if s[k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + station]] == 0:
-                    out[start + count] = code(FILL, c, 0)
-                    count += 1
+            idle = s[k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + station]] == 0
+            at_sink = k[k[STATION_CLASS] + station] == k[SINK_CLASS]
+            if at_sink and idle and holds_nothing(k, s, c):
+                out[start + count] = code(FILL, c, 0)
+                count += 1
     for m in range(k[MEALS]):
         c = s[k[INSIDE] + m] - 1
         if c < 0 or k[k[IS_POT] + c] != 1 or s[k[BOILED] + m] or not g[g[HOT] + row * k[MEALS] + m]:

@@ -55,10 +55,10 @@ def obstacles(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
                 remove(k, g, s, row, o, w)
                 changed = True
         for o in range(k[ITEMS]):
-            if not w[LEAVES + o] and s[k[BELOW] + o] == k[TABLE]:
-                if is_finished_too_soon(k, g, row, o, w):
-                    remove(k, g, s, row, o, w)
-                    changed = True
+            on_table = s[k[BELOW] + o] == k[TABLE]
+            if on_table and not w[LEAVES + o] and is_finished_too_soon(k, g, row, o, w):
+                remove(k, g, s, row, o, w)
+                changed = True
 
 
 @kernel

@@ -64,7 +64,7 @@ def goals_of(model: Model, start: list[int]) -> Ints | None:
     wants = _read(model)
     if wants is None:
         return None
-    rows = []
+    rows: list[Choice] = []
     for choice in _choices(model, start):
         if len(rows) == MOST:
             raise TooManyChoicesError(f"more than {MOST} choices of objects")

@@ -112,13 +112,11 @@ def new_nodes(k: Ints, room: int, like: Nodes | None = None) -> Nodes:
         notes[CUT] = PROMISES
         states = [zeros(k[SIZE]) for _ in range(6)]
         rest = [*states, zeros(4), zeros(40), zeros(8 * ROOM), zeros(SCRATCH)]
-        return Nodes(
-            *arrays, zeros(2 * room), zeros(PROMISES * ESTIMATES),
-            ints([ESTIMATES] * PROMISES), notes, *rest, zeros(k[WORDS]),
-        )  # fmt: skip
+        stacks = [zeros(PROMISES * ESTIMATES), ints([ESTIMATES] * PROMISES), notes]
+        return Nodes._make([*arrays, zeros(2 * room), *stacks, *rest, zeros(k[WORDS])])
     key = grown(like.key, room * k[WORDS])
     arrays = [grown(values, room) for values in like[1:6]]
-    nodes = Nodes(key, *arrays, zeros(2 * room), *like[7:])
+    nodes = Nodes._make([key, *arrays, zeros(2 * room), *like[7:]])
     rehash(k, nodes)
     return nodes
 

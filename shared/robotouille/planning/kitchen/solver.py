@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
 from robotouille.planning.kitchen.compiled import Ints, ints
@@ -38,11 +38,14 @@ __all__ = ["PLANNER", "KitchenSearch", "kitchen_search"]
 PLANNER = "kitchen A* 1"
 
 SLICE = 4096
-HOPEFUL = 2_000
-"""Expansions after which a plan is sought in haste, so that what cannot better it is left out."""
+HOPEFUL = (2_000, 1_000, 100, 20)
+"""Expansions after which a plan is sought in haste, so that what cannot better it is left out; by
+the number of players, since each has its choices in every step."""
 
-HURRY = 3_000
+HURRY = (3_000, 1_500, 150, 30)
 """Expansions for each attempt at that."""
+
+UNDECIDED = (PAUSED, GROW)
 
 EXACT, HASTY = 4, (5, 6, 8, 12)
 """Weights of the estimate, in quarters."""
@@ -68,17 +71,22 @@ class KitchenSearch:
         self.code = code
 
     def solve(
-        self, limits: Limits = UNLIMITED, watch: Watch | None = None, known: Plan | None = None
+        self,
+        limits: Limits = UNLIMITED,
+        watch: Watch | None = None,
+        other: Callable[[], Plan | None] | None = None,
     ) -> Answer:
         """The shortest plan, or the best one and the best bound within the limits.
 
-        `known` is a plan that need not be found again, only bettered.
+        `other` is another source of a plan, asked where the shortest is not found at once.
         """
+        players = int(self.model.kitchen[PLAYERS])
         exact = _Run(self, EXACT, limits, watch)
-        exact.go(HOPEFUL)
-        best = known
-        if exact.status == PAUSED and exact.best is None:
-            best, exact.spent = self._hasty(exact, limits, watch, known)
+        exact.go(HOPEFUL[players - 1])
+        best: Plan | None = None
+        if exact.status in UNDECIDED and exact.best is None:
+            best = None if other is None or exact.over else other()
+            best, exact.spent = self._hasty(exact, limits, watch, best)
             if best is not None:
                 exact.improve_on(len(best))
         exact.go(None)
@@ -96,7 +104,7 @@ class KitchenSearch:
             run.spent = exact.expansions + spent
             if best is not None:
                 run.improve_on(len(best))
-            run.go(None if weight == HASTY[-1] and best is None else HURRY)
+            run.go(None if weight == HASTY[-1] and best is None else HURRY[run.players - 1])
             spent += run.expansions
             if run.best is not None:
                 best = self.plan(run.path())
@@ -138,6 +146,13 @@ class _Run:
             push(k, g, self.nodes, ints(state), -1, 0, 0, weight)
 
     @property
+    def over(self) -> bool:
+        """Whether the limits allow nothing at all."""
+        if self.limits.stop is not None and self.limits.stop():
+            return True
+        return self.limits.expansions == 0
+
+    @property
     def expansions(self) -> int:
         return int(self.nodes.notes[EXPANDED])
 
@@ -160,7 +175,7 @@ class _Run:
     def go(self, expansions: int | None) -> None:
         """Go on for so many expansions, or to the end, or to the limits."""
         until = None if expansions is None else self.expansions + expansions
-        while self.status in (PAUSED, GROW):
+        while self.status in UNDECIDED:
             allowed = self._allowed(until)
             if allowed <= 0 or (self.limits.stop is not None and self.limits.stop()):
                 self.status = PAUSED
@@ -171,7 +186,6 @@ class _Run:
             if self.watch is not None:
                 self.watch(self.spent + self.expansions, self.promise, self.best)
             if self.status == GROW and not self._grow():
-                self.status = PAUSED
                 return
             if self.weight > EXACT and self.best is not None:
                 return

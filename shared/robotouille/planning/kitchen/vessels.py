@@ -207,89 +207,81 @@ def needs(k: Ints, g: Ints, s: Ints, row: int, m: int, c: int, w: Ints) -> None:
 def route(k: Ints, g: Ints, s: Ints, row: int, m: int, c: int, w: Ints) -> int:
     """What a meal in a certain pot takes: `work + 64 chain + 65536 wet`.
 
-    `wet` counts the walks to the pot while there is water in it. Where boiling was interrupted,
-    it is one step less to pour first and then put the pot back: the water boils in the bowl.
+    `wet` counts the walks to the pot while there is water in it.
     """
     under = s[k[BELOW] + c]
     held = under >= k[HAND]
     station = under - k[N] if k[N] <= under < k[TABLE] else -1
-    wet = 0
-    first = 1 + carry(k, s) if held else 3 + walk_to(k, s, c, w)
     walk = 0 if held else walk_to(k, s, c, w)
-    legs = 0
-    work = 0
-    chain = 0
-    if s[k[INSIDE] + m] == 0:
-        if station >= 0 and k[k[STATION_CLASS] + station] == k[SINK_CLASS]:
-            count = s[k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + station]]
-            if count > 0:
-                chain += k[FILL_TOTAL] + 1 - count
-            else:
-                work += walk + 1
-                chain += walk + k[FILL_TOTAL]
-            again = 1 if count > 0 or k[FILL_TOTAL] > 1 else 0
-        else:
-            left = k[FILL_TOTAL]
-            start = 1
-            for i in range(k[STATIONS]):
-                slot = k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + i]
-                if slot >= 0 and s[slot] > 0:
-                    start = 0
-                    left = min(left, k[FILL_TOTAL] - s[slot])
-            work += first + start
-            chain += first + left
-            again = 1 if left > start else 0
-        legs = 1
-    else:
-        again = walk
-        if held:
-            legs = 0
+    first = 1 + carry(k, s) if held else 3 + walk
+    dry = s[k[INSIDE] + m] == 0
+    work, chain, again = 0, 0, walk
+    if dry:
+        work, chain, again = filling(k, s, c, station, walk, first)
+    wet = 0
     boils = g[g[HOT] + row * k[MEALS] + m] and not s[k[BOILED] + m]
     pours = g[g[VESSEL] + row * k[MEALS] + m] > 0
     if boils:
-        at_stove = station >= 0 and k[k[STATION_CLASS] + station] == k[STOVE_CLASS] and legs == 0
-        left = k[BOIL_TOTAL]
-        start = 1
-        on_station = 0
-        for i in range(k[STATIONS]):
-            slot = k[k[BOILING] + (m * (k[N] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + i]
-            if slot >= 0 and s[slot] > 0:
-                start = 0
-                if i == station and legs == 0:
-                    on_station = 1
-                    left = min(left, k[BOIL_TOTAL] + 1 - s[slot])
-                else:
-                    left = min(left, k[BOIL_TOTAL] - s[slot])
-        if at_stove and on_station:
-            chain += left
-            again = 1
-        elif at_stove:
-            work += again + 1
-            wet += again
-            chain += again + k[BOIL_TOTAL]
-            again = 1 if k[BOIL_TOTAL] > 1 else 0
-        elif legs == 0:
-            work += first + start
-            chain += first + left
-            wet += again
-            again = 1 if left > start else 0
-            legs = 1
-            if start == 0 and pours:
-                work -= 1 + again
-                chain -= 1
-        else:
-            work += again + 3 + start
-            wet += again
-            chain += 3 + left
-            again = 1 if left > start else 0
-    if pours:
-        if held and legs == 0 and not boils:
-            work += first
-            chain += first
-        else:
-            work += again + 3
-            wet += again
-            chain += 3
-            if not boils and legs == 0:
-                chain += again
+        wet = again
+        more, later, again = heating(k, s, m, c, station, dry, first, again, pours)
+        if more == 0:
+            wet = 0
+        work += more
+        chain += later
+    if pours and held and not dry and not boils:
+        work += first
+        chain += first
+    elif pours:
+        work += again + 3
+        wet += again
+        chain += 3 if dry or boils else 3 + again
     return work + 64 * chain + 65536 * wet
+
+
+@kernel
+def filling(k: Ints, s: Ints, c: int, station: int, walk: int, first: int) -> tuple[int, int, int]:
+    """Work and chain until there is water in a pot, and whether one has to come back for it."""
+    if station >= 0 and k[k[STATION_CLASS] + station] == k[SINK_CLASS]:
+        count = s[k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + station]]
+        if count > 0:
+            return 0, k[FILL_TOTAL] + 1 - count, 1
+        return walk + 1, walk + k[FILL_TOTAL], 1 if k[FILL_TOTAL] > 1 else 0
+    left = k[FILL_TOTAL]
+    start = 1
+    for i in range(k[STATIONS]):
+        slot = k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + i]
+        if slot >= 0 and s[slot] > 0:
+            start = 0
+            left = min(left, k[FILL_TOTAL] - s[slot])
+    return first + start, first + left, 1 if left > start else 0
+
+
+@kernel
+def heating(
+    k: Ints, s: Ints, m: int, c: int, station: int, dry: bool, first: int, again: int, pours: bool
+) -> tuple[int, int, int]:
+    """Work and chain until a meal boils, and whether one has to come back for it.
+
+    Where boiling was interrupted, it is one step less to pour first and then put the pot back: the
+    water boils in the bowl.
+    """
+    left = k[BOIL_TOTAL]
+    start = 1
+    boiling_here = False
+    for i in range(k[STATIONS]):
+        slot = k[k[BOILING] + (m * (k[N] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + i]
+        if slot >= 0 and s[slot] > 0:
+            start = 0
+            here = i == station and not dry
+            boiling_here = boiling_here or here
+            left = min(left, k[BOIL_TOTAL] - s[slot] + (1 if here else 0))
+    if boiling_here:
+        return 0, left, 1
+    if not dry and station >= 0 and k[k[STATION_CLASS] + station] == k[STOVE_CLASS]:
+        return again + 1, again + k[BOIL_TOTAL], 1 if k[BOIL_TOTAL] > 1 else 0
+    back = 1 if left > start else 0
+    if dry:
+        return again + 3 + start, 3 + left, back
+    if start == 0 and pours:
+        return first - 1 - back, first + left - 1, back
+    return first + start, first + left, back

@@ -1,0 +1,38 @@
+"""Write the shipped instances of the paper's tasks to problems/generated (docs/generation.md).
+
+Ten instances of each of the thirty tasks; the same files on every machine. Their certificates are
+written by `robotouille certify problems/generated`.
+"""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from rich.progress import track
+
+from robotouille.generation.dataset import generate_dataset, paper_tasks
+
+FOLDER = Path(__file__).resolve().parents[1] / "problems" / "generated"
+
+
+def write(task: str, folder: Path) -> None:
+    """Write the instances of one task."""
+    target = folder / task.partition("/")[0]
+    target.mkdir(parents=True, exist_ok=True)
+    for instance in generate_dataset([task]):
+        path = target / f"{instance.name.rpartition('/')[2]}.json"
+        path.write_text(instance.text, encoding="utf-8")
+
+
+def main() -> None:
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    tasks = paper_tasks()
+    with ProcessPoolExecutor() as pool:
+        for _ in track(pool.map(write, tasks, [folder] * len(tasks)), total=len(tasks)):
+            pass
+
+
+if __name__ == "__main__":
+    main()
