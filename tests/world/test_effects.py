@@ -210,6 +210,15 @@ def test_nothing_becomes_true_of_an_object_deleted_in_the_same_step() -> None:
     assert not state.timers
 
 
+def test_facts_that_never_change_end_with_their_object_within_one_update() -> None:
+    for is_true in (True, False):
+        condition = fact("iscube", "t", is_true=is_true)
+        world = lab(delayed(0, sfx=(DELETION, conditional(condition, fx=(fact("alarm"),)))))
+        state = act(world.initial, "tap", "cube1")
+        assert names(state) == ["cube2"]
+        assert state.holds("alarm") != is_true
+
+
 def test_deletion_by_a_parameter_that_only_effects_mention() -> None:
     world = lab(conditional(fact("red", "u"), sfx=({"type": "deletion", "param": "u"},)))
     state = act(act(world.initial, "red-on", "cube2"), "tap", "cube1", "cube2")

@@ -102,17 +102,22 @@ class AtomTable:
     def test(self, conditions: Iterable[tuple[Atom, bool]]) -> tuple[int, int, bool]:
         """Masks `tested` and `required`, and whether the conditions can hold at all.
 
-        They cannot where a static fact rules one out, or two contradict each other.
+        They cannot where a static fact rules one out, or two contradict each other. A static fact
+        holds as long as the objects it is about exist.
         """
         required = forbidden = 0
         possible = True
         for atom, is_true in conditions:
             bit = self.bit.get(atom, 0)
+            if not bit and atom in self.static:
+                bit = self.mask((EXISTS, n) for n in atom[1:] if (EXISTS, n) in self.bit)
+                possible &= is_true or bool(bit)
+            elif not bit:
+                possible &= not is_true
             if is_true:
                 required |= bit
             else:
                 forbidden |= bit
-            possible &= bool(bit) or (atom in self.static) == is_true
         return required | forbidden, required, possible and not required & forbidden
 
     def true_atoms(self, facts: int) -> list[Atom]:

@@ -1,0 +1,154 @@
+"""Optimal planning: the default tasks, the generated instances, play, and steps to go.
+
+    python -m benchmarks.planning           # compiled kernels if the extra `fast` is installed
+    ROBOTOUILLE_COMPILE=0 python -m benchmarks.planning
+
+`make bench` prints both, side by side. Times are of one process; compiling is not counted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+from robotouille import World, load_task
+from robotouille.planning.answer import Limits
+from robotouille.planning.anytime import Anytime
+from robotouille.planning.distance import StepsToGo
+from robotouille.planning.kitchen.compiled import COMPILED
+from robotouille.planning.optimal import solve
+from robotouille.resources import data_folder
+
+ROOT = Path(__file__).resolve().parents[1]
+SINGLE = ("synchronous", "asynchronous")
+SECONDS = 30.0
+STATES = 6_000_000
+"""States in memory that stay below 2 GB."""
+
+EPISODES = ("synchronous/05", "synchronous/10", "asynchronous/05", "asynchronous/10")
+
+
+def defaults() -> list[str]:
+    """The twenty default tasks for one player."""
+    return [f"{folder}/{number:02d}" for folder in SINGLE for number in range(1, 11)]
+
+
+def generated() -> list[str]:
+    """The generated instances for one player."""
+    root = data_folder("problems")
+    files = [p for f in SINGLE for p in sorted((root / "generated" / f).glob("*_s*.json"))]
+    named = [p.relative_to(root).with_suffix("").as_posix() for p in files]
+    return [name for name in named if not name.endswith(".certificate")]
+
+
+def certify(names: Iterable[str]) -> list[tuple[float, bool, int]]:
+    """For each task: seconds to a plan with its bound, whether it is proven, expansions."""
+    rows = []
+    for name in names:
+        begun = time.perf_counter()
+        late = begun + SECONDS
+        limits = Limits(states=STATES, stop=lambda late=late: time.perf_counter() > late)
+        answer = solve(World(load_task(name)), limits=limits)
+        rows.append((time.perf_counter() - begun, answer.optimal, answer.expansions))
+    return rows
+
+
+def first_plans() -> list[tuple[float, float]]:
+    """For each default task: seconds to the first plan for play, its length by the optimum."""
+    rows = []
+    for name in defaults():
+        world = World(load_task(name))
+        best = solve(world)
+        begun = time.perf_counter()
+        plan = Anytime(world).first(world.initial).plan
+        rows.append((time.perf_counter() - begun, len(plan or ()) / best.bound))
+    return rows
+
+
+def steps_to_go(seed: int = 7) -> list[float]:
+    """Seconds for each step of episodes in which every third action is a random one."""
+    times = []
+    for name in EPISODES:
+        world = World(load_task(name))
+        distance, dice = StepsToGo(world), random.Random(seed)
+        state = world.initial
+        for step in range(40):
+            actions = state.actions(world.players[0])
+            plan = Anytime(world).first(state).plan if step % 3 else None
+            action = plan.steps[0] if plan is not None and len(plan) else (dice.choice(actions),)
+            state = world.step(state, list(action)).state
+            begun = time.perf_counter()
+            distance(state)
+            times.append(time.perf_counter() - begun)
+    return times
+
+
+def transitions(name: str = "asynchronous/09", steps: int = 20_000) -> float:
+    """The world's own steps per second, actions listed, to hold expansions against."""
+    world, dice = World(load_task(name)), random.Random(1)
+    state = world.initial
+    for _ in range(2):
+        begun = time.perf_counter()
+        for _ in range(steps):
+            state = world.successor(state, dice.choice(state.actions(world.players[0])))
+        spent = time.perf_counter() - begun
+    return steps / spent
+
+
+def measure() -> dict[str, str]:
+    """Every figure, as text by its name."""
+    certify(defaults()[:1])
+    rows = certify(defaults())
+    many = certify(generated())
+    plans, left = first_plans(), steps_to_go()
+    times = sorted(seconds for seconds, _, _ in many)
+    expansions = sum(count for _, _, count in many)
+    proven = sum(optimal for _, optimal, _ in many)
+    return {
+        "20 default tasks certified": f"{sum(r[0] for r in rows):.2f} s",
+        "proven": f"{sum(r[1] for r in rows)} of {len(rows)}",
+        f"{len(many)} generated instances, median": f"{statistics.median(times):.3f} s",
+        "95th percentile": f"{times[int(0.95 * len(times))]:.2f} s",
+        "longest": f"{times[-1]:.1f} s",
+        "all together": f"{sum(times):.0f} s",
+        f"proven within {SECONDS:.0f} s": f"{proven} ({proven / len(many):.1%})",
+        "expansions/s": f"{expansions / sum(times):,.0f}",
+        "the world's steps/s": f"{transitions():,.0f}",
+        "first plan for play, slowest": f"{max(p[0] for p in plans) * 1e3:.0f} ms",
+        "its length by the optimum, worst": f"{max(p[1] for p in plans):.2f}",
+        "steps to go, median": f"{statistics.median(left) * 1e3:.1f} ms",
+        "steps to go, 95th percentile": f"{sorted(left)[int(0.95 * len(left))] * 1e3:.0f} ms",
+    }
+
+
+def elsewhere(compiled: bool) -> dict[str, str]:
+    """The figures of a process with compiled or with plain kernels."""
+    environment = {**os.environ, "ROBOTOUILLE_COMPILE": "1" if compiled else "0"}
+    command = [sys.executable, "-m", "benchmarks.planning", "--json"]
+    result = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, check=True)
+    figures: dict[str, str] = json.loads(result.stdout)
+    return figures
+
+
+def main() -> None:
+    if "--json" in sys.argv:
+        print(json.dumps(measure()))
+        return
+    columns = {"plain Python": elsewhere(compiled=False)}
+    if COMPILED:
+        columns["compiled"] = elsewhere(compiled=True)
+    print("Planning, one process" + ("" if COMPILED else " (the extra `fast` is not installed)"))
+    print(" " * 36 + "".join(title.rjust(16) for title in columns))
+    for name in next(iter(columns.values())):
+        print(name.ljust(36) + "".join(column[name].rjust(16) for column in columns.values()))
+
+
+if __name__ == "__main__":
+    main()
