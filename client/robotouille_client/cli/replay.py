@@ -1,22 +1,35 @@
-"""`robotouille replay …`: look at, verify, watch and export recordings."""
+"""`robotouille replay …`: look at, verify, measure, watch and export recordings."""
 
 from __future__ import annotations
 
 import json
 import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 
+from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
+from robotouille.planning.answer import Limits
+from robotouille.planning.anytime import Anytime
+from robotouille.planning.distance import Range, StepsLeft, StepsToGo, quotient
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.cli.console import fail
 
 __all__ = ["replay"]
 
-replay = typer.Typer(no_args_is_help=True, help="Look at, verify, watch and export recordings.")
+replay = typer.Typer(
+    no_args_is_help=True, help="Look at, verify, measure, watch and export recordings."
+)
+
+PATIENCE = 2.0
+"""Seconds before progress is shown."""
 
 FileArgument = Annotated[Path, typer.Argument(help="A recording (.rbt, or .rbt.part while open).")]
 
@@ -81,6 +94,101 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
             typer.echo(f"{file}: does NOT verify: {reason}{cut}", err=True)
     if failed:
         raise typer.Exit(1)
+
+
+@replay.command()
+def steps(
+    file: FileArgument,
+    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    expansions: Annotated[
+        int, typer.Option(min=1, help="Expansions that the search from one state may cost.")
+    ] = 2_000,
+) -> None:
+    """Say how many steps the goal was away at each step, and how good the play was.
+
+    A range where the search gave up: more expansions make it narrower. Exit status 1 if the file
+    cannot be read.
+    """
+    recording = _open(file)
+    try:
+        rows = list(_distances(recording, Limits(expansions=expansions)))
+    except RobotouilleError as error:
+        fail(str(error))
+    except KeyboardInterrupt:
+        fail("interrupted", 130)
+    if json_output:
+        typer.echo(json.dumps(_steps_json(recording, rows)))
+    else:
+        typer.echo("\n".join(_steps_text(recording, rows)))
+
+
+def _distances(recording: Recording, limits: Limits) -> Iterator[StepsLeft]:
+    """The steps to go at step 0 and after each step, in the model of the recording's world."""
+    anytime = Anytime(recording.world)
+    distance, before = StepsToGo(anytime.model), None
+    began, status = time.monotonic(), Console(stderr=True).status("")
+    try:
+        for step, recorded in recording.states():
+            if time.monotonic() - began > PATIENCE:
+                status.update(f"step {step} of {len(recording.steps)}")
+                status.start()
+            state = anytime.in_model(recorded)
+            yield distance(state, limits, after=before)
+            before = state if anytime.model is recording.world else None
+    finally:
+        status.stop()
+
+
+def _rate(recording: Recording, rows: Sequence[StepsLeft]) -> Range | None:
+    """Steps taken by the fewest possible; None without success, or where steps are not alike."""
+    if rows[-1].steps != 0 or recording.task.timing is not Timing.BENCHMARK:
+        return None
+    taken = len(rows) - 1
+    return quotient(StepsLeft(taken, taken), rows[0])
+
+
+def _steps_json(recording: Recording, rows: Sequence[StepsLeft]) -> dict[str, Any]:
+    rate, left = _rate(recording, rows), quotient(rows[-1], rows[0])
+    return {
+        "task": recording.task.name,
+        "seats": recording.task.seats,
+        "steps": [{"step": i, **asdict(row), "exact": row.exact} for i, row in enumerate(rows)],
+        "success": rows[-1].steps == 0,
+        "optimality_rate": rate and asdict(rate),
+        "normalized_steps_to_go": left and asdict(left),
+    }
+
+
+def _steps_text(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
+    yield " step  to go"
+    yield f"{0:5}  {_left(rows[0]):>5}"
+    for frame, row in zip(recording.steps, rows[1:], strict=True):
+        actions = "; ".join(map(str, recording.actions(frame))) or "-"
+        yield f"{frame['step']:5}  {_left(row):>5}  {actions}"
+    yield ""
+    if recording.task.timing is not Timing.BENCHMARK:
+        yield "Steps to go are counted without the longer delays of this recording's timing."
+    yield f"steps taken             {len(rows) - 1}"
+    yield f"fewest possible         {_left(rows[0])}"
+    yield f"optimality rate         {_range(_rate(recording, rows))}"
+    out_of_reach = "the goal is out of reach" if rows[-1].dead else ""
+    yield f"normalized steps to go  {out_of_reach or _range(quotient(rows[-1], rows[0]))}"
+
+
+def _left(row: StepsLeft) -> str:
+    if row.dead:
+        return "never"
+    if row.exact:
+        return str(row.steps)
+    return f"{row.bound}-{'?' if row.steps is None else row.steps}"
+
+
+def _range(found: Range | None) -> str:
+    if found is None:
+        return "-"
+    if found.least == found.most:
+        return f"{found.least:.2f}"
+    return f"{found.least:.2f} to {'?' if found.most is None else f'{found.most:.2f}'}"
 
 
 @replay.command()

@@ -181,6 +181,7 @@ def stops_of(k: Ints, g: Ints, s: Ints, row: int, o: int, station: int, w: Ints)
     A timed process needs somebody to come back for the item, or to stay: one more step.
     """
     stops = 0
+    choices = 0
     back = 0
     here = 0 <= station < k[STATIONS]
     at_row = g[g[BASE] + row * k[N] + o] or g[g[ATOP] + row * k[N] + o]
@@ -197,8 +198,9 @@ def stops_of(k: Ints, g: Ints, s: Ints, row: int, o: int, station: int, w: Ints)
             continue
         stops += 1
         w[NEEDS + o] |= 1 << k[k[PROCESS_CLASS] + q]
-        if not waits and w[HERE + o] == 0 and w[FIRST + o] == 0:
-            w[FIRST + o] = k[k[PROCESS_CLASS] + q] + 1
+        if not waits and w[HERE + o] == 0:
+            choices += 1
+            w[FIRST + o] = k[k[PROCESS_CLASS] + q] + 1 if choices == 1 else 0
         back += work_there(k, s, q, at, o, w)
     if not placed:
         back = max(0, back - 1)

@@ -107,6 +107,10 @@ def model_of(world: World, state: State) -> Model | None:
     if any(state.holds(flag, table) for flag in sorted(known) for table in tables):
         return None
     stations = [s for s in by_type["station"] if s not in tables]
+    if any(
+        _is_enabled_too_late(state, process, item) for process in rules.processes for item in items
+    ):
+        return None
     draft = _Draft(world, state, rules, items, containers, stations)
     kitchen = draft.kitchen(len(tables), len(meals) + _wanted_meals(world))
     if kitchen is None:
@@ -114,6 +118,14 @@ def model_of(world: World, state: State) -> Model | None:
     players = list(world.players)
     objects = items + containers
     return Model(world, rules, players, objects, len(items), stations, tables, meals, kitchen)
+
+
+def _is_enabled_too_late(state: State, process: Process, item: str) -> bool:
+    """Whether a process is done that has not made the next one possible: it takes one more time."""
+    if not state.holds(process.result, item):
+        return False
+    pairs = process.enables
+    return any(state.holds(fact, item) and not state.holds(gained, item) for fact, gained in pairs)
 
 
 _TYPES = ("station", "item", "container", "meal")

@@ -8,6 +8,7 @@ from robotouille.planning.kitchen.layout import (
     BASE,
     BELOW,
     CLASSES,
+    INTO,
     ITEMS,
     PILE,
     PLAYERS,
@@ -48,7 +49,7 @@ def obstacles(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
                 remove(k, g, s, row, o, w)
                 changed = True
             elif under < k[N] and must_be_clear(k, g, row, under, o, w):
-                w[CLEAR_ONLY] += 0 if g[g[ROLE] + row * k[N] + o] else 1
+                w[CLEAR_ONLY] += 0 if has_place(k, g, row * k[N] + o) else 1
                 remove(k, g, s, row, o, w)
                 changed = True
             elif is_finished_too_soon(k, g, row, o, w):
@@ -71,18 +72,27 @@ def remove(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> None:
     if w[LEGS + o] > 0:
         return
     at = row * k[N] + o
+    placed = has_place(k, g, at)
     walk = walk_to(k, s, o, w) if w[HERE + o] == 0 else 0
     work = 3 + walk
     if not g[g[ROLE] + at]:
         w[JOINED] += 1
-    elif k[PLAYERS] == 1 and (g[g[BASE] + at] or g[g[ATOP] + at] or g[g[PILE] + at]):
+    elif k[PLAYERS] == 1 and placed:
         w[LEGS + o] = 2
         work += 4
     else:
         w[LEGS + o] = 1
     w[WORK + o] += work
-    if g[g[ROLE] + at] and w[CHAIN + o] == 0:
+    if placed and w[CHAIN + o] == 0:
         w[CHAIN + o] = work
+
+
+@kernel
+def has_place(k: Ints, g: Ints, at: int) -> bool:
+    """Whether the goal says where an object has to be in the end (`at` is its entry)."""
+    if g[g[BASE] + at] or g[g[ATOP] + at]:
+        return True
+    return bool(g[g[PILE] + at] or g[g[INTO] + at])
 
 
 @kernel
@@ -145,7 +155,7 @@ def clearing(k: Ints, s: Ints, station: int, w: Ints) -> int:
     o = foot
     for _ in range(k[N]):
         if not w[LEAVES + o]:
-            work += 3 + walk_to(k, s, o, w)
+            work += 3 + (walk_to(k, s, o, w) if w[HERE + o] == 0 else 0)
             w[JOINED] += 1
         o = w[o]
         if o < 0:

@@ -65,6 +65,8 @@ def goals_of(model: Model, start: list[int]) -> Ints | None:
     if wants is None:
         return None
     rows: list[Choice] = []
+    if _lacks_something(model):
+        return _table(model, wants, rows)
     for choice in _choices(model, start):
         if len(rows) == MOST:
             raise TooManyChoicesError(f"more than {MOST} choices of objects")
@@ -82,14 +84,22 @@ def _read(model: Model) -> _Wants | None:
             return None
     if any(station not in wants.lowest for _, station in wants.there):
         return None
+    placed = {*wants.lowest.values(), *(i for i, _ in wants.there), *(i for i, _ in wants.atop)}
+    if not placed.issuperset(wants.clear):
+        return None
     return None if wants.lowest.keys() & wants.served.keys() else wants
+
+
+def _lacks_something(model: Model) -> bool:
+    """Whether the goal is about objects of a kind of which there is none, nor will be."""
+    goal = model.world.goal
+    return any(v.kind != "water" and not goal.candidates(v.id) for v in goal.variables.values())
 
 
 def _stations(model: Model) -> list[int | str]:
     goal = model.world.goal
-    return [
-        i for i in goal.variables if set(goal.candidates(i)) <= {*model.tables, *model.stations}
-    ]
+    stations = {*model.tables, *model.stations}
+    return [i for i in goal.variables if stations.issuperset(goal.candidates(i))]
 
 
 def _note(model: Model, term: GoalTerm, wants: _Wants) -> bool:
@@ -199,7 +209,9 @@ def _table(model: Model, wants: _Wants, rows: list[Choice]) -> Ints:
             else:
                 role[r * k[N] + o] = 1
         for variable, q in wants.processes:
-            need[(r * k[PROCESSES] + q) * k[ITEMS] + choice[variable]] = 1
+            first = k[k[AFTER] + q * k[ITEMS] + choice[variable]] - 1
+            for needed in (q, first) if first >= 0 else (q,):
+                need[(r * k[PROCESSES] + needed) * k[ITEMS] + choice[variable]] = 1
         for variable in (*wants.lowest.values(), *wants.served.values()):
             base[r * k[N] + choice[variable]] = 1
         for variable, station in wants.there:

@@ -36,7 +36,7 @@ LEAVES = 96
 NEEDS = 128
 """The classes of stations an object still has to be brought to, as a bit set."""
 FIRST = 160
-"""The class of the first of them plus 1; 0 if the next place is the last."""
+"""The class of the first of them plus 1; 0 if that is open, or the next place is the last."""
 WORK = 192
 """Actions of players that an object still needs."""
 CHAIN = 224

@@ -45,6 +45,7 @@ __all__ = [
     "ORDER",
     "PAUSED",
     "PROMISE",
+    "PROMISES",
     "PROVEN",
     "Nodes",
     "margin",
@@ -58,6 +59,10 @@ PAUSED, GROW, PROVEN, EMPTY, FULL = range(5)
 nothing more can be proven since some states had no room."""
 
 PROMISES, ESTIMATES = 512, 256
+"""Promises and estimates that there are stacks for; longer plans are out of reach."""
+
+UNKNOWN = 1 << 30
+"""The length of the best plan as long as there is none."""
 
 COUNT, EXPANDED, PROMISE, BEST, GOAL, CUT = range(6)
 """Positions in `Nodes.notes`: nodes, expansions, the lowest promise, the length of the best plan
@@ -106,7 +111,7 @@ def new_nodes(k: Ints, room: int, like: Nodes | None = None) -> Nodes:
     if like is None:
         arrays = [zeros(room * k[WORDS]), *(zeros(room) for _ in range(5))]
         notes = zeros(8)
-        notes[BEST] = PROMISES - 1
+        notes[BEST] = UNKNOWN
         notes[GOAL] = -1
         notes[PROMISE] = PROMISES
         notes[CUT] = PROMISES
@@ -170,11 +175,11 @@ def push(k: Ints, g: Ints, x: Nodes, t: Ints, parent: int, action: int, steps: i
         left = estimate(k, g, t, x.w)
         if parent >= 0:
             left = max(left, x.estimate[parent] - (steps - x.steps[parent]))
-    if left >= DEAD or steps + left >= x.notes[BEST] or left >= ESTIMATES:
+    if left >= DEAD or steps + left >= x.notes[BEST]:
         return
     node = x.notes[COUNT]
-    if node >= len(x.steps):
-        x.notes[CUT] = min(x.notes[CUT], steps + left)
+    if node >= len(x.steps) or left >= ESTIMATES or steps + left >= PROMISES:
+        x.notes[CUT] = min(x.notes[CUT], steps + left, PROMISES - 1)
         return
     if known >= 0:
         x.estimate[known] = DEAD
@@ -225,13 +230,15 @@ def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
     while x.notes[EXPANDED] < until:
         if x.notes[COUNT] + margin(k[PLAYERS]) > len(x.steps):
             return GROW
-        if x.notes[PROMISE] >= x.notes[CUT]:
+        if x.notes[CUT] < PROMISES and x.notes[PROMISE] >= x.notes[CUT]:
             return FULL
         if weight == 4 and x.notes[PROMISE] >= x.notes[BEST]:
             return PROVEN
         node = pop(x)
         if node < 0:
-            return PROVEN if x.notes[GOAL] >= 0 else EMPTY
+            if x.notes[CUT] < PROMISES:
+                return FULL
+            return PROVEN if x.notes[BEST] < UNKNOWN else EMPTY
         x.notes[EXPANDED] += 1
         unpack(k, x.key, node * k[WORDS], x.s)
         if k[PLAYERS] == 1:

@@ -22,6 +22,7 @@ from robotouille.planning.kitchen.search import (
     ORDER,
     PAUSED,
     PROMISE,
+    PROMISES,
     PROVEN,
     Nodes,
     margin,
@@ -33,7 +34,7 @@ from robotouille.planning.plan import Plan
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["PLANNER", "KitchenSearch", "kitchen_search"]
+__all__ = ["PLANNER", "KitchenSearch", "Run", "kitchen_search"]
 
 PLANNER = "kitchen A* 1"
 
@@ -81,7 +82,7 @@ class KitchenSearch:
         `other` is another source of a plan, asked where the shortest is not found at once.
         """
         players = int(self.model.kitchen[PLAYERS])
-        exact = _Run(self, EXACT, limits, watch)
+        exact = Run(self, EXACT, limits, watch)
         exact.go(HOPEFUL[players - 1])
         best: Plan | None = None
         if exact.status in UNDECIDED and exact.best is None:
@@ -95,12 +96,12 @@ class KitchenSearch:
         return self._answer(best, exact)
 
     def _hasty(
-        self, exact: _Run, limits: Limits, watch: Watch | None, best: Plan | None
+        self, exact: Run, limits: Limits, watch: Watch | None, best: Plan | None
     ) -> tuple[Plan | None, int]:
         """A plan found in haste, if it is better, and the expansions it took."""
         spent = 0
         for weight in HASTY:
-            run = _Run(self, weight, limits, watch)
+            run = Run(self, weight, limits, watch)
             run.spent = exact.expansions + spent
             if best is not None:
                 run.improve_on(len(best))
@@ -110,13 +111,13 @@ class KitchenSearch:
                 best = self.plan(run.path())
         return best, spent
 
-    def _answer(self, best: Plan | None, run: _Run) -> Answer:
+    def _answer(self, best: Plan | None, run: Run) -> Answer:
         spent = run.spent + run.expansions
         if run.status in (PROVEN, EMPTY):
             if best is None:
                 return Answer(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
             return Answer(best, len(best), Proof.HEURISTIC, PLANNER, spent)
-        bound = min(run.promise, run.cut, 511 if best is None else len(best))
+        bound = min(run.promise, run.cut, PROMISES if best is None else len(best))
         return Answer(best, bound, Proof.HEURISTIC, PLANNER, spent)
 
     def plan(self, path: list[list[int]]) -> Plan:
@@ -125,7 +126,7 @@ class KitchenSearch:
         return decode(self.model, self.start, row, path)
 
 
-class _Run:
+class Run:
     """One pass of A* with a weight, in slices, within limits."""
 
     def __init__(

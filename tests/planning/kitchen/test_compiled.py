@@ -1,0 +1,70 @@
+"""Compiled kernels and plain Python give the same answers."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from functools import cache
+
+import pytest
+
+TASKS = [
+    "synchronous/02", "synchronous/09", "synchronous/10", "asynchronous/05", "asynchronous/06",
+    "asynchronous/08", "asynchronous/10",
+]  # fmt: skip
+SCRIPT = """
+import json, sys
+from robotouille import World
+from robotouille.planning.kitchen.compiled import COMPILED
+from robotouille.planning.optimal import solve
+from robotouille.planning.plan import write_plan
+
+found = {"compiled": COMPILED}
+for name in sys.argv[1:]:
+    world = World(name)
+    answer = solve(world)
+    found[name] = [write_plan(answer.plan, world), answer.bound, answer.expansions]
+print(json.dumps(found))
+"""
+
+needs_compiler = pytest.mark.skipif(
+    importlib.util.find_spec("numba") is None,
+    reason="numba, the extra `fast`, is not installed: kernels run as plain Python",
+)
+
+
+@cache
+def answers(compile_kernels: bool) -> dict[str, object]:
+    """The answers of a process of its own."""
+    environment = {key: v for key, v in os.environ.items() if key != "ROBOTOUILLE_COMPILE"}
+    if not compile_kernels:
+        environment["ROBOTOUILLE_COMPILE"] = "0"
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, *TASKS],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    found: dict[str, object] = json.loads(done.stdout)
+    return found
+
+
+def test_plain_python_can_be_asked_for() -> None:
+    assert answers(False)["compiled"] is False
+
+
+@needs_compiler
+def test_what_can_be_compiled_is() -> None:
+    assert answers(True)["compiled"] is True
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", TASKS)
+def test_both_give_the_same_answer(name: str) -> None:
+    assert answers(True)[name] == answers(False)[name]

@@ -1,0 +1,217 @@
+"""Every certificate in the repository holds, and there is one for every instance.
+
+Plans are replayed on the reference world, which shares no code with the world that the planner
+searched. Bounds are proven again where that takes few expansions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import Task
+from robotouille.errors import RobotouilleError
+from robotouille.planning.certificate import Certificate, check, prove_again
+from robotouille.planning.dataset import Dataset, Instance, read_dataset
+from robotouille.planning.optimal import solve
+from tests.world.reference import Call, Reference, ReferenceState
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+TASKS = ("synchronous", "asynchronous", "multi_agent")
+GENERATED = tuple(f"generated/{folder}" for folder in TASKS)
+FOLDERS = (*TASKS, "training", *GENERATED)
+DATASETS = (*TASKS, "training", "generated")
+
+FEW = 150
+"""Bounds that took no more expansions are proven again."""
+
+
+@cache
+def dataset(folder: str) -> Dataset:
+    found = read_dataset(PROBLEMS / folder)
+    assert not found.faults
+    return found
+
+
+def certified(folder: str) -> Iterator[tuple[Instance, Task, Certificate]]:
+    """The instances of a folder that have a certificate."""
+    found = dataset(folder)
+    for instance in found.instances:
+        if (found.folder / instance.certificate).exists():
+            yield instance, found.task(instance), found.certificate(instance)
+
+
+# Nothing is missing
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_every_instance_has_a_certificate(folder: str) -> None:
+    names = {instance.certificate for instance in dataset(folder).instances}
+    found = {path.name for path in (PROBLEMS / folder).glob("*.certificate.json")}
+    assert sorted(names - found) == []
+    assert sorted(found - names) == []
+
+
+@pytest.mark.parametrize("folder", TASKS)
+def test_every_task_has_ten_instances(folder: str) -> None:
+    tasks = {i.file.removesuffix(".json") for i in dataset(folder).instances}
+    seeds = [42 * n for n in range(1, 11)]
+    wanted = {f"{task}_s{seed}.json" for task in tasks for seed in seeds}
+    assert len(wanted) == 100
+    assert {i.file for i in dataset(f"generated/{folder}").instances} == wanted
+
+
+# Hashes, claims and plans
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_certificates_hold(folder: str) -> None:
+    wrong = []
+    for instance, task, found in certified(folder):
+        problems = check(found, task) or replay_on_the_reference(found, task)
+        wrong += [f"{instance}: {problem}" for problem in problems]
+    assert wrong == []
+
+
+def replay_on_the_reference(found: Certificate, task: Task) -> list[str]:
+    """What goes wrong in a plan: it has to reach the goal in its last step and no sooner."""
+    reference = Reference(task)
+    state = reference.initial
+    for number, line in enumerate(found.plan or (), start=1):
+        if goal_met(reference, state):
+            return [f"the goal is reached before step {number}"]
+        joint = list(calls(line))
+        state, applied = reference.step(state, joint)
+        if not all(applied):
+            return [f"step {number}: {line}: {applied}"]
+    if found.plan is not None and not goal_met(reference, state):
+        return ["the goal is not reached"]
+    return []
+
+
+def calls(line: str) -> Iterator[tuple[str, Call]]:
+    """The players and actions of a line of a plan."""
+    if line == "-":
+        return
+    for text in line.split("; "):
+        matched = re.fullmatch(r"([\w-]+)\((.*)\)", text)
+        assert matched, line
+        arguments = tuple(matched[2].split(", "))
+        yield arguments[0], (matched[1], arguments)
+
+
+def goal_met(reference: Reference, state: ReferenceState) -> bool:
+    """`Reference.goal_reached`, which tries all assignments, without those that must fail."""
+    goal = reference.task.problem.goal
+    kinds: dict[int | str, str] = {}
+    for term in goal:
+        for variable, kind in zip(term.ids, term.args, strict=True):
+            kinds.setdefault(variable, kind)
+    labelled = {o.label: o.name for o in reference.placed if isinstance(o.label, str)}
+
+    def holds(chosen: dict[int | str, str]) -> bool:
+        """Whether what can be said already is true."""
+        return all(
+            (term.predicate, *(chosen[i] for i in term.ids)) in state.facts
+            for term in goal
+            if chosen.keys() >= set(term.ids)
+        )
+
+    def choose(chosen: dict[int | str, str], open_: list[int | str]) -> bool:
+        if not open_:
+            return True
+        variable, kind = open_[0], kinds[open_[0]]
+        taken = {name for other, name in chosen.items() if kinds[other] == kind}
+        for name, (own, type_) in state.objects.items():
+            fits = labelled[variable] == name if variable in labelled else kind in (own, type_)
+            if fits and name not in taken:
+                more = {**chosen, variable: name}
+                if holds(more) and choose(more, open_[1:]):
+                    return True
+        return False
+
+    return choose({}, list(kinds))
+
+
+@pytest.mark.parametrize("name", ["01_cheese_sandwich", "05_cheeseburger"])
+def test_the_goal_is_read_as_by_the_reference(name: str) -> None:
+    found = dataset("synchronous")
+    (instance,) = (i for i in found.instances if i.file == f"{name}.json")
+    reference = Reference(found.task(instance))
+    states = [reference.initial]
+    for line in found.certificate(instance).plan or ():
+        states.append(reference.step(states[-1], list(calls(line)))[0])
+    reached = [goal_met(reference, state) for state in states]
+    assert reached == [reference.goal_reached(state) for state in states]
+    assert reached == [False] * (len(states) - 1) + [True]
+
+
+def test_a_wrong_plan_is_found() -> None:
+    """The replay above can fail, in each of its ways."""
+    _, task, found = next(certified("synchronous"))
+    plan = found.plan or ()
+    wrong = {
+        plan[:-1]: "the goal is not reached",
+        (plan[1], plan[0], *plan[2:]): "step 1",
+        (*plan, "-"): f"before step {len(plan) + 1}",
+    }
+    for lines, reason in wrong.items():
+        (problem,) = replay_on_the_reference(found.model_copy(update={"plan": lines}), task)
+        assert reason in problem
+
+
+# Manifests
+
+
+def hashed(path: Path) -> str:
+    return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
+
+
+def row(folder: Path, instance: Instance) -> dict[str, Any]:
+    """What a manifest has to say of an instance, read from the files anew."""
+    found = json.loads((folder / instance.certificate).read_text(encoding="utf-8"))
+    kept = ("instance", "length", "bound", "optimal", "proof")
+    return {
+        "file": instance.file,
+        "seats": instance.seats,
+        "file_hash": hashed(folder / instance.file),
+        "certificate": instance.certificate,
+        "certificate_hash": hashed(folder / instance.certificate),
+        **{field: found[field] for field in kept},
+    }
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_the_manifest_is_that_of_the_files(name: str) -> None:
+    folder = PROBLEMS / name
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["format"] == "robotouille-dataset/1"
+    assert manifest["instances"] == [row(folder, i) for i in dataset(name).instances]
+
+
+# Bounds
+
+
+@pytest.mark.parametrize("folder", [f for f in FOLDERS if "multi_agent" not in f])
+def test_bounds_are_proven_again(folder: str) -> None:
+    again = 0
+    for instance, task, found in certified(folder):
+        if task.seats == 1 and found.expansions <= FEW:
+            try:
+                assert prove_again(found, task, solve, found.limits.limits()), instance
+            except RobotouilleError as error:
+                pytest.fail(f"{instance}: {error}")
+            again += 1
+    assert again > 0
+
+
+def test_all_shipped_tasks_for_one_player_are_proven() -> None:
+    for folder in ("synchronous", "asynchronous"):
+        assert all(found.optimal for _, _, found in certified(folder))
