@@ -4,8 +4,8 @@
     python tools/generate_docs.py --check    exit status 1 if one is out of date
 
 Message tables, settings, command-line options, the AsyncAPI page and the JSON Schemas come from
-the code; meanings and examples of messages from docs/messages.json. In pages, the generated part
-lies between `<!-- begin generated: NAME -->` and `<!-- end generated: NAME -->`.
+the code; meanings and examples of messages from docs/messages.json; tables of plan lengths from the
+shipped certificates (plan_lengths.py). In pages, the generated part lies between `<!-- begin generated: NAME -->` and `<!-- end generated: NAME -->`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import plan_lengths
 import typer
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
@@ -348,6 +349,12 @@ def outputs() -> Iterator[tuple[Path, str]]:
     yield DOCS / "protocol.md", page(DOCS / "protocol.md", {"messages": message_reference})
     parts = {"settings": settings_table, "options": command_options}
     yield DOCS / "settings.md", page(DOCS / "settings.md", parts)
+    parts = {
+        "default tasks": plan_lengths.default_table,
+        "generated totals": plan_lengths.generated_totals,
+        "generated instances": plan_lengths.generated_table,
+    }
+    yield DOCS / "plan_lengths.md", page(DOCS / "plan_lengths.md", parts)
     yield DOCS / "asyncapi.json", as_json(asyncapi())
     for name, model in FILES.items():
         yield DOCS / "schemas" / f"{name}.json", as_json(file_schema(name, model))

@@ -13,7 +13,7 @@ from robotouille.world.world import World
 
 __all__ = ["solve"]
 
-BEAM = 12_000
+BEAM = 4_000
 """Expansions of the beam search for a team."""
 
 

@@ -137,7 +137,7 @@ class Run:
         self.status = PAUSED
         k, g = search.model.kitchen, search.goals
         self.players = int(k[PLAYERS])
-        self.room = 4 * margin(self.players)
+        self.room = 2 * margin(self.players)
         while self.room < 4 * g[ROWS]:
             self.room *= 2
         self.nodes: Nodes = new_nodes(k, self.room)
