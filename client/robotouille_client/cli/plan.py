@@ -33,6 +33,7 @@ from robotouille.planning.certificate import (
     write_whole,
 )
 from robotouille.planning.dataset import BUDGET
+from robotouille.planning.general.unreachable import unreachable_goal
 from robotouille.planning.plan import read_plan, write_plan
 from robotouille.replay.recording import read_recording
 from robotouille_client.cli.console import explain, fail
@@ -89,7 +90,7 @@ def plan(
     except KeyboardInterrupt:
         fail("interrupted", 130)
     if answer.plan is None:
-        fail(_despair(answer))
+        fail(_despair(answer) + _why(answer, World(found) if start is None else start.world, start))
 
 
 # Where the plan begins
@@ -226,6 +227,14 @@ def _despair(certificate: Certificate) -> str:
         return f"{name} is unsolvable: no plan reaches the goal ({certificate.proof.value})"
     proven = f"bound {certificate.bound} ({certificate.proof.value})"
     return f"{name}: no plan was found in {certificate.expansions:,} expansions; {proven}"
+
+
+def _why(certificate: Certificate, world: World, start: State | None) -> str:
+    """The parts of the goal that cannot come true, where they are known."""
+    if not certificate.unsolvable:
+        return ""
+    parts = unreachable_goal(world, start, limits=Limits(expansions=20_000, states=100_000))
+    return "".join(f"\n  this can never be so: {part}" for part in parts)
 
 
 def _certificate_place(name: str | None, task: Task, out: Path | None) -> Path:

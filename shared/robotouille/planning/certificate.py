@@ -101,11 +101,11 @@ class Budget(Schema):
         return Limits(self.expansions, self.states, stop)
 
     def for_seats(self, seats: int) -> Budget:
-        """The expansions of a team, whose every step has many more successors: a 20th of them for
+        """The expansions of a team, whose every step has many more successors: a 50th of them for
         each player but the first."""
         if self.expansions is None:
             return self
-        spread: int = 20 ** (seats - 1)
+        spread: int = 50 ** (seats - 1)
         return self.model_copy(update={"expansions": -(-self.expansions // spread)})
 
     @classmethod

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.general.cast import cast_of, future_name
 from robotouille.planning.general.goal_rules import GOAL, GoalRules
-from robotouille.planning.general.rules import Label, Prop, Rule, RuleBook
+from robotouille.planning.general.rules import MOST_COUNTED, Label, Prop, Rule, RuleBook
 from robotouille.world.atoms import bits_of
 from robotouille.world.state import State
 from robotouille.world.timers import Timers
@@ -94,7 +94,8 @@ class RelaxedTask:
             for slot, done in enumerate(progress):
                 if done == 1:
                     props.append(("holds", effect.label, slot))
-                props += [("count", effect.label, slot, n) for n in range(1, done + 1)]
+                counts = range(1, min(done, MOST_COUNTED) + 1)
+                props += [("count", effect.label, slot, n) for n in counts]
                 rule = self._clocks.get((effect.label, slot))
                 if rule is not None and done > 0:
                     left[rule] = max(0, self.delay[rule] - done)

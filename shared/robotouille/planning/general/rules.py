@@ -38,7 +38,10 @@ from robotouille.world.atoms import EXISTS
 from robotouille.world.objects import Atom
 from robotouille.world.world import World
 
-__all__ = ["Label", "Prop", "Rule", "RuleBook"]
+__all__ = ["MOST_COUNTED", "Label", "Prop", "Rule", "RuleBook"]
+
+MOST_COUNTED = 64
+"""Performances of an action that are told apart; of more, the bound counts only so many."""
 
 Prop = tuple[Any, ...]
 Label = tuple[str, int, tuple[str, ...]]
@@ -220,7 +223,7 @@ class _EffectWriter:
             rule.delay = self._updates(definition, binding) * factor
             rule.clock = (self._label, slot)
         elif slot == self._counted:
-            total = max(1, self._updates(definition, binding))
+            total = max(1, min(MOST_COUNTED, self._updates(definition, binding)))
             self._book.totals[self._label, slot] = total
             performed: Prop = ("count", self._label, slot, total)
             self._rule([runs, performed], definition.fx, binding, nested)

@@ -61,6 +61,9 @@ __all__ = ["Model", "model_of"]
 MOST_OBJECTS = 32
 """Rows of the scratch space have room for no more."""
 
+LONGEST = 60
+"""Longer delays make plans that are longer than the search has room for."""
+
 BITS = 62
 
 Rows = dict[tuple[str, int, tuple[str, ...]], tuple[int, ...]]
@@ -113,7 +116,7 @@ def model_of(world: World, state: State) -> Model | None:
         return None
     draft = _Draft(world, state, rules, items, containers, stations)
     kitchen = draft.kitchen(len(tables), len(meals) + _wanted_meals(world))
-    if kitchen is None:
+    if kitchen is None or draft.longest > LONGEST:
         return None
     players = list(world.players)
     objects = items + containers
@@ -166,6 +169,7 @@ class _Draft:
         self.world, self.state, self.rules = world, state, rules
         self.items, self.containers, self.stations = items, containers, stations
         self.size = 0
+        self.longest = 0
         self.widths: list[int] = []
         self.timers: list[tuple[int, int, int, int, int, int]] = []
 
@@ -199,6 +203,7 @@ class _Draft:
         boiled = self.fields(meals, 1)
         able, after, done, timer, total = self._processes(station_class, flags, n)
         fill, boil, fill_total, boil_total = self._meals(station_class, flags, meals, n, boiled)
+        self.longest = max(self.longest, fill_total, boil_total)
         words, word, shift = self._packing()
         rows = list(zip(*self.timers, strict=True)) or [()] * 6
         numbers = {
@@ -287,6 +292,7 @@ class _Draft:
                 able.append(int(possible))
                 after.append(first or 0)
                 total.append(count)
+                self.longest = max(self.longest, count)
                 if possible or self._holds(process.result, item):
                     done.append(self.field(1 if process.timed else max(count, 1)))
                 else:
