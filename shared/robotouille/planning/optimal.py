@@ -41,6 +41,12 @@ def solve(
 
 
 def _team_plan(world: World, state: State) -> Plan | None:
-    """A plan of a beam search for several players, whose shortest plans are hard to find."""
-    found = Planner(world).solve(state, expansions=BEAM)
-    return found.plan if found.reached else None
+    """A plan of a beam search for several players, whose shortest plans are hard to find.
+
+    More than two get in one another's way: some pairs, the others standing still, are tried too.
+    """
+    planner, players = Planner(world), tuple(world.players)
+    pairs = [players[:2], players[1:3]] if len(players) > 2 else []
+    found = [planner.solve(state, team, expansions=BEAM) for team in (players, *pairs)]
+    plans = [solution.plan for solution in found if solution.reached]
+    return min(plans, key=len, default=None)

@@ -64,6 +64,15 @@ MOST_OBJECTS = 32
 LONGEST = 60
 """Longer delays make plans that are longer than the search has room for."""
 
+CODE = 6
+"""Bits of an action's object, station or meal."""
+
+MOST_SECOND = 7
+"""The largest number of the meal or process that an action is about besides."""
+
+MOST_PLAYERS = 4
+"""A joint action of more does not fit into one integer."""
+
 BITS = 62
 
 Rows = dict[tuple[str, int, tuple[str, ...]], tuple[int, ...]]
@@ -102,6 +111,8 @@ def model_of(world: World, state: State) -> Model | None:
     by_type = {kind: [o.name for o in state.objects if o.type == kind] for kind in _TYPES}
     items, containers, meals = (by_type[kind] for kind in ("item", "container", "meal"))
     if tables is None or len(items) + len(containers) > MOST_OBJECTS:
+        return None
+    if len(world.players) > MOST_PLAYERS:
         return None
     if any(world.thing(m).kind != "water" for m in meals):
         return None

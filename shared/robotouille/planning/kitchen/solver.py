@@ -38,7 +38,9 @@ __all__ = ["PLANNER", "KitchenSearch", "Run", "kitchen_search"]
 
 PLANNER = "kitchen A* 1"
 
-SLICE = 4096
+SLICE = (1_024, 256, 16, 1)
+"""Expansions between two questions whether to stop, by the number of players."""
+
 HOPEFUL = (2_000, 1_000, 100, 20)
 """Expansions after which a plan is sought in haste, so that what cannot better it is left out; by
 the number of players, since each has its choices in every step."""
@@ -192,7 +194,9 @@ class Run:
                 return
 
     def _allowed(self, until: int | None) -> int:
-        allowed = SLICE if until is None else min(SLICE, until - self.expansions)
+        allowed = SLICE[self.players - 1]
+        if until is not None:
+            allowed = min(allowed, until - self.expansions)
         if self.limits.expansions is not None:
             allowed = min(allowed, self.limits.expansions - self.spent - self.expansions)
         return allowed
