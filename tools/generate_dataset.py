@@ -1,4 +1,8 @@
-"""Write the shipped instances of the paper's tasks to problems/generated (docs/generation.md).
+"""Write the shipped instances of the paper's tasks (docs/generation.md).
+
+    python tools/generate_dataset.py                   all of them, to problems/generated
+    python tools/generate_dataset.py FOLDER            all of them, elsewhere
+    python tools/generate_dataset.py FOLDER TASK…      of some tasks: asynchronous/06_potato_soup
 
 Ten instances of each of the thirty tasks; the same files on every machine. Their certificates are
 written by `robotouille certify problems/generated`.
@@ -28,7 +32,9 @@ def write(task: str, folder: Path) -> None:
 
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
-    tasks = paper_tasks()
+    tasks = sys.argv[2:] or paper_tasks()
+    if strange := sorted({*tasks} - {*paper_tasks()}):
+        raise SystemExit(f"no tasks of the paper: {', '.join(strange)}")
     with ProcessPoolExecutor() as pool:
         for _ in track(pool.map(write, tasks, [folder] * len(tasks)), total=len(tasks)):
             pass

@@ -4,8 +4,9 @@
     python tools/generate_docs.py --check    exit status 1 if one is out of date
 
 Message tables, settings, command-line options, the AsyncAPI page and the JSON Schemas come from
-the code; meanings and examples of messages from docs/messages.json; tables of plan lengths from the
-shipped certificates (plan_lengths.py). In pages, the generated part lies between `<!-- begin generated: NAME -->` and `<!-- end generated: NAME -->`.
+the code; meanings and examples of messages from docs/messages.json; tables of plan lengths from
+the shipped certificates. In pages, the generated part lies between
+`<!-- begin generated: NAME -->` and `<!-- end generated: NAME -->`.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from robotouille import State, World
 from robotouille.planning import optimal
 from robotouille.planning.answer import Answer, Proof
 from robotouille.planning.certificate import read_certificate
+from robotouille.planning.certifying import BUDGET
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
 from tests.planning.test_certificate import answering, proving
@@ -90,7 +91,7 @@ def test_a_second_run_keeps_and_fresh_does_not(folder: Path) -> None:
     ]
     assert kept == [0, 2, 0, 0, 0]
     found = read_certificate(folder / "01_cheese_sandwich.certificate.json")
-    assert found.limits.expansions == 5_000_000
+    assert found.limits.expansions == BUDGET.expansions
 
 
 def test_broken_problems_fail_and_the_rest_is_certified(folder: Path) -> None:

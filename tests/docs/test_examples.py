@@ -18,6 +18,8 @@ from robotouille_server import ServerSettings, serve
 from tests.docs.pages import blocks, read, titled
 from tests.support.virtual_time import run
 
+PUBLISHED = Path(__file__).resolve().parents[3] / "shared/compat/upstream/problems"
+
 
 def run_blocks(page: str) -> dict[str, Any]:
     """Run the Python blocks of a page one after the other."""
@@ -109,6 +111,37 @@ def test_the_new_dish_travels(bistro: Path) -> None:
     """A task of one's own is complete in itself, as clients get it."""
     task = load_task(str(bistro / "mushroom_toast.json"))
     assert Task.from_json(json.loads(json.dumps(task.to_json()))).digest == task.digest
+
+
+@pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the published files are not shipped")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "synchronous/0_cheese_sandwich",
+        "synchronous/6_lettuce_tomato_cheeseburger",
+        "synchronous/8_two_lettuce_tomato_burger",
+        "asynchronous/8_onion_tomato_soup_and_two_chicken_sandwich",
+    ],
+)
+def test_short_plans_for_published_layouts(name: str) -> None:
+    world = World(load_task(str(PUBLISHED / f"{name}.json")))
+    plan = read_plan(titled("plan_lengths.md", f"{name.split('/')[1]}.plan"), world)
+    report = replay(plan, world)
+    assert report.ok, report
+    assert f"`{name}`, {len(plan)} steps:" in read("plan_lengths.md")
+
+
+def test_certificate_example() -> None:
+    """The page's own assertions hold."""
+    assert run_blocks("certificates.md")["certificate"].optimal
+
+
+def test_generation_example() -> None:
+    assert run_blocks("generation.md")["instance"].name == "01_lettuce_burger_s42"
+
+
+def test_pddl_example() -> None:
+    assert len(run_blocks("pddl.md")["plan"]) == 1
 
 
 def test_parts_of_files_are_valid() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.errors import ProtocolError
+from robotouille.planning.dataset import BUDGET
 from robotouille.protocol import codec, messages
 from robotouille_server import ServerSettings, peer
 from robotouille_server.metrics import Metrics
@@ -78,6 +79,25 @@ def test_limits_are_those_of_the_code() -> None:
     defaults = ServerSettings()
     assert limits["connections (`max_connections`)"] == f"{defaults.max_connections:,}"
     assert str(int(defaults.messages_per_second)) in " ".join(limits.values())
+
+
+def test_budgets_are_those_of_the_code() -> None:
+    one, two, three, four = (f"{BUDGET.for_seats(n).expansions:,}" for n in range(1, 5))
+    page = read("certificates.md")
+    assert f"`--expansions` ({one} if not given) and `--states` ({BUDGET.states:,})" in page
+    assert f"{two} for two, {three} for three and {four} for four" in page
+    assert f"with {BUDGET.states:,} states kept" in page
+
+
+def test_every_decision_is_listed() -> None:
+    listed = links(DOCS / "decisions" / "README.md")
+    found = sorted(path.name for path in (DOCS / "decisions").glob("0*.md"))
+    assert listed == found
+
+
+def test_every_page_is_listed() -> None:
+    listed = {link.partition("#")[0] for link in links(DOCS / "README.md")}
+    assert {path.name for path in DOCS.glob("*.md")} - {"README.md"} <= listed
 
 
 def test_every_command_is_documented() -> None:

@@ -19,14 +19,9 @@ import pytest
 from robotouille import RobotouilleError, State, World
 from robotouille.planning.answer import Answer, Proof
 from robotouille.planning.certificate import Budget, content_hash, read_certificate
-from robotouille.planning.dataset import (
-    MANIFEST,
-    Outcome,
-    Running,
-    certify_dataset,
-    check_dataset,
-    read_dataset,
-)
+from robotouille.planning.certifying import certify_dataset
+from robotouille.planning.checking import check_dataset
+from robotouille.planning.dataset import MANIFEST, Outcome, Running, read_dataset
 from robotouille.resources import data_folder
 from tests.planning.test_certificate import proving
 
@@ -292,7 +287,7 @@ def test_a_sample_is_proven_again(folder: Path) -> None:
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from robotouille.planning.dataset import certify_dataset
+from robotouille.planning.certifying import certify_dataset
 from tests.planning.test_certificate import proving
 
 def slow(world, start=None, **options):

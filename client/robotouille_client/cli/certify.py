@@ -19,15 +19,9 @@ from rich.text import Text
 from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.planning import optimal
 from robotouille.planning.certificate import Budget
-from robotouille.planning.dataset import (
-    BUDGET,
-    Outcome,
-    Report,
-    Running,
-    Tell,
-    certify_dataset,
-    check_dataset,
-)
+from robotouille.planning.certifying import BUDGET, certify_dataset
+from robotouille.planning.checking import check_dataset
+from robotouille.planning.dataset import Outcome, Report, Running, Tell
 from robotouille.resources import data_folder
 from robotouille_client.cli.console import fail
 

@@ -32,7 +32,7 @@ from robotouille.planning.certificate import (
     write_certificate,
     write_whole,
 )
-from robotouille.planning.dataset import BUDGET
+from robotouille.planning.certifying import BUDGET
 from robotouille.planning.general.unreachable import unreachable_goal
 from robotouille.planning.plan import read_plan, write_plan
 from robotouille.replay.recording import read_recording
