@@ -14,6 +14,7 @@ from robotouille.planning.kitchen.layout import (
     INSIDE,
     ITEMS,
     MOVE,
+    OBJECTS,
     PICK,
     PLACE,
     PLAYERS,
@@ -22,7 +23,6 @@ from robotouille.planning.kitchen.layout import (
     PUT,
     TABLE,
     WAIT,
-    N,
 )
 from robotouille.planning.kitchen.model import Model, bound_action
 from robotouille.planning.kitchen.moves import act, in_order, spot, tick
@@ -92,8 +92,8 @@ class _Decoder:
     def _name_of(self, place: int, state: State) -> str:
         """The station of a place; of free tables the first that nobody is at."""
         k, model = self.k, self.model
-        if k[N] <= place < k[TABLE]:
-            return model.stations[place - k[N]]
+        if k[OBJECTS] <= place < k[TABLE]:
+            return model.stations[place - k[OBJECTS]]
         if place == k[TABLE]:
             return next(
                 t
@@ -122,11 +122,11 @@ class _Decoder:
         held = s[k[HELD] + p] - 1
         if kind == PICK and x >= k[ITEMS]:
             return self._bound(names["pick container"], binding, c1=x)
-        if kind == PICK and s[k[BELOW] + x] < k[N]:
+        if kind == PICK and s[k[BELOW] + x] < k[OBJECTS]:
             return self._bound(names["unstack"], binding, i1=x, i2=s[k[BELOW] + x])
         if kind == PICK:
             return self._bound(names["pick item"], binding, i1=x)
-        if kind == PUT and x < k[N]:
+        if kind == PUT and x < k[OBJECTS]:
             return self._bound(names["stack"], binding, i1=held, i2=x)
         if kind == PUT and held >= k[ITEMS]:
             return self._bound(names["place container"], binding, c1=held)

@@ -19,6 +19,7 @@ from robotouille.planning.kitchen.layout import (
     IS_POT,
     ITEMS,
     MEALS,
+    OBJECTS,
     PILE,
     SINK_CLASS,
     STATION_CLASS,
@@ -26,7 +27,6 @@ from robotouille.planning.kitchen.layout import (
     TOP,
     VESSEL,
     WANTED,
-    N,
 )
 from robotouille.planning.kitchen.rows import FIRST, LEAVES, LEGS, NEEDS, NEXT, SHARED
 from robotouille.planning.kitchen.vessels import unmade
@@ -40,14 +40,14 @@ MOST = 28
 @kernel
 def detours(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> int:
     """Steps of additional stops that are needed at least."""
-    if k[N] > MOST or k[MEALS] > 6:
+    if k[OBJECTS] > MOST or k[MEALS] > 6:
         return 0
-    nodes = 2 * k[N] + k[MEALS]
+    nodes = 2 * k[OBJECTS] + k[MEALS]
     for i in range(nodes):
         w[NEXT + i] = 0
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         if w[LEGS + o] > 1:
-            w[NEXT + o] |= 1 << (k[N] + o)
+            w[NEXT + o] |= 1 << (k[OBJECTS] + o)
     above_before_below(k, g, s, row, w)
     below_before_top(k, g, row, w)
     stations_in_turn(k, s, w)
@@ -59,7 +59,7 @@ def detours(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> int:
 @kernel
 def last(k: Ints, o: int, w: Ints) -> int:
     """The node of the last leg of an object; that of the first is its number."""
-    return k[N] + o if w[LEGS + o] > 1 else o
+    return k[OBJECTS] + o if w[LEGS + o] > 1 else o
 
 
 @kernel
@@ -68,7 +68,7 @@ def above_before_below(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
         if not w[LEAVES + o] or w[LEGS + o] == 0:
             continue
         under = s[k[BELOW] + o]
-        while under < k[N]:
+        while under < k[OBJECTS]:
             if w[LEAVES + under] and w[LEGS + under] > 0:
                 w[NEXT + o] |= 1 << under
             under = s[k[BELOW] + under]
@@ -77,7 +77,7 @@ def above_before_below(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
 @kernel
 def below_before_top(k: Ints, g: Ints, row: int, w: Ints) -> None:
     for o in range(k[ITEMS]):
-        at = row * k[N] + o
+        at = row * k[OBJECTS] + o
         if w[LEGS + o] == 0:
             continue
         if g[g[ATOP] + at] and w[LEGS + g[g[ATOP] + at] - 1] > 0:
@@ -92,7 +92,7 @@ def below_before_top(k: Ints, g: Ints, row: int, w: Ints) -> None:
                 if (
                     other != o
                     and w[LEGS + other] > 0
-                    and g[g[PILE] + row * k[N] + other] == g[g[PILE] + at]
+                    and g[g[PILE] + row * k[OBJECTS] + other] == g[g[PILE] + at]
                 ):
                     w[NEXT + last(k, other, w)] |= 1 << last(k, o, w)
 
@@ -109,12 +109,12 @@ def stations_in_turn(k: Ints, s: Ints, w: Ints) -> None:
         if many != 1:
             continue
         foot = -1
-        for o in range(k[N]):
-            if s[k[BELOW] + o] == k[N] + only:
+        for o in range(k[OBJECTS]):
+            if s[k[BELOW] + o] == k[OBJECTS] + only:
                 foot = o
         if foot < 0 or not w[LEAVES + foot] or w[LEGS + foot] == 0:
             continue
-        for o in range(k[N]):
+        for o in range(k[OBJECTS]):
             if o != foot and w[NEEDS + o] >> c & 1:
                 w[NEXT + foot] |= 1 << (o if w[FIRST + o] == c + 1 else last(k, o, w))
 
@@ -125,13 +125,13 @@ def water_first(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
     for m in range(k[MEALS]):
         if not g[g[WANTED] + row * k[MEALS] + m]:
             continue
-        filling = 2 * k[N] + m
+        filling = 2 * k[OBJECTS] + m
         missing = unmade(k, g, s, row, m)
         pot = only_pot(k, w)
         if pot >= 0 and missing and w[FIRST + pot] == k[SINK_CLASS] + 1:
             w[NEXT + pot] |= 1 << filling
         for o in range(k[ITEMS]):
-            if g[g[INTO] + row * k[N] + o] == m + 1 and w[LEGS + o] > 0:
+            if g[g[INTO] + row * k[OBJECTS] + o] == m + 1 and w[LEGS + o] > 0:
                 if missing:
                     w[NEXT + filling] |= 1 << last(k, o, w)
                 if pot >= 0 and g[g[VESSEL] + row * k[MEALS] + m]:
@@ -143,7 +143,7 @@ def only_pot(k: Ints, w: Ints) -> int:
     """The pot for the one meal there is to cook; -1 if there are several of either."""
     if w[SHARED]:
         return -1
-    for c in range(k[ITEMS], k[N]):
+    for c in range(k[ITEMS], k[OBJECTS]):
         if k[k[IS_POT] + c] == 1 and w[LEGS + c] > 0:
             return c
     return -1
@@ -154,13 +154,13 @@ def hand_first(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
     held = s[k[HELD]] - 1
     if held < 0 or w[LEGS + held] == 0:
         return
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         if o != held and w[LEGS + o] > 0:
             w[NEXT + held] |= 1 << o
             w[NEXT + held] |= 1 << last(k, o, w)
     for m in range(k[MEALS]):
         if unmade(k, g, s, row, m):
-            w[NEXT + held] |= 1 << (2 * k[N] + m)
+            w[NEXT + held] |= 1 << (2 * k[OBJECTS] + m)
 
 
 @kernel
@@ -177,10 +177,10 @@ def circles(k: Ints, nodes: int, w: Ints) -> int:
             return price
         circle = shortest_circle(nodes, alive, w)
         least = 4
-        for o in range(k[N]):
-            if circle >> o & 1 or circle >> (k[N] + o) & 1:
+        for o in range(k[OBJECTS]):
+            if circle >> o & 1 or circle >> (k[OBJECTS] + o) & 1:
                 alive &= ~(1 << o)
-                alive &= ~(1 << (k[N] + o))
+                alive &= ~(1 << (k[OBJECTS] + o))
                 if o >= k[ITEMS]:
                     least = 3
         price += least

@@ -33,6 +33,7 @@ from robotouille.planning.kitchen.layout import (
     MEAL,
     MEALS,
     NEED,
+    OBJECTS,
     PILE,
     PLAYERS,
     PROCESS_CLASS,
@@ -47,7 +48,6 @@ from robotouille.planning.kitchen.layout import (
     TOP,
     TOTAL,
     VESSEL,
-    N,
 )
 from robotouille.planning.kitchen.moves import is_done
 from robotouille.planning.kitchen.obstacles import crowded_stations, obstacles
@@ -80,14 +80,14 @@ def estimate(k: Ints, g: Ints, s: Ints, w: Ints) -> int:
     survey(k, s, w)
     row = s[ROOT]
     for o in range(k[ITEMS]):
-        if g[g[ROLE] + row * k[N] + o] and not item(k, g, s, row, o, w):
+        if g[g[ROLE] + row * k[OBJECTS] + o] and not item(k, g, s, row, o, w):
             return DEAD
     if not vessels(k, g, s, row, w):
         return DEAD
     obstacles(k, g, s, row, w)
     total = crowded_stations(k, s, w)
     longest = w[CHAIN_OF_MEALS]
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         total += w[WORK + o]
         chain = w[CHAIN + o]
         if chain > 0:
@@ -105,7 +105,7 @@ def estimate(k: Ints, g: Ints, s: Ints, w: Ints) -> int:
 @kernel
 def survey(k: Ints, s: Ints, w: Ints) -> None:
     """Clear the scratch space, and note what is on what."""
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         w[ABOVE + o] = -1
         w[LEGS + o] = 0
         w[HERE + o] = 0
@@ -118,7 +118,7 @@ def survey(k: Ints, s: Ints, w: Ints) -> None:
         w[i] = 0
     for o in range(k[ITEMS]):
         under = s[k[BELOW] + o]
-        if under < k[N]:
+        if under < k[OBJECTS]:
             w[ABOVE + under] = o
 
 
@@ -131,7 +131,7 @@ def in_place(k: Ints, g: Ints, s: Ints, at: int, o: int) -> bool:
         return False
     if g[g[PILE] + at]:
         foot = o
-        while s[k[BELOW] + foot] < k[N]:
+        while s[k[BELOW] + foot] < k[OBJECTS]:
             foot = s[k[BELOW] + foot]
         return foot == g[g[PILE] + at] - 1
     return True
@@ -140,9 +140,9 @@ def in_place(k: Ints, g: Ints, s: Ints, at: int, o: int) -> bool:
 @kernel
 def item(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> bool:
     """Note the work on an item of the goal and its chain of events; False if it is lost."""
-    at = row * k[N] + o
+    at = row * k[OBJECTS] + o
     under = s[k[BELOW] + o]
-    stops = stops_of(k, g, s, row, o, under - k[N], w)
+    stops = stops_of(k, g, s, row, o, under - k[OBJECTS], w)
     if under >= k[MEAL]:
         return g[g[INTO] + at] == under - k[MEAL] + 1 and stops == 0
     if stops < 0:
@@ -165,7 +165,7 @@ def item(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> bool:
         w[CHAIN + o] -= saved
         return True
     w[LEAVES + o] = 1 if legs else 0
-    if w[HERE + o] == 0 and runs(k, g, s, row, o, under - k[N]):
+    if w[HERE + o] == 0 and runs(k, g, s, row, o, under - k[OBJECTS]):
         w[WORK + o] += 1
     else:
         walk = walk_to(k, s, o, w)
@@ -184,8 +184,8 @@ def stops_of(k: Ints, g: Ints, s: Ints, row: int, o: int, station: int, w: Ints)
     choices = 0
     back = 0
     here = 0 <= station < k[STATIONS]
-    at_row = g[g[BASE] + row * k[N] + o] or g[g[ATOP] + row * k[N] + o]
-    placed = at_row or g[g[PILE] + row * k[N] + o] or g[g[INTO] + row * k[N] + o]
+    at_row = g[g[BASE] + row * k[OBJECTS] + o] or g[g[ATOP] + row * k[OBJECTS] + o]
+    placed = at_row or g[g[PILE] + row * k[OBJECTS] + o] or g[g[INTO] + row * k[OBJECTS] + o]
     for q in range(k[PROCESSES]):
         at = q * k[ITEMS] + o
         if not g[g[NEED] + row * k[PROCESSES] * k[ITEMS] + at] or is_done(k, s, q, o):
@@ -271,7 +271,7 @@ def followers(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> int:
     What goes on top of it is placed by somebody who has to fetch it, if there is one player, or
     by somebody who takes the other's place.
     """
-    at = row * k[N] + o
+    at = row * k[OBJECTS] + o
     each = 4 if k[PLAYERS] == 1 else 2
     if w[LEGS + o] == 0 or o >= k[ITEMS]:
         return 0
@@ -282,7 +282,7 @@ def followers(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> int:
     for other in range(k[ITEMS]):
         if other == o or w[LEGS + other] == 0:
             continue
-        also = row * k[N] + other
+        also = row * k[OBJECTS] + other
         if (
             (g[g[BASE] + at] and g[g[PILE] + also] == o + 1)
             or (
@@ -301,7 +301,7 @@ def followers(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> int:
 def rests_on(k: Ints, g: Ints, row: int, upper: int, lower: int) -> bool:
     """Whether the goal wants an item directly or indirectly on another, piece by piece."""
     for _ in range(k[ITEMS]):
-        upper = g[g[ATOP] + row * k[N] + upper] - 1
+        upper = g[g[ATOP] + row * k[OBJECTS] + upper] - 1
         if upper == lower:
             return True
         if upper < 0:

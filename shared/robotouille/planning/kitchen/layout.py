@@ -1,20 +1,20 @@
 """The layout of a compact state, and of the two sequences that say what never changes.
 
-A state of N objects (items, then containers) is a short sequence of integers: for every player its
+A state of n objects (items, then containers) is a short sequence of integers: for every player its
 place and what it holds, for every object what it is on, for every meal where it is, and counters.
 Plain tables are alike, so they have no numbers: a pile on one is known by its lowest object. Codes
 of what an object is on, of places and of supports:
 
-    0 … N-1             another object (as a place: the plain table on which that is lowest)
-    N … TABLE-1         one of the stations with a purpose
+    0 … n-1             another object (as a place: the plain table on which that is lowest)
+    n … TABLE-1         one of the stations with a purpose
     TABLE               a plain table (as a place: an empty one)
     HAND, HAND+1 …      in a player's hand
     MEAL, MEAL+1 …      added to a meal
 
 What never changes is one sequence for a kitchen, `k`, and one for its goal, `g`: kernels are
-fastest with few arguments. `k[N]` is a number; `k[k[TIMER_SLOT] + i]` the i-th of a table. Counters
-are 0 until started, then 1, and one more after each step (timed) or performance (repeated); a
-process is done with its counter at its total plus 1 (timed) or at its total (repeated).
+fastest with few arguments. `k[ITEMS]` is a number; `k[k[TIMER_SLOT] + i]` the i-th of a table.
+Counters are 0 until started, then 1, and one more after each step (timed) or performance
+(repeated); a process is done with its counter at its total plus 1 (timed) or at its total.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ __all__ = [
     "MEALS",
     "MOVE",
     "NEED",
+    "OBJECTS",
     "PICK",
     "PILE",
     "PLACE",
@@ -87,7 +88,6 @@ __all__ = [
     "WANTED",
     "WORD",
     "WORDS",
-    "N",
     "laid_out",
 ]
 
@@ -99,7 +99,9 @@ WAIT, PICK, PUT, PROCESS, FILL, BOIL, ADD, POUR, MOVE = range(9)
 ROOT, LOOSE = 0, 1
 
 # Numbers of a kitchen: how many there are of each, codes, first positions in a state, totals.
-PLAYERS, N, ITEMS, STATIONS, TABLES, MEALS, PROCESSES, CLASSES, SIZE, WORDS, TIMERS = range(11)
+PLAYERS, OBJECTS, ITEMS, STATIONS, TABLES, MEALS, PROCESSES, CLASSES, SIZE, WORDS, TIMERS = range(
+    11
+)
 TABLE, HAND, MEAL = range(11, 14)
 PLACE, HELD, BELOW, INSIDE, BOILED = range(14, 19)
 SINK_CLASS, STOVE_CLASS, FILL_TOTAL, BOIL_TOTAL = range(19, 23)
@@ -127,13 +129,13 @@ SHIFT = 41  # [position]
 
 # Tables of a goal, with a row for each choice of objects `r`.
 ROWS = 0
-ROLE = 1  # [r * N + object] whether the goal is about it
+ROLE = 1  # [r * OBJECTS + object] whether the goal is about it
 NEED = 2  # [(r * PROCESSES + q) * ITEMS + item]
-BASE = 3  # [r * N + object] whether it has to be on a plain table itself
-PILE = 4  # [r * N + item] the lowest object of the pile it has to be in plus 1, or 0
-TOP = 5  # [r * N + item] whether nothing may be on it
-ATOP = 6  # [r * N + item] the object it has to be on plus 1, or 0
-INTO = 7  # [r * N + item] the meal it has to be in plus 1, or 0
+BASE = 3  # [r * OBJECTS + object] whether it has to be on a plain table itself
+PILE = 4  # [r * OBJECTS + item] the lowest object of the pile it has to be in plus 1, or 0
+TOP = 5  # [r * OBJECTS + item] whether nothing may be on it
+ATOP = 6  # [r * OBJECTS + item] the object it has to be on plus 1, or 0
+INTO = 7  # [r * OBJECTS + item] the meal it has to be in plus 1, or 0
 WANTED = 8  # [r * MEALS + meal] whether the goal is about it
 VESSEL = 9  # [r * MEALS + meal] the container it has to be in plus 1, or 0
 HOT = 10  # [r * MEALS + meal] whether it has to boil

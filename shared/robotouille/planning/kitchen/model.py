@@ -24,6 +24,7 @@ from robotouille.planning.kitchen.layout import (
     ITEMS,
     MEAL,
     MEALS,
+    OBJECTS,
     PLACE,
     PLAYERS,
     PROCESS_CLASS,
@@ -48,7 +49,6 @@ from robotouille.planning.kitchen.layout import (
     TOTAL,
     WORD,
     WORDS,
-    N,
     laid_out,
 )
 from robotouille.planning.kitchen.rules import Process, Rules, recognise
@@ -219,7 +219,7 @@ class _Draft:
         rows = list(zip(*self.timers, strict=True)) or [()] * 6
         numbers = {
             PLAYERS: players,
-            N: n,
+            OBJECTS: n,
             ITEMS: items,
             STATIONS: len(self.stations),
             TABLES: tables,
@@ -396,7 +396,7 @@ class _Encoder:
     def __init__(self, model: Model, state: State) -> None:
         self.model, self.k = model, model.kitchen
         self.codes = {name: i for i, name in enumerate(model.objects)}
-        self.codes |= {name: self.k[N] + i for i, name in enumerate(model.stations)}
+        self.codes |= {name: self.k[OBJECTS] + i for i, name in enumerate(model.stations)}
         self.codes |= dict.fromkeys(model.tables, self.k[TABLE])
         self.numbers = {name: i for i, name in enumerate(model.meals)}
         self.s = [0] * self.k[SIZE]
@@ -450,7 +450,7 @@ class _Encoder:
                 self._timers(names.get("fill", ""), (container,), FILLING, c)
             for meal, m in self.numbers.items():
                 if not s[k[BOILED] + m]:
-                    row = m * (k[N] - k[ITEMS]) + c
+                    row = m * (k[OBJECTS] - k[ITEMS]) + c
                     self._timers(names.get("boil", ""), (meal, container), BOILING, row)
 
     def _timers(self, action: str, about: tuple[str, ...], table: int, row: int) -> None:

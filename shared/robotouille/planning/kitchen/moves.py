@@ -32,6 +32,7 @@ from robotouille.planning.kitchen.layout import (
     MEALS,
     MOVE,
     NEED,
+    OBJECTS,
     PICK,
     PLACE,
     PLAYERS,
@@ -63,7 +64,6 @@ from robotouille.planning.kitchen.layout import (
     WANTED,
     WORD,
     WORDS,
-    N,
 )
 
 __all__ = [
@@ -91,7 +91,7 @@ def code(kind: int, x: int, y: int) -> int:
 @kernel
 def pile_place(k: Ints, s: Ints, o: int) -> int:
     """The place at which an object is; beyond all places if it is in a hand or a meal."""
-    while s[k[BELOW] + o] < k[N]:
+    while s[k[BELOW] + o] < k[OBJECTS]:
         o = s[k[BELOW] + o]
     under = s[k[BELOW] + o]
     return o if under == k[TABLE] else under
@@ -109,7 +109,7 @@ def is_clear(k: Ints, s: Ints, o: int) -> bool:
 @kernel
 def is_free(k: Ints, s: Ints, station: int) -> bool:
     """Whether nothing is on a station (by its code)."""
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         if s[k[BELOW] + o] == station:
             return False
     return True
@@ -119,7 +119,7 @@ def is_free(k: Ints, s: Ints, station: int) -> bool:
 def free_tables(k: Ints, s: Ints) -> int:
     """How many plain tables have nothing on them."""
     free = k[TABLES]
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         if s[k[BELOW] + o] == k[TABLE]:
             free -= 1
     return free
@@ -176,7 +176,7 @@ def spot(k: Ints, s: Ints, action: int) -> int:
     kind = action % 16
     x = action // 16 % 64
     if kind == PUT:
-        return x if x >= k[N] else pile_place(k, s, x)
+        return x if x >= k[OBJECTS] else pile_place(k, s, x)
     if kind in (BOIL, ADD):
         return pile_place(k, s, s[k[INSIDE] + x] - 1)
     if kind == MOVE:
@@ -207,10 +207,14 @@ def act(k: Ints, s: Ints, p: int, action: int) -> None:
     elif kind == PROCESS:
         process(k, s, x, y)
     elif kind == FILL:
-        s[k[k[FILLING] + (x - k[ITEMS]) * k[STATIONS] + s[k[BELOW] + x] - k[N]]] = 1
+        s[k[k[FILLING] + (x - k[ITEMS]) * k[STATIONS] + s[k[BELOW] + x] - k[OBJECTS]]] = 1
     elif kind == BOIL:
         c = s[k[INSIDE] + x] - 1
-        at = (x * (k[N] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + s[k[BELOW] + c] - k[N]
+        at = (
+            (x * (k[OBJECTS] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS]
+            + s[k[BELOW] + c]
+            - k[OBJECTS]
+        )
         s[k[k[BOILING] + at]] = 1
     elif kind == ADD:
         s[k[BELOW] + held] = k[MEAL] + x
@@ -224,7 +228,7 @@ def process(k: Ints, s: Ints, o: int, q: int) -> None:
     """Perform a repeated process once, or start a timed one."""
     at = q * k[ITEMS] + o
     if k[k[TIMED] + q]:
-        s[k[k[TIMER] + at * k[STATIONS] + s[k[BELOW] + o] - k[N]]] = 1
+        s[k[k[TIMER] + at * k[STATIONS] + s[k[BELOW] + o] - k[OBJECTS]]] = 1
     else:
         s[k[k[DONE] + at]] += 1
 
@@ -273,7 +277,7 @@ def walks(k: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
     """Write the walks of one of several players into `out`, from `start` on; returns how many."""
     count = 0
     for place in range(k[TABLE] + 1):
-        if place == s[k[PLACE] + p] or (place < k[N] and s[k[BELOW] + place] != k[TABLE]):
+        if place == s[k[PLACE] + p] or (place < k[OBJECTS] and s[k[BELOW] + place] != k[TABLE]):
             continue
         if not taken(k, s, p, place):
             out[start + count] = code(MOVE, place, 0)
@@ -320,15 +324,15 @@ def empty_handed(k: Ints, g: Ints, s: Ints, out: Ints, start: int) -> int:
     """The actions that need an empty hand."""
     count = 0
     row = s[ROOT]
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         under = s[k[BELOW] + o]
         if under >= k[HAND] or not is_clear(k, s, o):
             continue
         out[start + count] = code(PICK, o, 0)
         count += 1
-        if o < k[ITEMS] and k[N] <= under < k[TABLE]:
+        if o < k[ITEMS] and k[OBJECTS] <= under < k[TABLE]:
             for q in range(k[PROCESSES]):
-                if may_process(k, g, s, row, q, o, under - k[N]):
+                if may_process(k, g, s, row, q, o, under - k[OBJECTS]):
                     out[start + count] = code(PROCESS, o, q)
                     count += 1
     return count + with_pots(k, g, s, row, out, start + count)
@@ -354,8 +358,8 @@ def with_pots(k: Ints, g: Ints, s: Ints, row: int, out: Ints, start: int) -> int
     """Filling and boiling; written from `start` on."""
     count = 0
     if may_fill(k, g, s, row):
-        for c in range(k[ITEMS], k[N]):
-            station = s[k[BELOW] + c] - k[N]
+        for c in range(k[ITEMS], k[OBJECTS]):
+            station = s[k[BELOW] + c] - k[OBJECTS]
             if k[k[IS_POT] + c] != 1 or not 0 <= station < k[STATIONS]:
                 continue
             idle = s[k[k[FILLING] + (c - k[ITEMS]) * k[STATIONS] + station]] == 0
@@ -367,9 +371,9 @@ def with_pots(k: Ints, g: Ints, s: Ints, row: int, out: Ints, start: int) -> int
         c = s[k[INSIDE] + m] - 1
         if c < 0 or k[k[IS_POT] + c] != 1 or s[k[BOILED] + m] or not g[g[HOT] + row * k[MEALS] + m]:
             continue
-        station = s[k[BELOW] + c] - k[N]
+        station = s[k[BELOW] + c] - k[OBJECTS]
         if 0 <= station < k[STATIONS] and k[k[STATION_CLASS] + station] == k[STOVE_CLASS]:
-            at = (m * (k[N] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + station
+            at = (m * (k[OBJECTS] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + station
             if s[k[k[BOILING] + at]] == 0:
                 out[start + count] = code(BOIL, m, 0)
                 count += 1
@@ -402,7 +406,7 @@ def may_fill(k: Ints, g: Ints, s: Ints, row: int) -> bool:
 def puts(k: Ints, s: Ints, out: Ints, start: int) -> int:
     """Putting down what is held, where nothing is."""
     count = 0
-    for station in range(k[N], k[N] + k[STATIONS]):
+    for station in range(k[OBJECTS], k[OBJECTS] + k[STATIONS]):
         if is_free(k, s, station):
             out[start + count] = code(PUT, station, 0)
             count += 1
@@ -421,7 +425,7 @@ def with_item(k: Ints, g: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
         if o != item and s[k[BELOW] + o] < k[HAND] and is_clear(k, s, o):
             out[start + count] = code(PUT, o, 0)
             count += 1
-    at = s[ROOT] * k[N] + item
+    at = s[ROOT] * k[OBJECTS] + item
     for m in range(k[MEALS]):
         c = s[k[INSIDE] + m] - 1
         if c < 0 or k[k[IS_POT] + c] != 1 or s[k[BELOW] + c] >= k[HAND]:
@@ -442,7 +446,7 @@ def with_container(k: Ints, s: Ints, p: int, out: Ints, start: int) -> int:
     for m in range(k[MEALS]):
         if s[k[INSIDE] + m] != held + 1:
             continue
-        for c in range(k[ITEMS], k[N]):
+        for c in range(k[ITEMS], k[OBJECTS]):
             if k[k[IS_POT] + c] == 2 and s[k[BELOW] + c] < k[HAND] and holds_nothing(k, s, c):
                 out[start + count] = code(POUR, c, m)
                 count += 1

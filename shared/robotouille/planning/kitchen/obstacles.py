@@ -10,6 +10,7 @@ from robotouille.planning.kitchen.layout import (
     CLASSES,
     INTO,
     ITEMS,
+    OBJECTS,
     PILE,
     PLAYERS,
     ROLE,
@@ -17,7 +18,6 @@ from robotouille.planning.kitchen.layout import (
     STATIONS,
     TABLE,
     TOP,
-    N,
 )
 from robotouille.planning.kitchen.rows import (
     CHAIN,
@@ -45,11 +45,11 @@ def obstacles(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
             if w[LEAVES + o] or s[k[BELOW] + o] >= k[TABLE]:
                 continue
             under = s[k[BELOW] + o]
-            if under < k[N] and w[LEAVES + under] + w[HERE + under] > 0:
+            if under < k[OBJECTS] and w[LEAVES + under] + w[HERE + under] > 0:
                 remove(k, g, s, row, o, w)
                 changed = True
-            elif under < k[N] and must_be_clear(k, g, row, under, o, w):
-                w[CLEAR_ONLY] += 0 if has_place(k, g, row * k[N] + o) else 1
+            elif under < k[OBJECTS] and must_be_clear(k, g, row, under, o, w):
+                w[CLEAR_ONLY] += 0 if has_place(k, g, row * k[OBJECTS] + o) else 1
                 remove(k, g, s, row, o, w)
                 changed = True
             elif is_finished_too_soon(k, g, row, o, w):
@@ -71,7 +71,7 @@ def remove(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> None:
     w[LEAVES + o] = 1
     if w[LEGS + o] > 0:
         return
-    at = row * k[N] + o
+    at = row * k[OBJECTS] + o
     placed = has_place(k, g, at)
     walk = walk_to(k, s, o, w) if w[HERE + o] == 0 else 0
     work = 3 + walk
@@ -98,10 +98,10 @@ def has_place(k: Ints, g: Ints, at: int) -> bool:
 @kernel
 def must_be_clear(k: Ints, g: Ints, row: int, under: int, upper: int, w: Ints) -> bool:
     """Whether the goal wants nothing on an item, or something else than what is there."""
-    if g[g[TOP] + row * k[N] + under]:
+    if g[g[TOP] + row * k[OBJECTS] + under]:
         return True
     for o in range(k[ITEMS]):
-        if o != upper and g[g[ATOP] + row * k[N] + o] == under + 1 and w[LEGS + o] > 0:
+        if o != upper and g[g[ATOP] + row * k[OBJECTS] + o] == under + 1 and w[LEGS + o] > 0:
             return True
     return False
 
@@ -109,13 +109,13 @@ def must_be_clear(k: Ints, g: Ints, row: int, under: int, upper: int, w: Ints) -
 @kernel
 def is_finished_too_soon(k: Ints, g: Ints, row: int, o: int, w: Ints) -> bool:
     """Whether the top of a pile is in place while something that goes below it is not."""
-    at = row * k[N] + o
+    at = row * k[OBJECTS] + o
     if not g[g[TOP] + at] or not g[g[PILE] + at]:
         return False
     for other in range(k[ITEMS]):
         if (
             other != o
-            and g[g[PILE] + row * k[N] + other] == g[g[PILE] + at]
+            and g[g[PILE] + row * k[OBJECTS] + other] == g[g[PILE] + at]
             and w[LEGS + other] > 0
         ):
             return True
@@ -126,7 +126,7 @@ def is_finished_too_soon(k: Ints, g: Ints, row: int, o: int, w: Ints) -> bool:
 def crowded_stations(k: Ints, s: Ints, w: Ints) -> int:
     """The work of clearing stations that are needed and taken by what would stay there."""
     needed = 0
-    for o in range(k[N]):
+    for o in range(k[OBJECTS]):
         needed |= w[NEEDS + o]
     work = 0
     for c in range(k[CLASSES]):
@@ -146,14 +146,14 @@ def crowded_stations(k: Ints, s: Ints, w: Ints) -> int:
 def clearing(k: Ints, s: Ints, station: int, w: Ints) -> int:
     """The work of clearing a station, besides that of what leaves it anyway."""
     foot = -1
-    for o in range(k[N]):
-        if s[k[BELOW] + o] == k[N] + station:
+    for o in range(k[OBJECTS]):
+        if s[k[BELOW] + o] == k[OBJECTS] + station:
             foot = o
     if foot < 0 or w[LEAVES + foot]:
         return 0
     work = 0
     o = foot
-    for _ in range(k[N]):
+    for _ in range(k[OBJECTS]):
         if not w[LEAVES + o]:
             work += 3 + (walk_to(k, s, o, w) if w[HERE + o] == 0 else 0)
             w[JOINED] += 1

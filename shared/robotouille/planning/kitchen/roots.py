@@ -14,6 +14,7 @@ from robotouille.planning.kitchen.layout import (
     DONE,
     ITEMS,
     MEALS,
+    OBJECTS,
     PLACE,
     PLAYERS,
     PROCESSES,
@@ -23,7 +24,6 @@ from robotouille.planning.kitchen.layout import (
     TABLE,
     TIMER,
     TOTAL,
-    N,
     laid_out,
 )
 from robotouille.planning.kitchen.model import Model
@@ -198,7 +198,7 @@ def _kinds_of_alike(model: Model, start: list[int]) -> dict[int, tuple[object, .
 
 def _table(model: Model, wants: _Wants, rows: list[Choice]) -> Ints:
     k = model.kitchen
-    role, base, pile, top, atop, into = ([0] * (len(rows) * k[N]) for _ in range(6))
+    role, base, pile, top, atop, into = ([0] * (len(rows) * k[OBJECTS]) for _ in range(6))
     need = [0] * (len(rows) * k[PROCESSES] * k[ITEMS])
     wanted, vessel, hot = ([0] * (len(rows) * k[MEALS]) for _ in range(3))
     meals = {v.id for v in model.world.goal.variables.values() if v.kind == "water"}
@@ -207,23 +207,23 @@ def _table(model: Model, wants: _Wants, rows: list[Choice]) -> Ints:
             if variable in meals:
                 wanted[r * k[MEALS] + o] = 1
             else:
-                role[r * k[N] + o] = 1
+                role[r * k[OBJECTS] + o] = 1
         for variable, q in wants.processes:
             first = k[k[AFTER] + q * k[ITEMS] + choice[variable]] - 1
             for needed in (q, first) if first >= 0 else (q,):
                 need[(r * k[PROCESSES] + needed) * k[ITEMS] + choice[variable]] = 1
         for variable in (*wants.lowest.values(), *wants.served.values()):
-            base[r * k[N] + choice[variable]] = 1
+            base[r * k[OBJECTS] + choice[variable]] = 1
         for variable, station in wants.there:
             lowest = choice[wants.lowest[station]]
             if choice[variable] != lowest:
-                pile[r * k[N] + choice[variable]] = lowest + 1
+                pile[r * k[OBJECTS] + choice[variable]] = lowest + 1
         for variable in wants.clear:
-            top[r * k[N] + choice[variable]] = 1
+            top[r * k[OBJECTS] + choice[variable]] = 1
         for upper, lower in wants.atop:
-            atop[r * k[N] + choice[upper]] = choice[lower] + 1
+            atop[r * k[OBJECTS] + choice[upper]] = choice[lower] + 1
         for variable, meal in wants.added:
-            into[r * k[N] + choice[variable]] = choice[meal] + 1
+            into[r * k[OBJECTS] + choice[variable]] = choice[meal] + 1
         for meal, variable in wants.inside:
             vessel[r * k[MEALS] + choice[meal]] = choice[variable] + 1
         for meal in wants.hot:

@@ -19,6 +19,7 @@ from robotouille.planning.kitchen.layout import (
     ITEMS,
     MEAL,
     MEALS,
+    OBJECTS,
     SINK_CLASS,
     STATION_CLASS,
     STATIONS,
@@ -29,7 +30,6 @@ from robotouille.planning.kitchen.layout import (
     TIMERS,
     VESSEL,
     WANTED,
-    N,
 )
 from robotouille.planning.kitchen.rows import (
     CHAIN,
@@ -51,8 +51,8 @@ __all__ = ["unmade", "vessels"]
 @kernel
 def vessels(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> bool:
     """Note the work on the meals of the goal and their vessels; False if one is lost."""
-    for c in range(k[ITEMS], k[N]):
-        if g[g[BASE] + row * k[N] + c] and s[k[BELOW] + c] != k[TABLE]:
+    for c in range(k[ITEMS], k[OBJECTS]):
+        if g[g[BASE] + row * k[OBJECTS] + c] and s[k[BELOW] + c] != k[TABLE]:
             bring(k, s, c, w)
     open_meals = 0
     w[SHARED] = 1 if meals_to_cook(k, g, s, row) > 1 else 0
@@ -102,21 +102,23 @@ def poured(k: Ints, g: Ints, s: Ints, row: int, m: int, w: Ints) -> bool:
     """A meal that is where it has to be: it can still come to the boil, since boiling goes on as
     long as the pot is on the stove. False if that was never started, or something is missing."""
     for o in range(k[ITEMS]):
-        if g[g[INTO] + row * k[N] + o] == m + 1 and s[k[BELOW] + o] != k[MEAL] + m:
+        if g[g[INTO] + row * k[OBJECTS] + o] == m + 1 and s[k[BELOW] + o] != k[MEAL] + m:
             return False
     if not g[g[HOT] + row * k[MEALS] + m] or s[k[BOILED] + m]:
         return True
     soonest = DEAD
     least = DEAD
     chosen = -1
-    for c in range(k[ITEMS], k[N]):
+    for c in range(k[ITEMS], k[OBJECTS]):
         for station in range(k[STATIONS]):
-            slot = k[k[BOILING] + (m * (k[N] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + station]
+            slot = k[
+                k[BOILING] + (m * (k[OBJECTS] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + station
+            ]
             if slot < 0 or s[slot] == 0:
                 continue
             left = k[BOIL_TOTAL] + 1 - s[slot]
             work = 0
-            if s[k[BELOW] + c] != k[N] + station:
+            if s[k[BELOW] + c] != k[OBJECTS] + station:
                 held = s[k[BELOW] + c] >= k[HAND]
                 work = 1 + carry(k, s) if held else 3 + walk_to(k, s, c, w)
                 left += work - 1
@@ -154,7 +156,7 @@ def cook_in(k: Ints, g: Ints, s: Ints, row: int, m: int, pot: int, number: int, 
     wet = 0
     chosen = -1
     choices = 0
-    for c in range(k[ITEMS], k[N]):
+    for c in range(k[ITEMS], k[OBJECTS]):
         if k[k[IS_POT] + c] != 1 or (pot >= 0 and c != pot):
             continue
         choices += 1
@@ -173,7 +175,7 @@ def cook_in(k: Ints, g: Ints, s: Ints, row: int, m: int, pot: int, number: int, 
         needs(k, g, s, row, m, chosen, w)
     elif best > 0:
         w[SHARED] = 1
-        for c in range(k[ITEMS], k[N]):
+        for c in range(k[ITEMS], k[OBJECTS]):
             if k[k[IS_POT] + c] == 1 and (pot < 0 or c == pot):
                 w[LEAVES + c] = 1
     return True
@@ -183,7 +185,7 @@ def cook_in(k: Ints, g: Ints, s: Ints, row: int, m: int, pot: int, number: int, 
 def needs(k: Ints, g: Ints, s: Ints, row: int, m: int, c: int, w: Ints) -> None:
     """Note the legs of the only pot there is for a meal."""
     under = s[k[BELOW] + c]
-    station = under - k[N]
+    station = under - k[OBJECTS]
     at = k[k[STATION_CLASS] + station] if 0 <= station < k[STATIONS] else -1
     first = 0
     if s[k[INSIDE] + m] == 0 and at != k[SINK_CLASS]:
@@ -211,7 +213,7 @@ def route(k: Ints, g: Ints, s: Ints, row: int, m: int, c: int, w: Ints) -> int:
     """
     under = s[k[BELOW] + c]
     held = under >= k[HAND]
-    station = under - k[N] if k[N] <= under < k[TABLE] else -1
+    station = under - k[OBJECTS] if k[OBJECTS] <= under < k[TABLE] else -1
     walk = 0 if held else walk_to(k, s, c, w)
     first = 1 + carry(k, s) if held else 3 + walk
     dry = s[k[INSIDE] + m] == 0
@@ -269,7 +271,7 @@ def heating(
     start = 1
     boiling_here = False
     for i in range(k[STATIONS]):
-        slot = k[k[BOILING] + (m * (k[N] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + i]
+        slot = k[k[BOILING] + (m * (k[OBJECTS] - k[ITEMS]) + c - k[ITEMS]) * k[STATIONS] + i]
         if slot >= 0 and s[slot] > 0:
             start = 0
             here = i == station and not dry
