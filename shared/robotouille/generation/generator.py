@@ -29,7 +29,6 @@ from robotouille.generation.proof import (
     Solver,
     carried,
     check_band,
-    plan_beside,
     shortest,
     solved,
     working,
@@ -37,6 +36,7 @@ from robotouille.generation.proof import (
 from robotouille.generation.roles import Roles
 from robotouille.generation.stock import Stock
 from robotouille.planning.answer import Answer
+from robotouille.planning.beside import plan_beside
 from robotouille.planning.plan import Plan
 from robotouille.world.world import World
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
-from robotouille.domain.files import is_file
-from robotouille.errors import FileError
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import AttemptError, Parameters
 from robotouille.planning.answer import Answer, Limits, Proof
 from robotouille.planning.optimal import solve
-from robotouille.planning.plan import Plan, read_plan
+from robotouille.planning.plan import Plan
 from robotouille.planning.validate import replay
 from robotouille.world.world import World
 
-__all__ = ["Solver", "carried", "check_band", "plan_beside", "shortest", "solved", "working"]
+__all__ = ["Solver", "carried", "check_band", "shortest", "solved", "working"]
 
 Solver = Callable[[World], Answer]
 """Finds a plan for all players of a world from its initial state."""
@@ -76,19 +73,3 @@ def check_band(answer: Answer, parameters: Parameters) -> None:
             f"{parameters.max_steps} asked for; the shortest plan's number of steps is {found}"
         )
         raise AttemptError("max_steps", message)
-
-
-def plan_beside(world: World) -> Plan | None:
-    """The plan in the file beside a world's problem file, if there is one and it works."""
-    source = Path(world.task.source)
-    for name in (f"{source.stem}@{world.task.seats}.plan", f"{source.stem}.plan"):
-        path = source.parent / name
-        if not is_file(path):
-            continue
-        try:
-            plan = read_plan(path.read_text(encoding="utf-8"), world, str(path))
-        except (OSError, UnicodeDecodeError, FileError):
-            continue
-        if replay(plan, world).ok:
-            return plan
-    return None

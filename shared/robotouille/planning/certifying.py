@@ -24,6 +24,7 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.planning.answer import Limits, Watch
+from robotouille.planning.beside import plan_beside
 from robotouille.planning.certificate import (
     Budget,
     Certificate,
@@ -115,13 +116,15 @@ class _Job:
         try:
             task = self.dataset.task(instance)
             kept = None if self.fresh else self._kept(instance, task)
-            found = kept or certify(
-                task, self.solver, self.budget.for_seats(task.seats).limits(), watch
-            )
+            found = kept or self._certify(task, watch)
         except (RobotouilleError, MemoryError) as error:
             reason = str(error) or "out of memory: fewer states may be kept"
             return Outcome(instance, None, f"{self.dataset.folder / instance.file}: {reason}")
         return Outcome(instance, found, kept=kept is not None)
+
+    def _certify(self, task: Task, watch: Watch) -> Certificate:
+        limits = self.budget.for_seats(task.seats).limits()
+        return certify(task, self.solver, limits, watch, known=plan_beside(World(task)))
 
     def _kept(self, instance: Instance, task: Task) -> Certificate | None:
         """The certificate that lies there, if this job would write the same."""
