@@ -175,7 +175,8 @@ def certify(
     """Ask a planner, and certify its answer once the plan has been replayed.
 
     `start` is a state of the task to plan from, if not the initial one; `known` a plan that is
-    taken if it is shorter than the planner's. Raises RobotouilleError where the answer does not hold.
+    taken if it is shorter than the planner's. Raises RobotouilleError where the answer does not
+    hold.
     """
     world = World(task) if start is None else start.world
     answer = solver(world, start, limits=limits, watch=watch)
