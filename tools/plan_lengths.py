@@ -18,7 +18,7 @@ from pathlib import Path
 
 from robotouille import load_task
 from robotouille.planning.certificate import Certificate, certify, read_certificate
-from robotouille.planning.dataset import BUDGET
+from robotouille.planning.certifying import BUDGET
 from robotouille.planning.optimal import solve
 
 PROBLEMS = Path(__file__).resolve().parents[1] / "problems"

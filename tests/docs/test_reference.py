@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.errors import ProtocolError
-from robotouille.planning.dataset import BUDGET
+from robotouille.planning.certifying import BUDGET
 from robotouille.protocol import codec, messages
 from robotouille_server import ServerSettings, peer
 from robotouille_server.metrics import Metrics

@@ -21,9 +21,15 @@ def plan_beside(world: World) -> Plan | None:
         if not is_file(path):
             continue
         try:
-            plan = read_plan(path.read_text(encoding="utf-8"), world, str(path))
+            steps = _without_comments(path.read_text(encoding="utf-8"))
+            plan = read_plan(steps, world, str(path))
         except (OSError, UnicodeDecodeError, FileError):
             continue
         if replay(plan, world).ok:
             return plan
     return None
+
+
+def _without_comments(text: str) -> str:
+    """A plan's steps alone: its header may name the task otherwise than by its file."""
+    return "\n".join(line for line in text.splitlines() if not line.startswith("#"))
