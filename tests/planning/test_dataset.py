@@ -140,7 +140,8 @@ def test_what_is_kept_and_what_is_done_again(folder: Path) -> None:
     assert kept(never) == [True] * 3
     assert contents(folder) == before
     assert kept(proving, fresh=True) == [False] * 3
-    assert kept(proving, budget=Budget(expansions=99, states=100)) == [False] * 3
+    assert kept(proving, budget=Budget(expansions=99, states=100)) == [True] * 3
+    assert kept(proving, budget=Budget(expansions=101, states=100)) == [False] * 3
     assert kept(proving, budget=Budget(expansions=99, states=100, seconds=9)) == [True] * 3
     assert kept(renamed, budget=Budget(expansions=99, states=100)) == [False] * 3
     assert kept(proving) == [False] * 3

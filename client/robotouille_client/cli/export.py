@@ -31,6 +31,8 @@ def pddl(
     from robotouille.planning.pddl import encode
 
     try:
+        if out.exists() and not out.is_dir():
+            raise RobotouilleError(f"--out: {out} is a file; expected a folder")
         written = encode(World(load_task(task, seats=seats)), encoding, created=created)
         out.mkdir(parents=True, exist_ok=True)
         (out / "domain.pddl").write_text(written.domain, encoding="utf-8")

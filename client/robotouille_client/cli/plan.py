@@ -77,6 +77,8 @@ def plan(
         place = _certificate_place(task, found, out) if certificate else None
         if certificate and start is not None:
             raise RobotouilleError("--certificate is for the start of a task: leave out --from")
+        if out is not None and (out.is_dir() or not out.name):
+            raise RobotouilleError(f"--out: {str(out)!r} is a folder; expected a file")
         if out is not None and not out.parent.is_dir():
             raise RobotouilleError(f"there is no folder {out.parent}")
         answer = _search(found, start, expansions, Deadline(timeout or math.inf))

@@ -21,6 +21,7 @@ from robotouille.planning.kitchen.moves import act, options, running, spot, tick
 from robotouille.planning.kitchen.roots import TooManyChoicesError
 from robotouille.planning.kitchen.search import (
     COUNT,
+    CUT,
     GOAL,
     PROMISE,
     PROMISES,
@@ -156,7 +157,9 @@ def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> Answer:
     """
     k, x = search.model.kitchen, _roots(search)
     if x.notes[PROMISE] == PROMISES and x.notes[GOAL] < 0:
-        return Answer(None, 0, Proof.EXHAUSTED, PLANNER, 0, unsolvable=True)
+        nothing = x.notes[CUT] == PROMISES
+        proof = Proof.EXHAUSTED if nothing else Proof.NONE
+        return Answer(None, 0, proof, PLANNER, 0, unsolvable=bool(nothing))
     bound = 0 if x.notes[GOAL] >= 0 else int(x.notes[PROMISE])
     most = DEEPEST if limits.expansions is None else min(limits.expansions, DEEPEST)
     node, spent = pop(x), 0

@@ -117,7 +117,9 @@ class Budget(Schema):
 
     def covered_by(self, spent: Budget) -> bool:
         """Whether a search under this budget would give no more than a past one that spent so."""
-        same = (self.expansions, self.states) == (spent.expansions, spent.states)
+        unlimited = spent.expansions is None
+        enough = unlimited or (self.expansions or math.inf) <= (spent.expansions or 0)
+        same = enough and self.states == spent.states
         in_time = spent.seconds is None or (self.seconds or math.inf) <= spent.seconds
         return same and in_time
 

@@ -137,6 +137,9 @@ class _Job:
         )
         if not same or check(found, task):
             return None
+        known = plan_beside(World(task))
+        if known is not None and (found.length is None or len(known) < found.length):
+            return None
         at_once = Limits(expansions=0, states=0, stop=lambda: True)
         return found if self.solver(World(task), limits=at_once).planner == found.planner else None
 

@@ -7,6 +7,7 @@ as if the timers that run had run out, and takes off what is done of repeated ac
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from robotouille.planning.forecast import Forecast, Forecaster
@@ -131,8 +132,10 @@ class Workbench:
         goal = self.world.goal
         for variable, kind in ((v.id, v.kind) for v in goal.variables.values()):
             wanted = sum(v.kind == kind for v in goal.variables.values())
-            while len(goal.candidates(variable)) < wanted and self._make_room():
-                pass
+            known = -1
+            while known < len(goal.candidates(variable)) < wanted:
+                known = len(goal.candidates(variable))
+                self._make_room()
         if self._size != len(self.world.table.atoms):
             self._size = len(self.world.table.atoms)
             self.vocabulary = Vocabulary(self.world)
@@ -140,14 +143,10 @@ class Workbench:
             self._parts.clear()
             self._supporters.clear()
 
-    def _make_room(self) -> bool:
+    def _make_room(self) -> None:
         """Have the world number one more object of each kind that can be created."""
-        before = len(self.world.table.atoms)
-        try:
-            self.world.restore((2 << before) - 1, ())
-        except ValueError:
-            return False
-        return len(self.world.table.atoms) > before
+        with suppress(ValueError):
+            self.world.restore((2 << len(self.world.table.atoms)) - 1, ())
 
     def parts(self, atoms: list[Atom], facts: int) -> list[Part]:
         """The parts of a goal; each atom is the work of the first movable it mentions."""

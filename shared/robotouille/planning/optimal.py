@@ -37,16 +37,21 @@ def solve(
         return solve_generally(world, state, limits=limits, watch=watch)
     if len(world.players) == 1:
         return search.solve(limits, watch)
-    return search.solve(limits, watch, lambda: _team_plan(world, state))
+    return search.solve(limits, watch, lambda: _team_plan(world, state, limits))
 
 
-def _team_plan(world: World, state: State) -> Plan | None:
+def _team_plan(world: World, state: State, limits: Limits) -> Plan | None:
     """A plan of a beam search for several players, whose shortest plans are hard to find.
 
     More than two get in one another's way: some pairs, the others standing still, are tried too.
     """
     planner, players = Planner(world), tuple(world.players)
     pairs = [players[:2], players[1:3]] if len(players) > 2 else []
-    found = [planner.solve(state, team, expansions=BEAM) for team in (players, *pairs)]
-    plans = [solution.plan for solution in found if solution.reached]
+    plans = []
+    for team in (players, *pairs):
+        if limits.stop is not None and limits.stop():
+            break
+        solution = planner.solve(state, team, expansions=BEAM)
+        if solution.reached:
+            plans.append(solution.plan)
     return min(plans, key=len, default=None)

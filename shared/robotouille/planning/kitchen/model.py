@@ -22,6 +22,7 @@ from robotouille.planning.kitchen.layout import (
     INSIDE,
     IS_POT,
     ITEMS,
+    LOOSE,
     MEAL,
     MEALS,
     OBJECTS,
@@ -68,7 +69,7 @@ CODE = 6
 """Bits of an action's object, station or meal."""
 
 MOST_SECOND = 7
-"""The largest number of the meal or process that an action is about besides."""
+"""How many meals and processes an action may be about besides."""
 
 MOST_PLAYERS = 4
 """A joint action of more does not fit into one integer."""
@@ -121,13 +122,16 @@ def model_of(world: World, state: State) -> Model | None:
     if any(state.holds(flag, table) for flag in sorted(known) for table in tables):
         return None
     stations = [s for s in by_type["station"] if s not in tables]
+    room = max(len(meals) + _wanted_meals(world), len(rules.processes))
+    if len(items) + len(containers) + len(stations) >= 1 << CODE or room > MOST_SECOND:
+        return None
     if any(
         _is_enabled_too_late(state, process, item) for process in rules.processes for item in items
     ):
         return None
     draft = _Draft(world, state, rules, items, containers, stations)
     kitchen = draft.kitchen(len(tables), len(meals) + _wanted_meals(world))
-    if kitchen is None or draft.longest > LONGEST:
+    if kitchen is None or draft.longest > LONGEST or draft.uneven:
         return None
     players = list(world.players)
     objects = items + containers
@@ -181,6 +185,7 @@ class _Draft:
         self.items, self.containers, self.stations = items, containers, stations
         self.size = 0
         self.longest = 0
+        self.uneven = False
         self.widths: list[int] = []
         self.timers: list[tuple[int, int, int, int, int, int]] = []
 
@@ -345,7 +350,9 @@ class _Draft:
                     continue
                 if station_class[i] >= 0 and flags[station_class[i]] == "issink":
                     name = self.rules.actions["fill"]
-                    fill_total = _count(self.world, name, c1=container, s1=station)
+                    total = _count(self.world, name, c1=container, s1=station)
+                    self.uneven |= fill_total not in (0, total)
+                    fill_total = total
                     fill[-1] = self.field(fill_total + 1)
                     row = (fill[-1], 1, items + c, n + i, fill_total, items + c)
                     self.timers.append(row)
@@ -356,7 +363,9 @@ class _Draft:
                     if not self._holds("ispot", container):
                         continue
                     if station_class[i] >= 0 and flags[station_class[i]] == "isstove":
-                        boil_total = self._boil_total(container, station)
+                        total = self._boil_total(container, station)
+                        self.uneven |= boil_total not in (0, total)
+                        boil_total = total
                         boil[-1] = self.field(boil_total + 1)
                         row = (boil[-1], 2, items + c, n + i, boil_total, boiled + m)
                         self.timers.append(row)
@@ -427,7 +436,7 @@ class _Encoder:
                 p = self.model.players.index(atom[1])
                 s[k[PLACE] + p] = lowest.get(atom[2], self.codes[atom[2]])
         if k[PLAYERS] == 1 and s[k[HELD]]:
-            s[1] = 1
+            s[LOOSE] = 1
         self._counters(set(self.atoms))
         return s
 

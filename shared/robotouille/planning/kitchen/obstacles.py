@@ -20,6 +20,7 @@ from robotouille.planning.kitchen.layout import (
     TOP,
 )
 from robotouille.planning.kitchen.rows import (
+    ABOVE,
     CHAIN,
     CLEAR_ONLY,
     DEAD,
@@ -157,7 +158,7 @@ def clearing(k: Ints, s: Ints, station: int, w: Ints) -> int:
         if not w[LEAVES + o]:
             work += 3 + (walk_to(k, s, o, w) if w[HERE + o] == 0 else 0)
             w[JOINED] += 1
-        o = w[o]
+        o = w[ABOVE + o]
         if o < 0:
             break
     return work

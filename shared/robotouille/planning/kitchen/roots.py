@@ -84,10 +84,29 @@ def _read(model: Model) -> _Wants | None:
             return None
     if any(station not in wants.lowest for _, station in wants.there):
         return None
+    if _contradicts_itself(wants):
+        return None
     placed = {*wants.lowest.values(), *(i for i, _ in wants.there), *(i for i, _ in wants.atop)}
     if not placed.issuperset(wants.clear):
         return None
     return None if wants.lowest.keys() & wants.served.keys() else wants
+
+
+def _contradicts_itself(wants: _Wants) -> bool:
+    """Whether something has to be in several places: that is for planners that try it."""
+    lowest = list(wants.lowest.values())
+    upper = [i for i, _ in wants.atop]
+    added = [i for i, _ in wants.added]
+    poured = [i for i, _ in wants.inside]
+    there = dict(wants.there)
+    elsewhere = [
+        i for i, s in wants.there if there[i] != s or (i in lowest and wants.lowest[s] != i)
+    ]
+    somewhere = {*lowest, *upper, *there}
+    several = any(len(set(ids)) != len(ids) for ids in (lowest, upper, added, poured))
+    served = list(wants.served.values())
+    twice = len(set(served)) != len(served)
+    return bool(several or twice or elsewhere or somewhere & set(added) or set(lowest) & set(upper))
 
 
 def _lacks_something(model: Model) -> bool:

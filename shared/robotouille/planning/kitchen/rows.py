@@ -22,7 +22,7 @@ __all__ = [
     "WORK",
 ]
 
-DEAD = 900
+DEAD = 1 << 20
 """An estimate from which on the goal cannot be met."""
 
 ABOVE = 0

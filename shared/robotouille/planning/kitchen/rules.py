@@ -96,11 +96,24 @@ def recognise(domain: DomainFile) -> Rules | None:
         if process is None:
             return None
         rules.processes.append(process)
+    if not _are_simple(rules.processes):
+        return None
     needed = {"move", "pick item", "place item", "stack", "unstack"}
     flags = [p.station for p in rules.processes]
     if not needed <= rules.actions.keys() or len(set(flags)) != len(flags):
         return None
     return rules
+
+
+def _are_simple(processes: list[Process]) -> bool:
+    """Whether each process has a result of its own, and at most one other makes it possible,
+    which nothing else has to make possible in turn."""
+    results = [p.result for p in processes]
+    gained = [fact for p in processes for fact in {fact for _, fact in p.enables}]
+    if len(set(results)) != len(results) or len(set(gained)) != len(gained):
+        return False
+    chained = any(p.requires in gained and p.enables for p in processes)
+    return not chained and not any(p.requires in results for p in processes)
 
 
 def _sentence(action: ActionDef) -> str:

@@ -69,7 +69,7 @@ COUNT, EXPANDED, PROMISE, BEST, GOAL, CUT = range(6)
 known (plans have to be shorter) and its last node, -1 if it was not found here;
 and the lowest promise of states that had no room."""
 
-ROOM = 128
+ROOM = 256
 """Actions of one player in one state that there is room for."""
 
 ACTOR, CHOICE, CHOICES, KNOWN, JOINT = range(5)
