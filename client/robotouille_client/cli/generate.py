@@ -72,6 +72,8 @@ def generate(
 
     if out == STDOUT and (count > 1 or json_output):
         fail("--out - is for one instance without --json")
+    if seed == 0 and count > 1:
+        fail("--seed: several instances have multiples of a seed, which has to be 1 or more")
     try:
         width, height = _size(size)
         parameters = Parameters(
@@ -119,6 +121,8 @@ def _progress(generator: Generator, seeds: tuple[int, ...], what: str) -> Iterat
 def _write(instance: Instance, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{instance.name}.json"
+    if path.exists() and path.read_text(encoding="utf-8") != instance.text:
+        raise GenerationError("out", f"{path} is another instance; choose another folder")
     path.write_text(instance.text, encoding="utf-8", newline="\n")
     return path
 
