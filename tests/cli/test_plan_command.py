@@ -235,7 +235,12 @@ def test_progress_is_not_in_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_plan_is_printed_if_it_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "folder").mkdir()
-    done = plan("synchronous/01", "--out", str(tmp_path / "folder"))
+    done = plan("synchronous/01", "--out", str(tmp_path / ("x" * 300)))
     assert (done.exit_code, done.stdout) == (1, GOLDEN)
-    assert "folder: cannot be written: Is a directory" in done.stderr
+    assert "cannot be written" in done.stderr
+
+
+def test_a_folder_is_refused_before_the_search(tmp_path: Path) -> None:
+    done = plan("synchronous/01", "--out", str(tmp_path))
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert "is a folder; expected a file" in done.stderr
