@@ -77,7 +77,7 @@ def plan(
         place = _certificate_place(task, found, out) if certificate else None
         if certificate and start is not None:
             raise RobotouilleError("--certificate is for the start of a task: leave out --from")
-        if out is not None and (out.is_dir() or not out.name):
+        if out is not None and (not out.name or _is_folder(out)):
             raise RobotouilleError(f"--out: {str(out)!r} is a folder; expected a file")
         if out is not None and not out.parent.is_dir():
             raise RobotouilleError(f"there is no folder {out.parent}")
@@ -93,6 +93,13 @@ def plan(
         fail("interrupted", 130)
     if answer.plan is None:
         fail(_despair(answer) + _why(answer, World(found) if start is None else start.world, start))
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
 
 
 # Where the plan begins
