@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
+from urllib.parse import urlsplit, urlunsplit
 
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
@@ -25,6 +26,12 @@ __all__ = ["Client", "ConnectionFailedError", "connect"]
 DEFAULT_URL = "ws://127.0.0.1:8765"
 FIRST_DELAY, LONGEST_DELAY = 0.1, 5.0
 ANSWER_SECONDS = 15.0
+REPEAT_SECONDS = 5.0
+"""After which an action without an answer is sent again; it acts once all the same."""
+MAX_MOVES = 4
+
+LOST_TOKEN = ("auth/expired", "auth/invalid")
+TRY_AGAIN = ("server/handover", "server/draining")
 
 T = TypeVar("T", bound=messages.Message)
 
@@ -33,8 +40,24 @@ class ConnectionFailedError(RobotouilleError):
     """The server cannot be reached, or would not have us."""
 
 
+class MovedError(RobotouilleError):
+    """What we want is with another process of the server."""
+
+    def __init__(self, moved: messages.Moved) -> None:
+        self.moved = moved
+        super().__init__(f"{moved.episode} is on port {moved.port}")
+
+
+class NotYetError(RobotouilleError):
+    """The server asks us to try again in a moment."""
+
+
 class Client:
-    """A participant's connection to a server; made by `connect()`."""
+    """A participant's connection to a server; made by `connect()`.
+
+    A lost connection is sought again with growing pauses, and taken up where it was cut: what was
+    missed comes in, and requests and actions without an answer are sent again.
+    """
 
     def __init__(
         self,
@@ -45,9 +68,12 @@ class Client:
         codec: Codec = MSGPACK,
         reconnect: bool = True,
         seed: int | None = None,
+        token: str | None = None,
     ) -> None:
         self.url = url
         self.name = name
+        self.role = ""
+        self.notices: list[str] = []
         self.kind: messages.Kind = kind
         self.game: Game | None = None
         self.connected = asyncio.Event()
@@ -55,23 +81,28 @@ class Client:
         self._reconnect = reconnect
         self._jitter = random.Random(seed)
         self._socket: ClientConnection | None = None
+        self._token = token
         self._resume: str | None = None
         self._refs = 0
         self._answers: dict[int, asyncio.Future[Any]] = {}
+        self._requests: dict[int, Any] = {}
         self._join: messages.Join | None = None
         self._rejoin: int | None = None
         self._joining: int | None = None
         self._pending_join: messages.Joined | None = None
         self._reader: asyncio.Task[None] | None = None
         self._outbox: asyncio.Queue[messages.Message] = asyncio.Queue()
+        self._unsent: messages.Message | None = None
+        self._repeater: asyncio.TimerHandle | None = None
         self._closing = False
         self.farewell = ""
 
     # Life
 
     async def __aenter__(self) -> Self:
-        await self._open()
+        await self._open_somewhere()
         self._reader = asyncio.create_task(self._run(), name=f"robotouille-client {self.name}")
+        self._repeat()
         return self
 
     async def __aexit__(
@@ -85,6 +116,8 @@ class Client:
     async def close(self) -> None:
         """Close the connection; a seat is kept for the server's grace period."""
         self._closing = True
+        if self._repeater is not None:
+            self._repeater.cancel()
         if self._reader is not None:
             self._reader.cancel()
             with contextlib.suppress(asyncio.CancelledError):
@@ -113,10 +146,17 @@ class Client:
         view: messages.View = "state",
     ) -> Game:
         """Enter an episode by id or code; returns once the first picture is there."""
-        request = messages.Join(
-            ref=self._next_ref(), episode=episode, seat=seat, role=role, view=view
-        )
-        await self._ask(request, messages.Joined)
+        for _ in range(MAX_MOVES):
+            request = messages.Join(
+                ref=self._next_ref(), episode=episode, seat=seat, role=role, view=view
+            )
+            try:
+                await self._ask(request, messages.Joined)
+                break
+            except MovedError as error:
+                await self._move(error.moved)
+        else:
+            raise ConnectionFailedError(f"{self.url} sends us from one process to the next")
         self._join = request
         if self.game is None:
             raise AssertionError("joined without a game")
@@ -128,6 +168,14 @@ class Client:
         await self._ask(messages.Leave(ref=self._next_ref()), messages.Left)
         self.game = None
 
+    async def _move(self, moved: messages.Moved) -> None:
+        """Go to the process that has the episode."""
+        self.url, self._resume = _moved_url(self.url, moved), None
+        self.connected.clear()
+        if self._socket is not None:
+            await self._socket.close()
+        await self.connected.wait()
+
     def _next_ref(self) -> int:
         self._refs += 1
         return self._refs
@@ -135,6 +183,7 @@ class Client:
     async def _ask(self, request: Any, expected: type[T]) -> T:
         future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
         self._answers[request.ref] = future
+        self._requests[request.ref] = request
         self._send(request)
         try:
             async with asyncio.timeout(ANSWER_SECONDS):
@@ -143,6 +192,7 @@ class Client:
             raise ConnectionFailedError(f"{self.url} does not answer") from None
         finally:
             self._answers.pop(request.ref, None)
+            self._requests.pop(request.ref, None)
         if not isinstance(answer, expected):
             found = type(answer).__name__
             raise ProtocolError("message/unexpected", f"{found} in answer to {request.type}")
@@ -153,12 +203,23 @@ class Client:
 
     # The connection
 
+    async def _open_somewhere(self) -> None:
+        """Connect, to another process of the server if we are sent there."""
+        for _ in range(MAX_MOVES):
+            try:
+                await self._open()
+                return
+            except MovedError as error:
+                self.url = _moved_url(self.url, error.moved)
+        raise ConnectionFailedError(f"{self.url} sends us from one process to the next")
+
     async def _open(self) -> None:
         """Connect and say hello."""
         socket = await self._connect()
         try:
             async with asyncio.timeout(ANSWER_SECONDS):
                 answer = await self._greet(socket)
+            await self._take_up(socket, answer)
         except (ConnectionClosed, TimeoutError) as error:
             await socket.close()
             raise ConnectionFailedError(f"{self.url} did not welcome us: {error}") from None
@@ -167,9 +228,15 @@ class Client:
             raise
         self._socket = socket
         self._resume = answer.resume
+        self.role = answer.role
         self.connected.set()
-        if self._join is not None and not answer.resumed:
+
+    async def _take_up(self, socket: ClientConnection, welcome: messages.Welcome) -> None:
+        """Ask again what was not answered, and join again where the server has forgotten us."""
+        if self._join is not None and not welcome.resumed:
             await self._join_again(socket, self._join)
+        for request in list(self._requests.values()):
+            await socket.send(self._codec.encode(request))
 
     async def _connect(self) -> ClientConnection:
         try:
@@ -190,20 +257,33 @@ class Client:
     async def _greet(self, socket: ClientConnection) -> messages.Welcome:
         """Say hello, anew where the resume token has expired."""
         hello = messages.Hello(
-            protocol=messages.PROTOCOL_VERSION, name=self.name, kind=self.kind, resume=self._resume
+            protocol=messages.PROTOCOL_VERSION,
+            name=self.name,
+            kind=self.kind,
+            token=None if self._resume else self._token,
+            resume=self._resume,
+            seen=self.game.seen if self._resume and self.game is not None else None,
         )
         await socket.send(self._codec.encode(hello))
-        answer = self._codec.decode_server(await socket.recv())
-        if isinstance(answer, messages.Error) and answer.code == "auth/expired":
+        answer = await self._first_answer(socket)
+        if isinstance(answer, messages.Error) and self._resume and answer.code in LOST_TOKEN:
             self._resume = None
-            await socket.send(self._codec.encode(hello.model_copy(update={"resume": None})))
-            answer = self._codec.decode_server(await socket.recv())
+            anew = {"resume": None, "seen": None, "token": self._token}
+            await socket.send(self._codec.encode(hello.model_copy(update=anew)))
+            answer = await self._first_answer(socket)
         if isinstance(answer, messages.Error):
+            if answer.code in TRY_AGAIN:
+                raise NotYetError(answer.message)
             raise ProtocolError(answer.code, answer.message, answer.field)
+        if isinstance(answer, messages.Moved):
+            raise MovedError(answer)
         if not isinstance(answer, messages.Welcome):
             found = type(answer).__name__
             raise ProtocolError("message/unexpected", f"{found} in answer to hello")
         return answer
+
+    async def _first_answer(self, socket: ClientConnection) -> messages.ServerMessage:
+        return self._codec.decode_server(await socket.recv())
 
     async def _join_again(self, socket: ClientConnection, join: messages.Join) -> None:
         """The server forgot us: take the same seat as a newcomer."""
@@ -242,9 +322,13 @@ class Client:
 
     async def _write(self, socket: ClientConnection) -> None:
         while True:
-            message = await self._outbox.get()
-            with contextlib.suppress(ConnectionClosed):
-                await socket.send(self._codec.encode(message))
+            if self._unsent is None:
+                self._unsent = await self._outbox.get()
+            try:
+                await socket.send(self._codec.encode(self._unsent))
+            except ConnectionClosed:
+                return
+            self._unsent = None
 
     async def _come_back(self) -> None:
         """Reconnect with growing pauses (100 ms to 5 s, with jitter)."""
@@ -253,37 +337,55 @@ class Client:
             await asyncio.sleep(delay * self._jitter.uniform(0.5, 1.0))
             delay = min(LONGEST_DELAY, delay * 2)
             try:
-                await self._open()
-            except ConnectionFailedError:
+                await self._open_somewhere()
+            except (ConnectionFailedError, NotYetError):
                 continue
             except (ProtocolError, ConnectionClosed) as error:
                 self.farewell = str(error)
             return
 
+    def _repeat(self) -> None:
+        """Now and then, send again what has no answer."""
+        loop = asyncio.get_running_loop()
+        self._repeater = loop.call_later(REPEAT_SECONDS, self._repeat)
+        if self.game is not None and self.connected.is_set():
+            self.game.repeat(loop.time() - REPEAT_SECONDS)
+
     def _receive(self, message: messages.ServerMessage) -> None:
         now = asyncio.get_running_loop().time()
         if isinstance(message, messages.Joined):
-            if self.game is None or self.game.episode != message.episode:
-                self.game = Game(self._send, message)
-            else:
-                self.game.rejoined(message)
-            self._pending_join = message
+            self._joined(message)
         if isinstance(message, messages.Bye):
+            if message.retry:
+                return
             self.farewell = message.reason
+        if isinstance(message, messages.Notice):
+            self.notices.append(message.text)
         if self.game is not None:
             self.game.receive(message, now)
         self._settle(message)
 
+    def _joined(self, message: messages.Joined) -> None:
+        if message.resume is not None:
+            self._resume = message.resume
+        if self.game is None or self.game.episode != message.episode:
+            self.game = Game(self._send, message)
+        else:
+            self.game.rejoined(message, anew=message.ref is not None)
+        self._pending_join = message
+
     def _settle(self, message: messages.ServerMessage) -> None:
         """Hand an answer to who asked; a join is answered once its first picture is there."""
         ref = getattr(message, "ref", None)
+        if isinstance(message, messages.Error):
+            message = self._done_before(message)
         if isinstance(message, messages.Error) and ref is not None and ref == self._rejoin:
             self._join = None
             if self.game is not None:
                 lost = messages.Left(episode=self.game.episode, reason=message.message)
                 self.game.receive(lost, 0.0)
         if isinstance(message, messages.Joined):
-            self._joining = ref
+            self._joining = ref if ref is not None else self._asked(messages.Join)
             return
         if isinstance(message, messages.Snapshot | messages.Observation):
             ref, message = self._joining, self._pending_join  # type: ignore[assignment]
@@ -293,8 +395,23 @@ class Client:
             return
         if isinstance(message, messages.Error):
             future.set_exception(ProtocolError(message.code, message.message, message.field))
+        elif isinstance(message, messages.Moved):
+            future.set_exception(MovedError(message))
         else:
             future.set_result(message)
+
+    def _asked(self, kind: type[messages.Message]) -> int | None:
+        """The reference of a request of this kind that waits for its answer."""
+        return next((r for r, request in self._requests.items() if isinstance(request, kind)), None)
+
+    def _done_before(self, error: messages.Error) -> messages.ServerMessage:
+        """A request that was sent twice since its first answer was lost: it has been done."""
+        request = self._requests.get(error.ref) if error.ref is not None else None
+        if isinstance(request, messages.Leave) and error.code == "episode/none":
+            return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
+        if isinstance(request, messages.Join) and error.code == "episode/joined":
+            return self._pending_join or error
+        return error
 
     def _give_up(self, reason: str) -> None:
         for future in self._answers.values():
@@ -312,12 +429,25 @@ async def connect(
     kind: messages.Kind = "bot",
     encoding: Literal["msgpack", "json"] = "msgpack",
     reconnect: bool = True,
+    token: str | None = None,
+    seed: int | None = None,
 ) -> AsyncIterator[Client]:
-    """A connection to a server.
+    """A connection to a server; `token` is a signed role token, `seed` that of the pauses' jitter.
 
     Raises ConnectionFailedError if it cannot be reached at first; later it is sought again and
     again until the context is left.
     """
     codec = MSGPACK if encoding == "msgpack" else JSON
-    async with Client(url, name=name, kind=kind, codec=codec, reconnect=reconnect) as client:
+    async with Client(
+        url, name=name, kind=kind, codec=codec, reconnect=reconnect, token=token, seed=seed
+    ) as client:
         yield client
+
+
+def _moved_url(url: str, moved: messages.Moved) -> str:
+    """The address of the process that a server sends us to."""
+    if moved.url:
+        return moved.url
+    parts = urlsplit(url)
+    host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
+    return urlunsplit(parts._replace(netloc=f"{host}:{moved.port}"))

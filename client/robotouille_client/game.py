@@ -21,6 +21,7 @@ from robotouille.world.world import World, shared_world
 
 __all__ = [
     "ActResult",
+    "Announced",
     "Changed",
     "Game",
     "GameEvent",
@@ -83,11 +84,19 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
+class Announced:
+    """The server's operator said something."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class RosterChanged:
-    """Who plays and whether all seats are taken."""
+    """Who plays, whether all seats are taken, and why the game stands still if it does."""
 
     phase: str
     seats: tuple[messages.SeatInfo, ...]
+    pause: messages.Pause | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +107,7 @@ class Over:
     reason: str = ""
 
 
-GameEvent = Changed | Observed | Refused | Heard | RosterChanged | Over
+GameEvent = Changed | Observed | Refused | Heard | Announced | RosterChanged | Over
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,11 +137,15 @@ class Game:
         self.observation: Observed | None = None
         self.step_time = 0.0
         self.left: float | None = None
+        self.pause: messages.Pause | None = None
+        self.said = 0
         self._send = send
         self._reader: StateReader | None = None
         self._seq = joined.seq
         self._waiting: dict[int, asyncio.Future[ActResult]] = {}
         self._unanswered: dict[int, messages.Act] = {}
+        self._sent_at = 0.0
+        self._catch_up: int | None = None
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._news = asyncio.Event()
         self._resyncing = False
@@ -164,7 +177,20 @@ class Game:
 
     @property
     def running(self) -> bool:
+        """Whether time runs: the game has begun, and does not stand still."""
         return self.phase == "running"
+
+    @property
+    def paused(self) -> bool:
+        """Whether the game stands still; `pause` says why."""
+        return self.phase == "paused"
+
+    @property
+    def seen(self) -> messages.Seen | None:
+        """What a server need not tell again; None if there is no state to go on from."""
+        if self._reader is None or self._resyncing:
+            return None
+        return messages.Seen(episode=self.episode, step=self.step, said=self.said)
 
     @property
     def over(self) -> bool:
@@ -198,12 +224,14 @@ class Game:
             think_ms=think_ms,
             reasoning=reasoning,
         )
-        future = asyncio.get_running_loop().create_future()
+        loop = asyncio.get_running_loop()
+        future = loop.create_future()
         if self.ended:
             future.set_result(ActResult(False, self.step, ("it is over",), "episode/over"))
             return future
         self._waiting[act.seq] = future
         self._unanswered = {act.seq: act}
+        self._sent_at = loop.time()
         self._send(act)
         return future
 
@@ -257,11 +285,15 @@ class Game:
             case messages.Rejected():
                 self._rejected(message)
             case messages.Said():
-                self._emit(Heard(message.name, message.seat, message.text))
+                if message.number > self.said or message.number == 0:
+                    self.said = max(self.said, message.number)
+                    self._emit(Heard(message.name, message.seat, message.text))
+            case messages.Notice():
+                self._emit(Announced(message.text))
             case messages.Roster():
                 self.phase, self.seats = message.phase, tuple(message.seats)
-                self.turn = message.turn
-                self._emit(RosterChanged(message.phase, self.seats))
+                self.turn, self.pause = message.turn, message.pause
+                self._emit(RosterChanged(message.phase, self.seats, message.pause))
             case messages.Ended():
                 self._finish(message.outcome)
             case messages.Left() | messages.Bye():
@@ -269,15 +301,38 @@ class Game:
             case _:
                 pass
 
-    def rejoined(self, joined: messages.Joined) -> None:
-        """The connection is back: send again what was not answered."""
+    def rejoined(self, joined: messages.Joined, *, anew: bool = False) -> None:
+        """The connection is back: send again what is not answered by what was missed.
+
+        `anew` says that the seat was lost and taken again: nobody knows what became of earlier
+        actions, so they are not repeated.
+        """
         self._seq = max(self._seq, joined.seq)
         self._resyncing = False
         self._resync_asked = 0
-        for act in self._unanswered.values():
-            self._send(act)
+        if anew:
+            for seq in list(self._waiting):
+                reason = "the seat was lost and taken anew"
+                self._resolve(seq, ActResult(False, self.step, (reason,), "seat/lost"))
+        self._catch_up = joined.step
+        self._caught_up()
+
+    def _caught_up(self) -> None:
+        """After what was missed, ask what became of the last action."""
+        if self._catch_up is not None and self._catch_up <= self.step:
+            self._catch_up = None
+            for act in self._unanswered.values():
+                self._send(act)
+
+    def repeat(self, before: float) -> None:
+        """Send again what was sent before a time and has no answer; it acts once all the same."""
+        if self._sent_at <= before and not self.ended:
+            for act in self._unanswered.values():
+                self._send(act)
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
+        if self._reader is not None and message.step < self.step:
+            return
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:
@@ -293,11 +348,13 @@ class Game:
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
         self.seats, self.clock = tuple(message.seats), message.clock
         self.left, self.step_time = message.left, now
+        self.pause = message.pause
         self._seq = max(self._seq, message.seq)
         reasons = tuple(message.last_reasons)
         code = "action/invalid" if reasons else ""
         self._settle(message.last_seq, ActResult(not reasons, message.last_step, reasons, code))
         self._emit(Changed(message.step, self.state, turn=message.turn))
+        self._caught_up()
         if message.outcome is not None:
             self._finish(message.outcome)
 
@@ -330,6 +387,7 @@ class Game:
         self._tally(did)
         self._answer(message)
         self._emit(Changed(message.step, state, previous, did, message.turn))
+        self._caught_up()
 
     def _tally(self, did: tuple[tuple[str, GroundAction, bool], ...]) -> None:
         """Count what each seat has done since the roster last came."""
@@ -371,6 +429,7 @@ class Game:
         observed = Observed(message.step, message.text, tuple(message.actions), message.turn)
         self.observation = observed
         self._emit(observed)
+        self._caught_up()
         if not self.has_state:
             self._settle(message.seq, ActResult(True, message.step))
 

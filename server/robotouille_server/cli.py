@@ -6,19 +6,29 @@ import asyncio
 import inspect
 import signal
 import sys
-from collections.abc import Callable
-from typing import Annotated, Any
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from pydantic import ValidationError
 from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
 
-from robotouille.errors import RobotouilleError
+from robotouille.episode import Phase
+from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille_server.settings import ServerSettings
 
-__all__ = ["main", "run"]
+if TYPE_CHECKING:
+    from robotouille_server.app import Server
+    from robotouille_server.room import Room
+    from robotouille_server.workers import Worker
+
+__all__ = ["first_room", "main", "run", "serve_until_stopped"]
+
+SERVER = "server"
+"""The owner of the episode that a server opens by itself."""
 
 
 def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Callable[..., None]:
@@ -70,38 +80,106 @@ def run(settings: BaseSettings) -> None:
     """Serve until SIGINT or SIGTERM; exit status 1 if the server cannot start."""
     from robotouille_server.app import CannotListenError
     from robotouille_server.logs import configure_logs
+    from robotouille_server.supervisor import supervise, this_worker
 
     if not isinstance(settings, ServerSettings):
         raise TypeError("not the server's settings")
     configure_logs(settings.log_level, settings.log_format)
     try:
-        asyncio.run(_serve(settings))
+        worker = this_worker(settings)
+        if settings.workers > 1 and worker is None:
+            raise typer.Exit(supervise(settings))
+        asyncio.run(serve_until_stopped(settings, worker))
     except RobotouilleError as error:
         print(f"robotouille-server: {error}", file=sys.stderr)
         raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
 
 
-async def _serve(settings: ServerSettings) -> None:
+async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = None) -> None:
+    """Serve until a signal: SIGINT ends all episodes, SIGTERM lets them finish for a while and
+    leaves the rest to the next process; a second signal does so at once."""
     from robotouille_server.app import serve
 
-    stop = asyncio.Event()
+    signals: asyncio.Queue[signal.Signals] = asyncio.Queue()
     loop = asyncio.get_running_loop()
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(signal_number, stop.set)
-    async with serve(settings) as server:
-        room = server.lobby.create(messages.Create(), loop.time())
-        url = f" --url {server.url}" if server.port != 8765 else ""
-        print(
-            f"Robotouille is serving {room.world.task.name} ({settings.mode.value}) "
-            f"at {server.url}\n"
-            f"  the kitchen's code is {room.code}; "
-            f"{len(room.world.players)} seat{'s' * (len(room.world.players) > 1)}\n"
-            f"  play:   robotouille-client {room.code}{url}\n"
-            f"  a bot:  robotouille-bot planner --episode {room.code}{url}\n"
-            f"  stop:   Ctrl+C",
-            flush=True,
-        )
-        await stop.wait()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, signals.put_nowait, number)
+    async with serve(settings, worker=worker) as server, _operator(server) as operator:
+        if worker is None or worker.index == 0:
+            print(_greeting(server, first_room(server), operator), flush=True)
+        if await signals.get() is signal.SIGTERM:
+            await _drain(server, signals)
+            await server.stop("the server is restarted", hand_over=True)
+
+
+@asynccontextmanager
+async def _operator(server: Server) -> AsyncIterator[str]:
+    """The address of the operator's view; empty where there is none."""
+    from robotouille_server.app import CannotListenError
+    from robotouille_server.logs import get_logger
+    from robotouille_server.operator import operator_view
+
+    settings = server.settings
+    stack = AsyncExitStack()
+    try:
+        view = operator_view(
+            server, settings.operator_host, _operator_port(server), authorize=server.authorize,
+            ask_token=settings.require_token,
+        )  # fmt: skip
+        url = (await stack.enter_async_context(view)).url if settings.operator else ""
+    except (CannotListenError, MissingExtraError) as error:
+        if settings.operator_port is not None:
+            raise
+        get_logger().warning("no operator's view", reason=str(error))
+        url = ""
+    async with stack:
+        yield url
+
+
+def _operator_port(server: Server) -> int:
+    """What is set, else the port after all that the server itself uses."""
+    settings, worker = server.settings, server.worker
+    if settings.operator_port is not None:
+        return settings.operator_port + (worker.index if settings.operator_port else 0)
+    if settings.port == 0:
+        return 0
+    return settings.port + 1 + (worker.count + worker.index if worker.count > 1 else 0)
+
+
+async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None:
+    draining = asyncio.ensure_future(server.drain(server.settings.drain_seconds))
+    second = asyncio.ensure_future(signals.get())
+    await asyncio.wait({draining, second}, return_when=asyncio.FIRST_COMPLETED)
+    for task in (draining, second):
+        task.cancel()
+
+
+def first_room(server: Server) -> Room:
+    """The episode that is there from the start: a new one, or one that was there before."""
+    for room in server.lobby.rooms.values():
+        if room.owner == SERVER and room.episode.phase is Phase.WAITING:
+            return room
+    return server.lobby.create(messages.Create(), owner=SERVER)
+
+
+def _greeting(server: Server, room: Room, operator: str) -> str:
+    settings = server.settings
+    url = f" --url {server.url}" if server.url != "ws://127.0.0.1:8765" else ""
+    seats = len(room.world.players)
+    lines = [
+        f"Robotouille is serving {room.world.task.name} ({settings.mode.value}) at {server.url}",
+        f"  the kitchen's code is {room.code}; {seats} seat{'s' * (seats > 1)}",
+        f"  play:   robotouille-client {room.code}{url}",
+        f"  a bot:  robotouille-bot planner --episode {room.code}{url}",
+    ]
+    if operator:
+        lines.append(f"  watch over it:  {operator}")
+    if settings.host in ("127.0.0.1", "localhost", "::1"):
+        lines.append("  only programs on this machine can connect (--host 0.0.0.0 for others)")
+    restored = sum(one is not room for one in server.lobby.rooms.values())
+    if restored:
+        lines.append(f"  going on with {restored} earlier episode{'s' * (restored > 1)}")
+    return "\n".join([*lines, "  stop:   Ctrl+C"])
 
 
 def main() -> None:

@@ -2,41 +2,61 @@
 
 from __future__ import annotations
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+from bisect import bisect_left
+from collections.abc import Iterator
 
-__all__ = ["Metrics"]
+from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
+from prometheus_client.core import CounterMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.registry import Collector
 
-LATENESS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0)
+__all__ = ["BUCKETS", "Durations", "Metrics"]
+
+BUCKETS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.25, 1.0)
+"""Upper bounds of the histograms' buckets, in seconds."""
 
 
-class Metrics:
-    """The metrics of one server; each server has a registry of its own."""
+class Durations:
+    """A histogram of seconds: `counts[i]` are those up to `BUCKETS[i]`, the last one the rest."""
+
+    def __init__(self) -> None:
+        self.counts = [0] * (len(BUCKETS) + 1)
+        self.total = 0.0
+
+    def observe(self, seconds: float) -> None:
+        self.counts[bisect_left(BUCKETS, seconds)] += 1
+        self.total += seconds
+
+    def family(self, name: str, text: str) -> HistogramMetricFamily:
+        """As Prometheus has it: each bucket counts all that are not above its bound."""
+        below, rows = 0, []
+        for bound, count in zip([*map(str, BUCKETS), "+Inf"], self.counts, strict=True):
+            below += count
+            rows.append((bound, below))
+        return HistogramMetricFamily(name, text, buckets=rows, sum_value=self.total)
+
+
+class Metrics(Collector):
+    """The metrics of one server; each server has a registry of its own.
+
+    What is counted at every step or message is a plain number here, read when somebody asks.
+    """
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
+        self.steps = self.applied = self.rejected = 0
+        self.received = self.sent_messages = self.sent_bytes = 0
+        self.lateness = Durations()
+        self.age = Durations()
         self.connections = Gauge(
             "robotouille_connections", "Open connections", registry=self.registry
         )
         self.episodes = Gauge(
             "robotouille_episodes", "Episodes that are not over", registry=self.registry
         )
-        self.steps = Counter("robotouille_steps", "Steps taken", registry=self.registry)
-        self.moves = Counter(
-            "robotouille_moves", "Actions by result", ["result"], registry=self.registry
-        )
-        self.applied = self.moves.labels("applied")
-        self.rejected = self.moves.labels("rejected")
-        self.lateness = Histogram(
-            "robotouille_step_lateness_seconds",
-            "How late a scheduled step was taken",
-            buckets=LATENESS,
+        self.failing = Gauge(
+            "robotouille_failing_recordings",
+            "Episodes that are paused because their recording cannot be written",
             registry=self.registry,
-        )
-        self.sent_bytes = Counter(
-            "robotouille_sent_bytes", "Bytes of messages sent", registry=self.registry
-        )
-        self.received = Counter(
-            "robotouille_received_messages", "Messages received", registry=self.registry
         )
         self.errors = Counter(
             "robotouille_errors", "Errors answered, by code", ["code"], registry=self.registry
@@ -54,6 +74,46 @@ class Metrics:
             "robotouille_catch_up_snapshots",
             "Snapshots sent in place of deltas to clients that fell behind",
             registry=self.registry,
+        )
+        self.resumed = Counter(
+            "robotouille_resumed_connections",
+            "Lost connections that came back",
+            registry=self.registry,
+        )
+        self.restored = Counter(
+            "robotouille_restored_episodes",
+            "Episodes taken up from their recordings",
+            registry=self.registry,
+        )
+        self.registry.register(self)
+
+    def sent(self, size: int) -> None:
+        """A message of so many bytes was handed to the network."""
+        self.sent_messages += 1
+        self.sent_bytes += size
+
+    def collect(self) -> Iterator[Metric]:
+        """The plain numbers as metrics."""
+        yield CounterMetricFamily("robotouille_steps", "Steps taken", value=self.steps)
+        moves = CounterMetricFamily("robotouille_moves", "Actions by result", labels=["result"])
+        moves.add_metric(["applied"], self.applied)
+        moves.add_metric(["rejected"], self.rejected)
+        yield moves
+        yield CounterMetricFamily(
+            "robotouille_received_messages", "Messages received", value=self.received
+        )
+        yield CounterMetricFamily(
+            "robotouille_sent_messages", "Messages sent", value=self.sent_messages
+        )
+        yield CounterMetricFamily(
+            "robotouille_sent_bytes", "Bytes of messages sent", value=self.sent_bytes
+        )
+        yield self.lateness.family(
+            "robotouille_step_lateness_seconds", "How late a scheduled step was taken"
+        )
+        yield self.age.family(
+            "robotouille_delta_age_seconds",
+            "Time from the moment at which a step is taken to the last of its deltas sent",
         )
 
     def page(self) -> bytes:

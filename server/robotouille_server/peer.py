@@ -1,4 +1,4 @@
-"""One WebSocket as the rooms see it: send without waiting, never queue without bound."""
+"""One connection as the rooms see it: send without waiting, never queue without bound."""
 
 from __future__ import annotations
 
@@ -6,40 +6,44 @@ import asyncio
 from collections.abc import Callable
 
 from pydantic import BaseModel
-from websockets.asyncio.connection import broadcast
-from websockets.asyncio.server import ServerConnection
 from websockets.protocol import State as Connected
 
+from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
+from robotouille_server.connection import Connection, frame_of
 from robotouille_server.metrics import Metrics
 
 __all__ = ["Peer"]
 
 MAX_UNSENT = 128 * 1024
 MAX_HELD = 1024 * 1024
+LOOK_AGAIN = 0.05
 
 
 class Peer:
     """A connection and how far it is behind.
 
     A client that does not read fills its write buffer; from `MAX_UNSENT` bytes on it gets no more
-    deltas, and a snapshot instead once it has caught up. After `stall_seconds`, or with more than
-    `MAX_HELD` bytes of anything waiting, it is dropped.
+    deltas, and a snapshot instead once it has caught up, and nothing it says is read. After
+    `stall_seconds`, or with more than `MAX_HELD` bytes of anything waiting, it is dropped.
     """
 
     def __init__(
-        self, socket: ServerConnection, codec: Codec, metrics: Metrics, stall_seconds: float
+        self, socket: Connection, codec: Codec, metrics: Metrics, stall_seconds: float
     ) -> None:
         self.socket = socket
         self.codec = codec
-        self._catching_up: asyncio.Task[None] | None = None
-        self._parting: asyncio.Task[None] | None = None
+        self.sent = 0
+        self.received = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
+        self._behind_since: float | None = None
+        self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
+        self._parting: asyncio.Task[None] | None = None
 
     @property
     def open(self) -> bool:
-        return self.socket.state is Connected.OPEN
+        return self.socket.protocol.state is Connected.OPEN
 
     @property
     def unsent(self) -> int:
@@ -47,16 +51,26 @@ class Peer:
         size: int = self.socket.transport.get_write_buffer_size()
         return size
 
+    @property
+    def latency(self) -> float:
+        """Seconds to the client and back, as the last ping took; 0 before the first."""
+        return self.socket.latency
+
     def send(self, message: BaseModel) -> None:
         """Send a message now; dropped silently once the connection is closing."""
-        self.send_payload(self.codec.encode(message))
+        if self.open:
+            self.send_frame(frame_of(self.codec.encode(message)))
 
-    def send_payload(self, payload: bytes | str) -> None:
-        if self.open and self.unsent > MAX_HELD:
+    def send_frame(self, frame: bytes) -> None:
+        """Send a frame that is made already."""
+        if not self.open:
+            return
+        if self.unsent > MAX_HELD:
             self.drop("stalled")
-        elif self.open:
-            self._metrics.sent_bytes.inc(len(payload))
-            broadcast([self.socket], payload)
+            return
+        self.sent += 1
+        self._metrics.sent(len(frame))
+        self.socket.transport.write(frame)
 
     def keeps_up(self, catch_up: Callable[[], None]) -> bool:
         """Whether the client may be sent deltas.
@@ -64,35 +78,53 @@ class Peer:
         Once it has fallen behind it is not, until it has read what it had; `catch_up` is called
         then. One that does not read in time is cut off.
         """
-        if self._catching_up is None and self.unsent > MAX_UNSENT:
-            self._catching_up = asyncio.create_task(self._wait_and_catch_up(catch_up))
-        return self._catching_up is None
+        if "picture" not in self._when_caught_up and self.unsent > MAX_UNSENT:
+            self._await("picture", 0, catch_up)
+        return "picture" not in self._when_caught_up
 
-    async def _wait_and_catch_up(self, catch_up: Callable[[], None]) -> None:
-        if await self._unsent_at_most(0):
-            self._catching_up = None
-            self._metrics.snapshots.inc()
-            catch_up()
+    def throttle(self) -> None:
+        """Read no more from a client that does not read what it is answered."""
+        if self.unsent > MAX_UNSENT and "reading" not in self._when_caught_up:
+            self.socket.transport.pause_reading()
+            self._await("reading", MAX_UNSENT, self._read_on)
 
-    def part(self, reason: str) -> None:
-        """Close the connection politely, without waiting for the peer."""
-        self._parting = asyncio.create_task(self.socket.close(1008, reason))
+    def _read_on(self) -> None:
+        if self.open:
+            self.socket.transport.resume_reading()
+
+    def _await(self, what: str, size: int, then: Callable[[], None]) -> None:
+        loop = self.socket.loop
+        if not self._when_caught_up:
+            self._behind_since = loop.time()
+            loop.call_later(LOOK_AGAIN, self._look)
+        self._when_caught_up[what] = (size, then)
+
+    def _look(self) -> None:
+        """Has the client read in the meantime?"""
+        if not self.open or self._behind_since is None:
+            self._when_caught_up.clear()
+            return
+        unsent = self.unsent
+        for what, (size, then) in list(self._when_caught_up.items()):
+            if unsent <= size:
+                del self._when_caught_up[what]
+                if what == "picture":
+                    self._metrics.snapshots.inc()
+                then()
+        if not self._when_caught_up:
+            self._behind_since = None
+        elif self.socket.loop.time() > self._behind_since + self._stall_seconds:
+            self.drop("stalled")
+        else:
+            self.socket.loop.call_later(LOOK_AGAIN, self._look)
+
+    def part(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
+        """Say goodbye and close the connection politely, without waiting for the client."""
+        self.send(messages.Bye(code=code, reason=reason, retry=retry))
+        if self._parting is None:
+            self._parting = asyncio.create_task(self.socket.close(status, reason[:100]))
 
     def drop(self, reason: str) -> None:
-        """Cut the connection off without waiting for the peer."""
+        """Cut the connection off without waiting for the client."""
         self._metrics.dropped.labels(reason).inc()
         self.socket.transport.abort()
-
-    async def drained(self) -> bool:
-        """Wait until the client has read what it was sent; False if it does not in time."""
-        return self.unsent <= MAX_UNSENT or await self._unsent_at_most(MAX_UNSENT)
-
-    async def _unsent_at_most(self, size: int) -> bool:
-        loop = asyncio.get_running_loop()
-        deadline = loop.time() + self._stall_seconds
-        while self.open and self.unsent > size:
-            if loop.time() > deadline:
-                self.drop("stalled")
-                return False
-            await asyncio.sleep(0.05)
-        return self.open

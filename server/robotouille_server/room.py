@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from robotouille.episode import (
-    Answer,
+    Absence,
+    Announced,
     Ended,
     Episode,
     Event,
+    Hold,
+    Paused,
     Phase,
     Rejected,
+    Restarted,
+    Resumed,
     RosterChanged,
     Said,
     Started,
@@ -21,16 +27,32 @@ from robotouille.episode import (
 )
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille.protocol.codec import Codec
-from robotouille.replay.recorder import HASH_EVERY, Recorder
 from robotouille.world.actions import GroundAction
-from robotouille.world.state import State
-from robotouille_server.files import RecordingFile
+from robotouille_server.audience import Audience
+from robotouille_server.journal import Journal
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.session import Session
+from robotouille_server.stand_in import StandIn
 
-__all__ = ["Room"]
+__all__ = ["Room", "RoomHost"]
+
+RETRY_SECONDS = 1.0
+"""Between two attempts to write what could not be written."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoomHost:
+    """What a room needs of its server.
+
+    `resume_token` makes the token with which a session comes back; `vacated` is told when a
+    session has lost its place, `closed` when the episode is over.
+    """
+
+    metrics: Metrics
+    resume_token: Callable[[Session], str]
+    vacated: Callable[[Session], None]
+    closed: Callable[[Room], None]
 
 
 class Room:
@@ -42,36 +64,67 @@ class Room:
         code: str,
         episode: Episode,
         *,
-        recorder: Recorder,
-        file: RecordingFile | None,
-        metrics: Metrics,
-        on_close: Callable[[Room], None],
+        journal: Journal | None,
+        audience: Audience,
+        host: RoomHost,
+        owner: str = "",
     ) -> None:
         self.id = episode_id
         self.code = code
+        self.owner = owner
         self.episode = episode
         self.world = episode.world
-        self.members: list[Session] = []
-        self.closed = asyncio.Event()
-        self._writer = recorder.writer
-        self._recorder = recorder
-        self._file = file
-        self._metrics = metrics
+        self.journal = journal
+        self.audience = audience
+        self.banned: set[str] = set()
+        self.recording = ""
+        self._host = host
+        self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
-        self._seat_number = {player: i for i, player in enumerate(self.world.players)}
-        self._on_close = on_close
-        self._schedule()
+        self._retry: asyncio.TimerHandle | None = None
+        self._untold: list[Event] = []
+        self._unpainted: dict[Session, Callable[[], None]] = {}
+        self._stand_ins: dict[str, StandIn] = {}
+        self._failing = False
+        self._open = True
+        if episode.rules.absence is Absence.BOT:
+            self._stand_ins = {
+                player: StandIn(episode, player, episode.rules.stand_in, self._substitute)
+                for player in self.world.players
+            }
+
+    @property
+    def members(self) -> list[Session]:
+        """Everybody who plays or watches."""
+        return self.audience.members
+
+    @property
+    def spectators(self) -> int:
+        return self.audience.spectators
+
+    @property
+    def problem(self) -> str:
+        """What the operator should know; empty if all is well."""
+        return self.journal.problem if self.journal is not None else ""
 
     # Coming and going
 
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
         """Take a seat or watch; the session gets `joined` and a first picture."""
-        self.flush()
-        self._begin_recording()
+        if self.problem:
+            raise ProtocolError("server/recording", f"{self.problem}; try again later")
+        if session.participant in self.banned:
+            raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
         if request.role == "player":
-            player = request.seat
-            session.player = self.episode.join(player, session.name, session.kind, self._now())
+            session.player = self.episode.join(
+                request.seat,
+                session.name,
+                session.kind,
+                self._now(),
+                session=session.id,
+                participant=session.participant,
+            )
         elif self.spectators >= max_spectators:
             message = f"{max_spectators} spectators watch already"
             raise ProtocolError("episode/full", message, "role")
@@ -82,68 +135,68 @@ class Room:
         session.known = set(request.known)
         self.flush()
         self.members.append(session)
-        self.welcome(session, request.ref)
+        self._confirm(session, partial(self._welcome, session, request.ref))
+
+    def _welcome(self, session: Session, ref: int | None) -> None:
+        self.audience.welcome(session, ref, self._host.resume_token(session))
         if session.player is None:
-            self._send_all(self.roster())
+            self.audience.tell_roster()
         else:
-            self._send(session, self.roster())
-
-    def _begin_recording(self) -> None:
-        """Open the file when the first participant comes; ProtocolError where it cannot be."""
-        if self._file is None or self._file.begun:
-            return
-        try:
-            self._file.open()
-        except OSError as error:
-            message = f"the episode cannot be recorded: {error.strerror}"
-            get_logger().error("recording not begun", file=str(self._file.path), error=str(error))
-            raise ProtocolError("server/recording", message) from None
-        self._file.append(self._recorder.begin())
-
-    def welcome(self, session: Session, ref: int | None) -> None:
-        """`joined` and a first picture, at the first visit or after a lost connection."""
-        if session.peer is None:
-            return
-        role = "player" if session.player else "spectator"
-        joined = messages.Joined(
-            ref=ref, episode=self.id, code=self.code, role=role, seat=session.player,
-            seq=self._seq(session),
-        )  # fmt: skip
-        session.peer.send(joined)
-        self.send_picture(session)
+            self.audience.send(session, self.audience.roster())
 
     def leave(self, session: Session) -> None:
         """Leave for good."""
-        if session in self.members:
-            self.members.remove(session)
-        player = session.player
-        session.room = session.player = None
+        player = self._part_with(session)
         if player is not None:
             self.episode.leave(player, self._now())
         else:
-            self._send_all(self.roster())
+            self.audience.tell_roster()
         self.flush()
 
+    def _part_with(self, session: Session) -> str | None:
+        """Forget a session; the seat it had."""
+        if session in self.members:
+            self.members.remove(session)
+        self._unpainted.pop(session, None)
+        player, session.room, session.player = session.player, None, None
+        return player
+
     def connection_lost(self, session: Session) -> None:
+        """The seat of a player is kept; a spectator is only not told anything."""
         if session.player is not None:
             self.episode.set_present(session.player, False, self._now())
         self.flush()
 
-    def connection_back(self, session: Session) -> None:
+    def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
+        """A session is here again: tell it what it has missed."""
         if session.player is not None:
-            self.episode.set_present(session.player, True, self._now())
+            self.episode.set_present(
+                session.player, True, self._now(), generation=session.generation
+            )
         self.flush()
+        resume = self._host.resume_token(session)
+        self._confirm(session, partial(self.audience.welcome_back, session, seen, resume))
+
+    def holds_seat(self, session_id: str) -> str | None:
+        """The seat that belongs to a session, in this process or one before."""
+        for seat in self.episode.seats.values():
+            if seat.taken and seat.session == session_id:
+                return seat.player
+        return None
+
+    def kick(self, session: Session, reason: str) -> None:
+        """Send somebody out, and do not let them in again."""
+        self.banned.add(session.participant)
+        self.leave(session)
+        self.audience.send(session, messages.Left(episode=self.id, reason=reason))
 
     def dismiss(self) -> None:
         """Tell those who are still here that the room is closed."""
-        for session in self.members:
-            session.room = session.player = None
-            self._send(session, messages.Left(episode=self.id, reason="the episode is over"))
-        self.members.clear()
-
-    @property
-    def spectators(self) -> int:
-        return sum(session.player is None for session in self.members)
+        for session in list(self.members):
+            self._part_with(session)
+            self.audience.send(
+                session, messages.Left(episode=self.id, reason="the episode is over")
+            )
 
     # Playing
 
@@ -170,17 +223,19 @@ class Room:
 
     def _answer_again(self, session: Session, request: messages.Act) -> None:
         """An action that was heard before: say what became of it, do nothing."""
-        answer = self._answer(session)
-        if answer.seq == request.seq and answer.reasons:
-            rejected = messages.Rejected(
-                seq=answer.seq,
-                step=answer.step,
-                action=_said_action(request),
-                reasons=list(answer.reasons),
-            )
-            self._send(session, rejected)
-        elif answer.seq == request.seq:
+        answer = self.audience.answer(session)
+        if answer.seq != request.seq:
+            return
+        if not answer.reasons:
             self.send_picture(session)
+            return
+        rejected = messages.Rejected(
+            seq=answer.seq,
+            step=answer.step,
+            action=_said_action(request),
+            reasons=list(answer.reasons),
+        )
+        self._confirm(session, partial(self.audience.send, session, rejected))
 
     def _action(self, player: str, request: messages.Act) -> GroundAction | None:
         wanted = request.action
@@ -205,7 +260,7 @@ class Room:
 
     def _refuse(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
         self._metrics.errors.labels(error.code).inc()
-        self._metrics.rejected.inc()
+        self._metrics.rejected += 1
         rejected = messages.Rejected(
             seq=request.seq,
             step=self.episode.step,
@@ -213,12 +268,36 @@ class Room:
             reasons=[error.message],
             code=error.code,
         )
-        self._send(session, rejected)
+        self.audience.send(session, rejected)
         if error.code == "action/stale":
             self.send_picture(session)
 
     def say(self, session: Session, text: str) -> None:
         self.episode.say(session.name, session.player or "", text, self._now())
+        self.flush()
+
+    def send_picture(self, session: Session) -> None:
+        """The whole state, once all that led to it is written."""
+        self._confirm(session, partial(self.audience.send_picture, session))
+
+    def _substitute(self, player: str, action: GroundAction | None) -> None:
+        self.episode.substitute(player, action, self._now())
+        self.flush()
+
+    # What an operator does
+
+    def pause(self) -> None:
+        """Let time stand still until `resume`."""
+        self.episode.hold(Hold.OPERATOR, self._now())
+        self.flush()
+
+    def resume(self) -> None:
+        self.episode.release(Hold.OPERATOR, self._now())
+        self.flush()
+
+    def announce(self, text: str) -> None:
+        """Say something to everybody in the episode."""
+        self.episode.announce(text, self._now())
         self.flush()
 
     def abort(self, reason: str) -> None:
@@ -242,11 +321,19 @@ class Room:
     def _on_time(self, due: float) -> None:
         self._timer = None
         now = self._now()
-        if self.episode.rules.scheduled and self.episode.phase is Phase.RUNNING:
+        episode = self.episode
+        if episode.rules.scheduled and episode.phase is Phase.RUNNING and not episode.holds:
             self._metrics.lateness.observe(max(0.0, now - due))
+        self._guarded(partial(self._tick, max(now, due)))
+
+    def _tick(self, now: float) -> None:
+        self.episode.tick(now)
+        self.flush()
+
+    def _guarded(self, act: Callable[[], None]) -> None:
+        """A fault in one episode ends that one only."""
         try:
-            self.episode.tick(max(now, due))
-            self.flush()
+            act()
         except Exception:
             get_logger().exception("the episode failed", episode=self.id)
             self.abort("internal error")
@@ -254,238 +341,136 @@ class Room:
     # Telling
 
     def flush(self) -> None:
-        """Record what has happened, then tell it."""
-        events = self.episode.events()
-        if events:
-            if self._file is not None:
-                self._file.append(self._recorder.record(events))
-            for event in events:
-                self._tell(event)
+        """Record what has happened, then tell it; nothing is told that is not written."""
+        if not self._open:
+            return
+        begun = self._now()
+        self._gather()
+        if not self._written():
+            return
+        events, self._untold = self._untold, []
+        for event in events:
+            self._tell(event)
+        if events and isinstance(events[0], Stepped):
+            self._metrics.age.observe(self._now() - begun)
+        if self._unpainted:
+            self._paint()
         if self.episode.phase is Phase.OVER:
             self._close()
+            return
+        self._schedule()
+        for stand_in in self._stand_ins.values():
+            stand_in.consider()
+
+    def _gather(self) -> None:
+        events = self.episode.events()
+        if events and self.journal is not None:
+            self.journal.add(events)
+        self._untold += events
+
+    def _written(self) -> bool:
+        """Write; where that fails the game stands still, and it is tried again in a while."""
+        if self.journal is None or self.journal.write():
+            if self._failing:
+                self._failing = False
+                self._metrics.failing.dec()
+            if Hold.STORAGE in self.episode.holds:
+                self.episode.release(Hold.STORAGE, self._now())
+                self._gather()
+                return self._written()
+            return True
+        if self._retry is None:
+            self._retry = self._loop.call_later(RETRY_SECONDS, self._write_again)
+        if not self._failing:
+            self._failing = True
+            self._metrics.failing.inc()
+        if Hold.STORAGE not in self.episode.holds and self.episode.phase is not Phase.OVER:
+            self.episode.hold(Hold.STORAGE, self._now())
+            self._gather()
+            self.audience.tell_roster()
+        return False
+
+    def _write_again(self) -> None:
+        self._retry = None
+        self._guarded(self.flush)
+
+    def _confirm(self, session: Session, tell: Callable[[], None]) -> None:
+        """Tell what a session sees, at once or, while the recording fails, when it is written."""
+        if self.problem:
+            self._unpainted[session] = tell
         else:
-            self._schedule()
+            tell()
+
+    def _paint(self) -> None:
+        unpainted, self._unpainted = self._unpainted, {}
+        for tell in unpainted.values():
+            tell()
 
     def _tell(self, event: Event) -> None:
         match event:
             case Stepped():
-                self._tell_step(event)
+                self._count(event)
+                self.audience.tell_step(event)
+                for stand_in in self._stand_ins.values():
+                    stand_in.observe(event)
             case Rejected():
-                self._metrics.rejected.inc()
-                self._tell_rejection(event)
+                self._metrics.rejected += 1
+                self.audience.tell_rejection(event)
             case Said():
-                said = messages.Said(
-                    step=self.episode.step, name=event.name, seat=event.player, text=event.text
-                )
-                self._send_all(said)
-            case Started() | RosterChanged():
-                self._send_all(self.roster())
+                self.audience.tell_said(event)
+            case Announced():
+                self.audience.send_all(messages.Notice(text=event.text))
+            case RosterChanged():
+                self._roster_changed(event)
+            case Started() | Paused() | Resumed() | Restarted():
+                self.audience.tell_roster()
+                for stand_in in self._stand_ins.values():
+                    stand_in.warm()
             case Ended():
-                self._metrics.outcomes.labels(event.outcome.reason.value).inc()
-                ended = messages.Ended(
-                    step=self.episode.step,
-                    outcome=event.outcome.to_json(),
-                    hash=self.episode.state.digest,
-                )
-                self._send_all(ended)
+                self._tell_end(event)
 
-    def _tell_step(self, event: Stepped) -> None:
-        self._metrics.steps.inc()
+    def _count(self, event: Stepped) -> None:
         applied = sum(attempt.applied for attempt in event.attempts)
-        self._metrics.applied.inc(applied)
-        self._metrics.rejected.inc(len(event.attempts) - applied)
-        delta = self._delta(event)
-        payloads: dict[Codec, bytes | str] = {}
-        texts: dict[str | None, messages.Observation] = {}
-        for session in self.members:
-            peer = session.peer
-            if peer is None or not peer.keeps_up(partial(self.send_picture, session)):
-                continue
-            if session.wants_state:
-                payload = payloads.get(peer.codec)
-                if payload is None:
-                    payload = payloads[peer.codec] = peer.codec.pack(delta)
-                peer.send_payload(payload)
-            if session.wants_text:
-                self._tell_reader(session, event, texts)
+        self._metrics.steps += 1
+        self._metrics.applied += applied
+        self._metrics.rejected += len(event.attempts) - applied
 
-    def _tell_reader(
-        self,
-        session: Session,
-        event: Stepped,
-        texts: dict[str | None, messages.Observation],
-    ) -> None:
-        """Whoever has only words is told what became of its own action, then what it sees."""
-        for move, attempt in zip(event.moves, event.attempts, strict=True):
-            if move.player == session.player and not attempt.applied and not session.wants_state:
-                rejected = messages.Rejected(
-                    seq=move.seq,
-                    step=event.step,
-                    action=move.action.sentence,
-                    reasons=list(attempt.unmet),
-                )
-                self._send(session, rejected)
-        player = session.player
-        if player not in texts:
-            phase = "running" if event.step < self.episode.step else self.episode.phase.value
-            texts[player] = self._observation(player, event.state, event.step, event.turn, phase)
-        self._send(session, texts[player])
+    def _roster_changed(self, event: RosterChanged) -> None:
+        self.audience.tell_roster()
+        holder = self.audience.holder(event.player)
+        if not event.taken and holder is not None and holder.peer is None:
+            self._part_with(holder)
+            self._host.vacated(holder)
 
-    def _send(self, session: Session, message: messages.Message) -> None:
-        if session.peer is not None:
-            session.peer.send(message)
-
-    def _delta(self, event: Stepped) -> dict[str, Any]:
-        """The fields of a `delta` message, as plain values: it is made for every step."""
-        delta: dict[str, Any] = {"type": "delta", "step": event.step}
-        delta |= self._writer.changes(event.before, event.state)
-        if event.moves:
-            delta["did"] = [
-                [self._seat_number[m.player], m.action.name, *m.action.arguments]
-                for m in event.moves
-            ]
-            delta["seq"] = [move.seq for move in event.moves]
-        unmet = {
-            str(i): list(attempt.unmet)
-            for i, attempt in enumerate(event.attempts)
-            if not attempt.applied
-        }
-        if unmet:
-            delta["unmet"] = unmet
-        if event.turn is not None:
-            delta["turn"] = event.turn
-        if event.step % HASH_EVERY == 0:
-            delta["hash"] = event.state.digest
-        return delta
-
-    def _tell_rejection(self, event: Rejected) -> None:
-        rejected = messages.Rejected(
-            seq=event.seq,
+    def _tell_end(self, event: Ended) -> None:
+        self._metrics.outcomes.labels(event.outcome.reason.value).inc()
+        ended = messages.Ended(
             step=self.episode.step,
-            action=event.action,
-            reasons=list(event.reasons),
+            outcome=event.outcome.to_json(),
+            hash=self.episode.state.digest,
         )
-        for session in self.members:
-            if session.player == event.player and session.peer is not None:
-                session.peer.send(rejected)
+        self.audience.send_all(ended)
 
-    def send_picture(self, session: Session) -> None:
-        """The whole state, as a snapshot or in words or both."""
-        if session.peer is None:
-            return
-        if session.wants_state:
-            session.peer.send(self._snapshot(session))
-        if session.wants_text:
-            episode = self.episode
-            observation = self._observation(
-                session.player, episode.state, episode.step, episode.on_turn, episode.phase.value
-            )
-            self._send(session, observation)
+    # The end
 
-    def _snapshot(self, session: Session) -> messages.Snapshot:
-        episode, state = self.episode, self.episode.state
-        task = self.world.task
-        due = episode.due()
-        answer = self._answer(session)
-        known = task.digest in session.known
-        session.known.add(task.digest)
-        return messages.Snapshot(
-            episode=self.id,
-            step=episode.step,
-            phase=episode.phase.value,
-            digest=task.digest,
-            task=None if known else task.to_json(),
-            hash=state.digest,
-            seat=session.player,
-            seq=self._seq(session),
-            last_seq=answer.seq,
-            last_step=answer.step,
-            last_reasons=list(answer.reasons),
-            turn=episode.on_turn,
-            clock=episode.rules.model_dump(mode="json"),
-            left=None if due is None else max(0.0, due - self._now()),
-            seats=self._seats(),
-            spectators=self.spectators,
-            outcome=episode.outcome.to_json() if episode.outcome else None,
-            **self._writer.tables(state),
-            **self._writer.values(state),
-        )
+    def suspend(self) -> None:
+        """Stop here and now; another process goes on with the recording."""
+        self._open = False
+        self._stop_clocks()
+        if self.journal is not None:
+            self.journal.release()
 
-    def _observation(
-        self, player: str | None, state: State, step: int, turn: str | None, phase: str
-    ) -> messages.Observation:
-        return messages.Observation(
-            episode=self.id,
-            step=step,
-            phase=phase,
-            seat=player,
-            text=state.text(player),
-            actions=[a.sentence for a in state.actions(player)] if player else [],
-            turn=turn,
-            seq=self.episode.seats[player].answer.seq if player else 0,
-        )
-
-    def _seq(self, session: Session) -> int:
-        return self.episode.seats[session.player].seq if session.player else 0
-
-    def _answer(self, session: Session) -> Answer:
-        return self.episode.seats[session.player].answer if session.player else Answer(0, 0)
-
-    def _seats(self) -> list[messages.SeatInfo]:
-        return [
-            messages.SeatInfo(
-                player=seat.player,
-                name=seat.name,
-                kind=seat.kind,
-                present=seat.present,
-                applied=seat.tally.applied,
-                rejected=seat.tally.rejected,
-            )
-            for seat in self.episode.seats.values()
-        ]
-
-    def roster(self) -> messages.Roster:
-        return messages.Roster(
-            phase=self.episode.phase.value,
-            turn=self.episode.on_turn,
-            seats=self._seats(),
-            spectators=self.spectators,
-        )
-
-    def info(self) -> messages.EpisodeInfo:
-        """What the lobby lists."""
-        rules = self.episode.rules
-        return messages.EpisodeInfo(
-            episode=self.id,
-            code=self.code,
-            task=self.world.task.name,
-            clock=rules.clock.value,
-            phase=self.episode.phase.value,
-            step=self.episode.step,
-            max_steps=rules.max_steps,
-            seats=self._seats(),
-            spectators=self.spectators,
-        )
-
-    def _send_all(self, message: Any) -> None:
-        payloads: dict[Codec, bytes | str] = {}
-        for peer in self._peers():
-            payload = payloads.get(peer.codec)
-            if payload is None:
-                payload = payloads[peer.codec] = peer.codec.encode(message)
-            peer.send_payload(payload)
-
-    def _peers(self) -> Iterable[Any]:
-        return [session.peer for session in self.members if session.peer is not None]
+    def _stop_clocks(self) -> None:
+        for timer in (self._timer, self._retry):
+            if timer is not None:
+                timer.cancel()
+        for stand_in in self._stand_ins.values():
+            stand_in.stop()
 
     def _close(self) -> None:
-        if self.closed.is_set():
-            return
-        self.closed.set()
-        self._on_close(self)
-        if self._timer is not None:
-            self._timer.cancel()
-        path = self._file.close() if self._file is not None else None
+        self._open = False
+        self._stop_clocks()
+        self._host.closed(self)
         outcome = self.episode.outcome
         get_logger().info(
             "episode over",
@@ -493,12 +478,11 @@ class Room:
             task=self.world.task.name,
             reason=outcome.reason.value if outcome else "",
             steps=self.episode.step,
-            recording=str(path) if path else None,
         )
 
 
 def _said_action(request: messages.Act) -> str:
-    wanted = request.action
+    wanted: Any = request.action
     if isinstance(wanted, messages.NamedAction):
         return f"{wanted.name}({', '.join(wanted.args)})"
     return "nothing" if wanted is None else str(wanted)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING
 
+from robotouille_server.access import Visitor
 from robotouille_server.peer import Peer
+from robotouille_server.roles import Role
 
 if TYPE_CHECKING:
     from robotouille_server.room import Room
@@ -14,19 +15,38 @@ __all__ = ["Session"]
 
 
 class Session:
-    """Who somebody is, where they are, and the connection they have at the moment, if any."""
+    """Who somebody is, where they are, and the connection they have at the moment, if any.
 
-    def __init__(self, session_id: str, token: str, name: str, kind: str) -> None:
+    `participant` is the pseudonym under which they are recorded, `generation` that of the resume
+    token which was used last; `only_episode` and `only_seat` are what their role token is
+    limited to.
+    """
+
+    def __init__(
+        self,
+        session_id: str,
+        *,
+        name: str,
+        kind: str,
+        role: Role,
+        participant: str = "",
+        only_episode: str = "",
+        only_seat: str = "",
+    ) -> None:
         self.id = session_id
-        self.token = token
         self.name = name
         self.kind = kind
+        self.role = role
+        self.participant = participant or session_id
+        self.only_episode = only_episode
+        self.only_seat = only_seat
+        self.generation = 0
+        self.visitor: Visitor | None = None
         self.peer: Peer | None = None
         self.room: Room | None = None
         self.player: str | None = None
         self.view = "state"
         self.known: set[str] = set()
-        self.expiry: asyncio.TimerHandle | None = None
 
     @property
     def wants_state(self) -> bool:
@@ -35,8 +55,3 @@ class Session:
     @property
     def wants_text(self) -> bool:
         return self.view in ("text", "both")
-
-    def cancel_expiry(self) -> None:
-        if self.expiry is not None:
-            self.expiry.cancel()
-            self.expiry = None

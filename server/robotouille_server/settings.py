@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
@@ -15,11 +15,13 @@ from pydantic_settings import (
 
 from robotouille.domain.task import Timing
 from robotouille.episode.rules import (
+    Absence,
     Clock,
     Grace,
     MaxSteps,
     MoveBudget,
     Rules,
+    StandIn,
     StepRate,
     Thinking,
 )
@@ -57,11 +59,68 @@ class ServerSettings(BaseSettings):
     seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of everything random.")
     max_steps: MaxSteps = Field(500, description="Step limit of an episode.")
     grace: Grace = Field(30.0, description="Seconds a lost connection keeps its seat.")
+    absence: Absence = Field(
+        Absence.WAIT,
+        description="What happens while a participant is away: wait, pause, bot or end.",
+    )
+    stand_in: StandIn = Field(
+        "planner", description="Which bot plays for the absent, with --absence bot."
+    )
     recordings: Path = Field(Path("recordings"), description="Folder for recordings.")
     record: bool = Field(True, description="Record every episode.")
+    state: Path | None = Field(
+        None, description="Folder for the server's keys (default: RECORDINGS.state)."
+    )
+    keys: Path | None = Field(
+        None, description="File of keys that sign tokens (default: STATE/keys.json)."
+    )
+    signing_keys: SecretStr | None = Field(
+        None, description="The keys themselves, as NAME:BASE64URL,…; the first signs."
+    )
+    require_token: bool = Field(
+        False, description="Let in only those with a token (robotouille-token)."
+    )
+    resume_hours: Annotated[float, Field(gt=0)] = Field(
+        24.0, description="Hours for which a resume token is good."
+    )
+    recovery_seconds: Annotated[float, Field(ge=0)] = Field(
+        10.0, description="Seconds an episode waits for its players after a restart."
+    )
+    drain_seconds: Annotated[float, Field(ge=0)] = Field(
+        10.0, description="Seconds that running episodes have to finish after SIGTERM."
+    )
+    tls_cert: Path | None = Field(None, description="Certificate chain (PEM); turns on TLS.")
+    tls_key: Path | None = Field(None, description="Private key of the certificate (PEM).")
+    origins: str = Field(
+        "", description="Web sites whose pages may connect, as https://HOST,…; none if empty."
+    )
+    trust_proxy: str = Field(
+        "",
+        description="Proxies whose X-Forwarded-For is believed: addresses, networks, loopback.",
+    )
+    record_addresses: bool = Field(
+        False, description="Write addresses of participants to the log and the operator's view."
+    )
+    workers: Annotated[int, Field(ge=1, le=23)] = Field(
+        1, description="Processes that share the load; each has a port of its own too."
+    )
+    worker_url: str = Field(
+        "", description="Address of a worker behind a proxy, e.g. wss://HOST/w{worker}."
+    )
+    operator: bool = Field(True, description="Serve the operator's view.")
+    operator_host: str = Field("127.0.0.1", description="Address of the operator's view.")
+    operator_port: Annotated[int, Field(ge=0, le=65535)] | None = Field(
+        None, description="Port of the operator's view (default: the one after all others)."
+    )
     max_episodes: Annotated[int, Field(ge=1)] = Field(2000, description="Episodes at a time.")
     max_connections: Annotated[int, Field(ge=1)] = Field(
         20_000, description="Connections at a time."
+    )
+    max_connections_per_address: Annotated[int, Field(ge=1)] = Field(
+        64, description="Connections at a time from one address (this machine: no limit)."
+    )
+    max_episodes_per_owner: Annotated[int, Field(ge=1)] = Field(
+        50, description="Episodes at a time that one token may have opened."
     )
     max_spectators: Annotated[int, Field(ge=0)] = Field(200, description="Spectators an episode.")
     hello_seconds: Annotated[float, Field(gt=0)] = Field(
@@ -104,7 +163,14 @@ class ServerSettings(BaseSettings):
             max_steps=self.max_steps,
             thinking=self.thinking,
             grace=self.grace,
+            absence=self.absence,
+            stand_in=self.stand_in,
         )
+
+    @property
+    def state_folder(self) -> Path:
+        """Where the server keeps what is nobody else's business."""
+        return self.state or self.recordings.with_name(f"{self.recordings.name}.state")
 
     def timing_for(self, clock: Clock) -> Timing:
         """The timing profile: what is set, else people in real time and benchmark elsewhere."""

@@ -13,7 +13,7 @@ from robotouille_client import Changed, Client, Game, Heard, Over, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.connection import ConnectionFailedError
 from robotouille_server import ServerSettings, serve
-from tests.support.servers import raw, serving
+from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 
 
@@ -219,11 +219,7 @@ def test_after_a_crash_of_the_server_a_game_that_is_gone_is_over(tmp_path: Path)
                 game = await ada.join((await ada.create("synchronous/01")).code)
                 await game.act(game.actions[0])
                 pending = game.submit(None)
-                assert server._socket is not None
-                server._socket.close(close_connections=False)
-                for connection in server._socket.connections:
-                    connection.transport.abort()
-                await server._socket.wait_closed()
+                await crash(server)
                 settings = ServerSettings(port=port, recordings=tmp_path / "second")
                 async with serve(settings):
                     last = [event async for event in game][-1]

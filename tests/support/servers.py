@@ -30,6 +30,18 @@ async def serving(folder: Path, *, seed: int = 1, **options: Any) -> AsyncIterat
         yield server
 
 
+async def crash(server: Server) -> None:
+    """Stop a server as `kill -9` would: nobody is told, nothing more is written."""
+    server._stopping = True
+    for room in list(server.lobby.rooms.values()):
+        room.suspend()
+    for socket in server._sockets:
+        socket.close(close_connections=False)
+        for connection in list(socket.connections):
+            connection.transport.abort()
+        await socket.wait_closed()
+
+
 class Raw:
     """A WebSocket that speaks the protocol word by word."""
 

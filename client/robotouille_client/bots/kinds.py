@@ -9,7 +9,7 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.bots.player import MakePolicy
-from robotouille_client.bots.policies import Policy, RandomPolicy
+from robotouille.planning.policies import Policy, RandomPolicy
 
 __all__ = ["BotKind", "policy_maker"]
 

@@ -9,7 +9,7 @@ from typing import Any
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
-from robotouille_client.bots.policies import Policy
+from robotouille.planning.policies import Policy
 from robotouille_client.game import Changed, Game, GameEvent
 
 __all__ = ["MakePolicy", "play"]

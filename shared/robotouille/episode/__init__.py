@@ -1,32 +1,45 @@
 """Seats, turn order, clocks as data and the outcome: a state machine without I/O."""
 
-from robotouille.episode.episode import Answer, Episode, Phase, Seat
+from robotouille.episode.episode import Episode, Phase
 from robotouille.episode.events import (
+    Announced,
     Ended,
     Event,
     Move,
     Outcome,
+    Paused,
     Reason,
     Rejected,
+    Restarted,
+    Resumed,
     RosterChanged,
     Said,
     SeatTally,
     Started,
     Stepped,
 )
-from robotouille.episode.rules import Clock, Rules
+from robotouille.episode.holds import Hold
+from robotouille.episode.rules import Absence, Clock, Rules
+from robotouille.episode.seats import Answer, Controller, Seat
 
 __all__ = [
+    "Absence",
+    "Announced",
     "Answer",
     "Clock",
+    "Controller",
     "Ended",
     "Episode",
     "Event",
+    "Hold",
     "Move",
     "Outcome",
+    "Paused",
     "Phase",
     "Reason",
     "Rejected",
+    "Restarted",
+    "Resumed",
     "RosterChanged",
     "Rules",
     "Said",

@@ -6,30 +6,37 @@ same course alone or beside a hundred others, in real or in simulated time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from enum import Enum
 from math import ceil
 
 from robotouille.episode.events import (
+    Announced,
     Ended,
     Event,
     Move,
     Outcome,
+    Paused,
     Reason,
     Rejected,
+    Restarted,
+    Resumed,
     RosterChanged,
     Said,
     SeatTally,
     Started,
     Stepped,
 )
-from robotouille.episode.rules import Clock, Rules
+from robotouille.episode.holds import Hold, Holds
+from robotouille.episode.rules import Absence, Clock, Rules
+from robotouille.episode.seats import Answer, Controller, Pending, Seat
 from robotouille.errors import ProtocolError
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Answer", "Episode", "Phase", "Seat"]
+__all__ = ["Episode", "Phase"]
 
 MAX_CATCH_UP = 10
 MAX_STEPS_AT_ONCE = 50
@@ -53,46 +60,9 @@ TRANSITIONS = {
 }
 
 
-@dataclass(slots=True)
-class Pending:
-    """An action that waits for its step; None is the decision to do nothing."""
-
-    action: GroundAction | None
-    seq: int
-    latency: float
-    order: int
-    due_step: int
-    reasoning: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What became of a seat's action: taken in `step`, or rejected for some reasons."""
-
-    seq: int
-    step: int
-    reasons: tuple[str, ...] = ()
-
-
-@dataclass(slots=True)
-class Seat:
-    """A player of the world and who plays it. `asked` is when it was last asked to move, `answer`
-    what became of the last of its actions that was decided."""
-
-    player: str
-    name: str = ""
-    kind: str = ""
-    taken: bool = False
-    present: bool = False
-    seq: int = 0
-    asked: float = 0.0
-    pending: Pending | None = None
-    answer: Answer = field(default_factory=lambda: Answer(0, 0))
-    tally: SeatTally = field(default_factory=lambda: SeatTally(""))
-
-
 class Episode:
-    """One game of a task under some rules."""
+    """One game of a task under some rules. `said` counts chat messages; `used` says whether
+    anybody ever took a seat."""
 
     def __init__(self, world: World, rules: Rules, now: float = 0.0) -> None:
         self.world = world
@@ -102,29 +72,42 @@ class Episode:
         self.phase = Phase.WAITING
         self.outcome: Outcome | None = None
         self.seats = {p: Seat(p, tally=SeatTally(p)) for p in world.players}
+        self.said = 0
+        self.used = False
+        self.holds = Holds()
         self._turn = 0
         self._arrivals = 0
         self._started = 0.0
         self._deadline: float | None = None
-        self._deserted: float | None = now
         self._next_step = 0.0
         self._backlog: float | None = None
+        self._expected: set[str] = set()
         self._events: list[Event] = []
+        self._told_holds: tuple[str, ...] = ()
+        self._watch_absence(now)
 
     # Who plays
 
-    def join(self, player: str | None, name: str, kind: str, now: float) -> str:
+    def join(
+        self,
+        player: str | None,
+        name: str,
+        kind: str,
+        now: float,
+        *,
+        session: str = "",
+        participant: str = "",
+    ) -> str:
         """Take a seat (any free one if `player` is None); starts the game when all are taken."""
         if self.phase is Phase.OVER:
             raise ProtocolError("episode/over", "the episode is over", "episode")
         seat = self._free_seat() if player is None else self.seat(player)
         if seat.taken:
             raise ProtocolError("seat/taken", f"{seat.player} is played by {seat.name}", "seat")
-        seat.name, seat.kind, seat.taken, seat.present = name, kind, True, True
-        seat.asked = now
-        seat.seq, seat.pending, seat.answer = 0, None, Answer(0, 0)
+        seat.take(name, kind, session, participant, now)
+        self.used = True
         self._roster(seat, now)
-        self._continue_without(now)
+        self._attend(now)
         if self.phase is Phase.WAITING and all(s.taken for s in self.seats.values()):
             self._start(now)
         return seat.player
@@ -137,22 +120,36 @@ class Episode:
         return self.seats[player]
 
     def leave(self, player: str, now: float) -> None:
-        """Give a seat up; it does nothing until somebody else takes it."""
+        """Give a seat up for good; the absence policy says what becomes of the game."""
         seat = self.seat(player)
-        if seat.taken:
-            seat.present = False
-            self._roster(seat, now)
-            seat.taken, seat.name, seat.kind, seat.pending = False, "", "", None
-            self._continue_without(now)
+        if not seat.taken:
+            return
+        name = seat.name
+        seat.free()
+        seat.away = now
+        self._roster(seat, now)
+        if self.phase is Phase.RUNNING and self.rules.absence is Absence.END:
+            self._end(Reason.ABANDONED, now, f"{name} left")
+        else:
+            self._attend(now)
 
-    def set_present(self, player: str, present: bool, now: float) -> None:
-        """A seat's connection was lost or is back; an absent seat does nothing."""
+    def set_present(
+        self, player: str, present: bool, now: float, *, generation: int | None = None
+    ) -> None:
+        """A seat's connection was lost or is back (with a resume token of this generation)."""
         seat = self.seat(player)
-        if seat.taken and seat.present != present:
-            seat.present = present
-            seat.asked = now
-            self._roster(seat, now)
-            self._continue_without(now)
+        changed = seat.present != present or generation not in (None, seat.generation)
+        if not seat.taken or not changed or self.phase is Phase.OVER:
+            return
+        if seat.present != present:
+            seat.asked = seat.away = now
+        if seat.pending is not None and seat.pending.seq == 0:
+            seat.pending = None
+        seat.present = present
+        if generation is not None:
+            seat.generation = generation
+        self._roster(seat, now)
+        self._attend(now)
 
     def _free_seat(self) -> Seat:
         for seat in self.seats.values():
@@ -161,24 +158,93 @@ class Episode:
         raise ProtocolError("episode/full", f"all {len(self.seats)} seats are taken", "episode")
 
     def _roster(self, seat: Seat, now: float) -> None:
-        time = self._elapsed(now)
-        self._emit(RosterChanged(seat.player, seat.name, seat.kind, seat.present, time))
+        seat.controller = self._controller(seat)
+        self._emit(
+            RosterChanged(
+                seat.player,
+                seat.name,
+                seat.kind,
+                seat.present,
+                self._elapsed(now),
+                taken=seat.taken,
+                controller=seat.controller.value,
+                session=seat.session,
+                participant=seat.participant,
+                generation=seat.generation,
+            )
+        )
 
-    def _continue_without(self, now: float) -> None:
-        """Note when nobody is left, and do not wait for those who went."""
-        if any(seat.present for seat in self.seats.values()):
-            if self._deserted is not None:
-                self._resume(now)
-        elif self._deserted is None:
-            self._deserted = now
+    def _controller(self, seat: Seat) -> Controller:
+        if seat.present:
+            return Controller(seat.kind)
+        if self.phase is Phase.RUNNING and self.rules.absence is Absence.BOT:
+            return Controller.STAND_IN
+        return Controller.ABSENT if seat.taken else Controller.FREE
+
+    # Who is missing
+
+    def _attend(self, now: float) -> None:
+        """Somebody came or went: who is waited for now?"""
+        self._watch_absence(now)
+        self._expected = {p for p in self._expected if not self.seats[p].present}
+        if not self._expected:
+            self.holds.until.pop(Hold.RESTART, None)
+        self._reckon(now)
+
+    def _watch_absence(self, now: float) -> None:
+        here = [seat.present for seat in self.seats.values()]
+        waiting = self.phase is Phase.WAITING
+        patience = max(self.rules.grace, LOBBY_SECONDS) if waiting else self.rules.grace
+        self._set(Hold.DESERTED, not any(here), now + patience)
+        pausing = self.phase is Phase.RUNNING and self.rules.absence is Absence.PAUSE
+        self._set(Hold.ABSENCE, pausing and not all(here), now + self.rules.grace)
+
+    def _set(self, why: Hold, holds: bool, until: float | None) -> None:
+        if not holds:
+            self.holds.until.pop(why, None)
+        elif why not in self.holds:
+            self.holds.until[why] = until
+
+    def hold(self, why: Hold, now: float, until: float | None = None) -> None:
+        """Let time stand still, until it is released or the time `until` has come."""
+        if self.phase is not Phase.OVER and why not in self.holds:
+            self.holds.until[why] = until
+            self._reckon(now)
+
+    def release(self, why: Hold, now: float) -> None:
+        """Let time run again, as far as this reason goes."""
+        if why in self.holds:
+            del self.holds.until[why]
+            if not self.holds.outer:
+                self._grant_grace(now)
+            self._reckon(now)
+
+    def _grant_grace(self, now: float) -> None:
+        """Whoever is absent has its whole grace before it from now on."""
+        for why in (Hold.DESERTED, Hold.ABSENCE):
+            self.holds.until.pop(why, None)
+        for seat in self.seats.values():
+            if not seat.present:
+                seat.away = now
+        self._watch_absence(now)
+
+    def _reckon(self, now: float) -> None:
+        """The reasons to stand still may have changed."""
+        if self.phase is not Phase.RUNNING:
+            return
+        holds = tuple(why.value for why in self.holds.until)
+        if holds != self._told_holds:
+            self._told_holds = holds
+            if not holds:
+                self._next_step = max(self._next_step, now + self.rules.period)
+                self._ask(now)
+            self._emit(Paused(holds, self._elapsed(now)) if holds else Resumed(self._elapsed(now)))
         self._advance(now)
 
-    def _resume(self, now: float) -> None:
-        """Somebody is back: the time nobody was there does not count."""
-        if self.phase is Phase.RUNNING:
-            self._next_step = max(self._next_step, now + self.rules.period)
-            self._ask(now)
-        self._deserted = None
+    @property
+    def paused(self) -> bool:
+        """Whether the game has begun, is not over, and stands still."""
+        return self.phase is Phase.RUNNING and bool(self.holds)
 
     # What they do
 
@@ -195,7 +261,8 @@ class Episode:
         """A seat's action for the next step; None decides to do nothing.
 
         An action whose preconditions do not hold is rejected at once and may be replaced. The
-        same `seq` again acts no second time; a lower one is stale.
+        same `seq` again acts no second time (`Seat.answer` tells its fate); a lower one is stale.
+        While time stands still an action waits.
         """
         seat = self.seat(player)
         self._check_running()
@@ -203,19 +270,36 @@ class Episode:
             message = f"action {seq} is older than {seat.seq}; ask for a snapshot"
             raise ProtocolError("action/stale", message, "seq")
         if seq == seat.seq and seq > 0:
-            if seat.answer.seq == seq and seat.answer.reasons:
-                self._refuse_again(seat, action, now)
             return
         seat.seq = seq
         reasons = self._refusals(seat, action)
         if reasons:
             self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), reasons, now)
             return
-        if seat.pending is not None:
+        if seat.pending is not None and seat.pending.seq > 0:
             self._reject(seat, seat.pending, (f"superseded by action {seq}",), now)
+        self._await_step(seat, action, seq, now, self._thinking_steps(think_ms), reasoning)
+
+    def substitute(self, player: str, action: GroundAction | None, now: float) -> None:
+        """A stand-in's action for the next step; nothing happens if it is not in control (any
+        more), and one whose preconditions do not hold is taken for nothing."""
+        seat = self.seat(player)
+        if self.phase is Phase.RUNNING and seat.controller is Controller.STAND_IN:
+            taken = None if self._refusals(seat, action) else action
+            self._await_step(seat, taken, 0, now)
+
+    def _await_step(
+        self,
+        seat: Seat,
+        action: GroundAction | None,
+        seq: int,
+        now: float,
+        steps: int = 0,
+        reasoning: str = "",
+    ) -> None:
         self._arrivals += 1
         latency = max(0.0, now - seat.asked)
-        due = self.step + self._thinking_steps(think_ms)
+        due = self.step + steps
         seat.pending = Pending(action, seq, latency, self._arrivals, due, reasoning)
         self._advance(now)
 
@@ -224,9 +308,14 @@ class Episode:
         if self.phase is Phase.OVER:
             raise ProtocolError("episode/over", "the episode is over", "episode")
         if player:
-            seat = self.seat(player)
-            seat.tally.said += 1
-        self._emit(Said(name, player, text, self._elapsed(now)))
+            self.seat(player).tally.said += 1
+        self.said += 1
+        self._emit(Said(name, player, text, self._elapsed(now), self.said))
+
+    def announce(self, text: str, now: float) -> None:
+        """Something the operator says to everybody in the episode; it is recorded."""
+        if self.phase is not Phase.OVER:
+            self._emit(Announced(text, self._elapsed(now)))
 
     def _check_running(self) -> None:
         if self.phase is Phase.WAITING:
@@ -255,11 +344,6 @@ class Episode:
         time = self._elapsed(now)
         self._emit(Rejected(seat.player, seq, sentence, reasons, time, refused.reasoning))
 
-    def _refuse_again(self, seat: Seat, action: GroundAction | None, now: float) -> None:
-        sentence = action.sentence if action is not None else "nothing"
-        seq, reasons = seat.answer.seq, seat.answer.reasons
-        self._emit(Rejected(seat.player, seq, sentence, reasons, self._elapsed(now)))
-
     def _thinking_steps(self, think_ms: int) -> int:
         if self.rules.clock is Clock.REALTIME and self.rules.thinking == "declared":
             return ceil(think_ms / 1000 * self.rules.step_rate)
@@ -278,28 +362,34 @@ class Episode:
         """When `tick` has something to do; None while only messages can move the episode."""
         if self.phase is Phase.OVER:
             return None
-        if self._deserted is not None:
-            return self._deserted + self._patience
-        if self._backlog is not None:
-            return self._backlog
-        if self.phase is Phase.RUNNING:
-            return self._next_step if self.rules.scheduled else self._deadline
-        return None
+        times = [self.holds.due() if self.holds else None, self._seat_due()]
+        if self.phase is Phase.RUNNING and not self.holds:
+            if self._backlog is not None:
+                times.append(self._backlog)
+            times.append(self._next_step if self.rules.scheduled else self._deadline)
+        return min((time for time in times if time is not None), default=None)
 
-    @property
-    def _patience(self) -> float:
-        waiting = self.phase is Phase.WAITING
-        return max(self.rules.grace, LOBBY_SECONDS) if waiting else self.rules.grace
+    def _seat_due(self) -> float | None:
+        """When the next absent participant loses the seat, or ends the game."""
+        if Hold.DESERTED in self.holds or self.holds.outer:
+            return None
+        if self.phase is Phase.RUNNING and self.rules.absence in (Absence.PAUSE, Absence.BOT):
+            return None
+        away = [seat.away for seat in self.seats.values() if seat.taken and not seat.present]
+        return min(away) + self.rules.grace if away else None
 
     def tick(self, now: float) -> None:
-        """Let time pass: take the steps that are due, give up an episode that all have left."""
-        if self.phase is Phase.OVER:
-            return
-        if self._deserted is not None:
-            if now >= self._deserted + self._patience:
-                self._end(Reason.ABANDONED, now, "everybody left")
-            return
-        if self.phase is not Phase.RUNNING:
+        """Let time pass: take the steps that are due, give up what has been waited for enough."""
+        for why in self.holds.expired(now):
+            if why in (Hold.DESERTED, Hold.ABSENCE):
+                self._end(Reason.ABANDONED, now, self._whom_we_miss())
+                return
+            self._expected.clear()
+            self.release(why, now)
+        due = self._seat_due()
+        if due is not None and now >= due:
+            self._give_up_seats(now)
+        if self.phase is not Phase.RUNNING or self.holds:
             return
         if self.rules.scheduled:
             self._take_scheduled(now)
@@ -308,6 +398,18 @@ class Episode:
         elif self._deadline is not None and now >= self._deadline:
             self._take_step(now)
             self._advance(now)
+
+    def _whom_we_miss(self) -> str:
+        if Hold.DESERTED in self.holds:
+            return "everybody left"
+        missing = [seat.name or seat.player for seat in self.seats.values() if not seat.present]
+        return f"{' and '.join(missing)} did not come back"
+
+    def _give_up_seats(self, now: float) -> None:
+        """The grace of absent participants is over."""
+        for seat in self.seats.values():
+            if seat.taken and not seat.present and now >= seat.away + self.rules.grace:
+                self.leave(seat.player, now)
 
     def abort(self, now: float, detail: str) -> None:
         """End the episode from outside, e.g. because the server shuts down."""
@@ -324,6 +426,10 @@ class Episode:
         self._started = now
         self._next_step = now + self.rules.period
         self._emit(Started(0.0))
+        for seat in self.seats.values():
+            if not seat.present:
+                self._roster(seat, now)
+        self._attend(now)
         if self.state.goal_reached:
             self._end(Reason.GOAL, now)
             return
@@ -345,7 +451,7 @@ class Episode:
         if self.rules.scheduled:
             return
         for _ in range(MAX_STEPS_AT_ONCE):
-            if self.phase is not Phase.RUNNING or self._deserted is not None:
+            if self.phase is not Phase.RUNNING or self.holds:
                 return
             if not self._all_decided():
                 return
@@ -358,9 +464,7 @@ class Episode:
         return all(self._decided(seat) for seat in self.seats.values())
 
     def _decided(self, seat: Seat) -> bool:
-        return (
-            seat.pending is not None or not seat.present or self.state.busy_steps(seat.player) > 0
-        )
+        return seat.pending is not None or not seat.active or self.state.busy_steps(seat.player) > 0
 
     def _ask(self, now: float) -> None:
         """Everybody who has to decide has its budget from now on."""
@@ -371,24 +475,28 @@ class Episode:
 
     def _take_step(self, now: float) -> None:
         moves = self._moves()
-        before = self.state
-        result = before.step([move.action for move in moves])
-        self.step += 1
-        self.state = result.state
-        for move, attempt in zip(moves, result.attempts, strict=True):
-            if not attempt.applied:
-                self.seats[move.player].answer = Answer(move.seq, self.step, attempt.unmet)
-        self._count(moves, [attempt.applied for attempt in result.attempts])
-        time = self._elapsed(now)
-        self._turn = (self._turn + 1) % len(self.world.players)
-        turn = self.on_turn
-        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn))
-        if result.goal_reached:
+        event = self._transition(moves, self._elapsed(now))
+        self._emit(event)
+        if self.state.goal_reached:
             self._end(Reason.GOAL, now)
         elif self.step >= self.rules.max_steps:
             self._end(Reason.STEP_LIMIT, now)
         else:
             self._ask(now)
+
+    def _transition(self, moves: tuple[Move, ...], time: float) -> Stepped:
+        before = self.state
+        result = before.step([move.action for move in moves])
+        self.step += 1
+        self.state = result.state
+        for move, attempt in zip(moves, result.attempts, strict=True):
+            if move.seq > 0:
+                reasons = () if attempt.applied else attempt.unmet
+                self.seats[move.player].answer = Answer(move.seq, self.step, reasons)
+        self._count(moves, [attempt.applied for attempt in result.attempts])
+        self._turn = (self._turn + 1) % len(self.world.players)
+        turn = self.on_turn
+        return Stepped(self.step, time, moves, result.attempts, before, self.state, turn)
 
     def _moves(self) -> tuple[Move, ...]:
         """The joint action: in order of arrival where the wall clock rules, else in seat order."""
@@ -397,7 +505,8 @@ class Episode:
             pending = seat.pending
             if pending is not None and pending.due_step <= self.step:
                 seat.pending = None
-                seat.answer = Answer(pending.seq, self.step + 1)
+                if pending.seq > 0:
+                    seat.answer = Answer(pending.seq, self.step + 1)
                 if pending.action is not None:
                     move = Move(
                         seat.player,
@@ -426,6 +535,7 @@ class Episode:
     def _end(self, reason: Reason, now: float, detail: str = "") -> None:
         self._to(Phase.OVER)
         self._deadline = None
+        self.holds.until.clear()
         tallies = tuple(replace(seat.tally) for seat in self.seats.values())
         self.outcome = Outcome(reason, self.step, self._elapsed(now), tallies, detail)
         self._emit(Ended(self.outcome))
@@ -440,3 +550,43 @@ class Episode:
 
     def _emit(self, event: Event) -> None:
         self._events.append(event)
+
+    # Going on where another process stopped
+
+    def retrace(self, moves: Iterable[Move]) -> None:
+        """Take a recorded step again; nothing is reported."""
+        moves = tuple(moves)
+        for move in moves:
+            seat = self.seats[move.player]
+            seat.seq = max(seat.seq, move.seq)
+        self._transition(moves, 0.0)
+
+    def go_on(self, now: float, *, begun: bool, elapsed: float, patience: float) -> None:
+        """After a restart: everybody who was present is waited for, for `patience` seconds."""
+        self._started = now - elapsed
+        self._emit(Restarted(elapsed))
+        if begun:
+            self._to(Phase.RUNNING)
+            self._next_step = now + self.rules.period
+        present = [seat for seat in self.seats.values() if seat.present]
+        for seat in self.seats.values():
+            seat.present = False
+            seat.away = now
+        for seat in present:
+            self._roster(seat, now)
+        self.holds.until.clear()
+        if begun and present:
+            self._expected = {seat.player for seat in present}
+            self.holds.until[Hold.RESTART] = now + patience
+        self._watch_absence(now)
+        if begun and self._finished(now):
+            return
+        self._reckon(now)
+
+    def _finished(self, now: float) -> bool:
+        """Whether the process stopped between the last step and the end."""
+        if self.state.goal_reached:
+            self._end(Reason.GOAL, now)
+        elif self.step >= self.rules.max_steps:
+            self._end(Reason.STEP_LIMIT, now)
+        return self.phase is Phase.OVER

@@ -11,12 +11,16 @@ from robotouille.world.state import State
 from robotouille.world.world import Attempt
 
 __all__ = [
+    "Announced",
     "Ended",
     "Event",
     "Move",
     "Outcome",
+    "Paused",
     "Reason",
     "Rejected",
+    "Restarted",
+    "Resumed",
     "RosterChanged",
     "Said",
     "SeatTally",
@@ -98,13 +102,21 @@ class Started:
 
 @dataclass(frozen=True, slots=True)
 class RosterChanged:
-    """Somebody came, went, or lost or regained the connection."""
+    """Somebody came, went, or lost or regained the connection; `controller` moves the seat now.
+
+    `session` and `participant` are pseudonyms, `generation` that of the resume token in use.
+    """
 
     player: str
     name: str
     kind: str
     present: bool
     time: float
+    taken: bool = True
+    controller: str = ""
+    session: str = ""
+    participant: str = ""
+    generation: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +133,42 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A chat message of a participant."""
+    """A chat message of a participant; `number` counts those of an episode from 1."""
 
     name: str
     player: str
     text: str
+    time: float
+    number: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Announced:
+    """Something the operator says to everybody in the episode."""
+
+    text: str
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """Time stands still for these reasons: the first, or others than before."""
+
+    holds: tuple[str, ...]
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """Time runs again."""
+
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Restarted:
+    """Another process goes on with the episode, from its recording."""
+
     time: float
 
 
@@ -152,4 +195,15 @@ class Ended:
     outcome: Outcome = field()
 
 
-Event = Started | RosterChanged | Rejected | Said | Stepped | Ended
+Event = (
+    Started
+    | RosterChanged
+    | Rejected
+    | Said
+    | Announced
+    | Paused
+    | Resumed
+    | Restarted
+    | Stepped
+    | Ended
+)

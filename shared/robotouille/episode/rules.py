@@ -7,7 +7,17 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Clock", "Grace", "MaxSteps", "MoveBudget", "Rules", "StepRate", "Thinking"]
+__all__ = [
+    "Absence",
+    "Clock",
+    "Grace",
+    "MaxSteps",
+    "MoveBudget",
+    "Rules",
+    "StandIn",
+    "StepRate",
+    "Thinking",
+]
 
 
 StepRate = Annotated[float, Field(gt=0, le=60)]
@@ -15,6 +25,7 @@ MoveBudget = Annotated[float, Field(gt=0, le=86_400)]
 MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]
+StandIn = Literal["planner", "random"]
 
 
 class Clock(StrEnum):
@@ -25,6 +36,15 @@ class Clock(StrEnum):
     REALTIME = "realtime"
 
 
+class Absence(StrEnum):
+    """What happens while a participant is away."""
+
+    WAIT = "wait"
+    PAUSE = "pause"
+    BOT = "bot"
+    END = "end"
+
+
 class Rules(BaseModel):
     """How an episode is played.
 
@@ -33,8 +53,13 @@ class Rules(BaseModel):
     `thinking`: in real time, what a move costs: `wall` is the time that really passes; with
     `declared` a seat says how many milliseconds it thought (`act.think_ms`), its action takes
     effect that much later in the game's own time, and the game waits for everybody's answer, so
-    that a run can be repeated. `grace`: seconds after which an episode that everybody has left
-    is abandoned.
+    that a run can be repeated.
+
+    `grace`: seconds for which an absent participant's seat is kept; an episode that everybody has
+    left is abandoned after them. `absence`: until then, and after it, with `wait` the seat does
+    nothing, then is free for others; with `pause` the game stands still, then is abandoned; with
+    `bot` the bot `stand_in` plays it until its participant returns, however late; with `end` the
+    seat does nothing, then the game is abandoned.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -45,6 +70,8 @@ class Rules(BaseModel):
     max_steps: MaxSteps = 500
     thinking: Thinking = "wall"
     grace: Grace = 30.0
+    absence: Absence = Absence.WAIT
+    stand_in: StandIn = "planner"
 
     @property
     def period(self) -> float:

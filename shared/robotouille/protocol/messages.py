@@ -11,7 +11,16 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from robotouille.domain.task import Timing
-from robotouille.episode.rules import Clock, MaxSteps, MoveBudget, StepRate, Thinking
+from robotouille.episode.rules import (
+    Absence,
+    Clock,
+    Grace,
+    MaxSteps,
+    MoveBudget,
+    StandIn,
+    StepRate,
+    Thinking,
+)
 
 __all__ = [
     "CLIENT_MESSAGES",
@@ -33,14 +42,18 @@ __all__ = [
     "Leave",
     "Left",
     "ListEpisodes",
+    "Moved",
     "NamedAction",
+    "Notice",
     "Observation",
+    "Pause",
     "Rejected",
     "Resync",
     "Roster",
     "Said",
     "Say",
     "SeatInfo",
+    "Seen",
     "ServerMessage",
     "Snapshot",
     "Welcome",
@@ -52,6 +65,7 @@ PROTOCOL_VERSION = 1
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64)]
 Line = Annotated[str, Field(max_length=500)]
+Token = Annotated[str, Field(min_length=1, max_length=2000)]
 Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
@@ -66,15 +80,29 @@ class Message(BaseModel):
 # From client to server
 
 
+class Seen(Message):
+    """How much of an episode a client has: the step of its state, and its chat messages."""
+
+    episode: Identifier
+    step: Annotated[int, Field(ge=0)] = 0
+    said: Annotated[int, Field(ge=0)] = 0
+
+
 class Hello(Message):
-    """The first message: who is there. `resume` is the token of a connection that was lost."""
+    """The first message: who is there.
+
+    `token` is the signed token of a role, where the server asks for one. `resume` is the token of
+    a connection that was lost, and `seen` what its client has: only the rest is sent.
+    """
 
     type: Literal["hello"] = "hello"
     ref: Ref | None = None
     protocol: int
     name: Annotated[str, Field(min_length=1, max_length=40)]
     kind: Kind = "human"
-    resume: Identifier | None = None
+    token: Token | None = None
+    resume: Token | None = None
+    seen: Seen | None = None
 
 
 class ListEpisodes(Message):
@@ -85,7 +113,11 @@ class ListEpisodes(Message):
 
 
 class Create(Message):
-    """Open an episode. What is left out is as the server's operator has set it."""
+    """Open an episode. What is left out is as the server's operator has set it.
+
+    `absence` says what happens while a participant is away for up to `grace` seconds, and
+    `stand_in` which bot plays for it where that is `bot`.
+    """
 
     type: Literal["create"] = "create"
     ref: Ref | None = None
@@ -98,6 +130,9 @@ class Create(Message):
     max_steps: MaxSteps | None = None
     thinking: Thinking | None = None
     seed: Annotated[int, Field(ge=0, le=2**53)] | None = None
+    absence: Annotated[Absence, Field(strict=False)] | None = None
+    stand_in: StandIn | None = None
+    grace: Grace | None = None
 
 
 class Join(Message):
@@ -163,31 +198,49 @@ class Resync(Message):
 
 
 class Welcome(Message):
-    """The answer to `hello`. `resume` brings the connection back within `grace` seconds."""
+    """The answer to `hello`. `role` is what one may do: operator, host, player or spectator.
+
+    `resume` brings a lost connection back; it is another with each welcome, and once it has been
+    used those before it are worth nothing. `grace` are the seconds for which a seat is kept.
+    """
 
     type: Literal["welcome"] = "welcome"
     ref: Ref | None = None
     protocol: int
     server: str
     session: Identifier
-    resume: Identifier
+    resume: Token
     resumed: bool = False
+    role: str = "host"
     grace: float
 
 
 class SeatInfo(Message):
-    """A seat and who plays it; `name` is empty while it is free."""
+    """A seat and who plays it; `name` is empty while it is free.
+
+    `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
+    or a bot meanwhile (`stand-in`).
+    """
 
     player: Identifier
     name: str = ""
     kind: str = ""
     present: bool = False
+    controller: str = ""
     applied: int = 0
     rejected: int = 0
 
 
+class Pause(Message):
+    """Why the game stands still (`absence`, `operator`, `storage`, `restart`, `deserted`), and
+    the seconds after which that ends by itself."""
+
+    reason: str
+    left: float | None = None
+
+
 class EpisodeInfo(Message):
-    """An episode as the lobby lists it."""
+    """An episode as the lobby lists it; `phase` is waiting, running, paused or over."""
 
     episode: Identifier
     code: Identifier
@@ -218,8 +271,10 @@ class Created(Message):
 
 
 class Joined(Message):
-    """The answer to `join`; a `snapshot` (or `observation`) follows. `seq` is the seat's last
-    sequence number: the next action's is higher."""
+    """The answer to `join`; a `snapshot` (or `observation`) follows, or, in a connection that was
+    resumed, what was missed up to `step` and a `roster`. `seq` is the seat's last sequence
+    number: the next action's is higher. `resume` takes the place of that of `welcome`: it brings
+    one back into this seat even if the server is started anew meanwhile."""
 
     type: Literal["joined"] = "joined"
     ref: Ref | None = None
@@ -228,6 +283,19 @@ class Joined(Message):
     role: str
     seat: str | None = None
     seq: int = 0
+    step: int = 0
+    resume: Token | None = None
+
+
+class Moved(Message):
+    """The answer to `join` or `hello` where the episode is with another process of the server:
+    connect to `url`, or to this `port` of the same host, and join there."""
+
+    type: Literal["moved"] = "moved"
+    ref: Ref | None = None
+    episode: Identifier
+    port: int
+    url: str = ""
 
 
 class Snapshot(Message):
@@ -237,8 +305,9 @@ class Snapshot(Message):
     `facts` lists the atoms that are true. `timers` are the active effects in order of creation,
     each with its counters; `busy` the steps for which players cannot act. `task` is absent where
     the client said it knows it. `clock` are the rules, `left` the seconds until the next step or
-    the end of the move's budget. `last_seq` is the seat's last
-    action whose fate is decided: taken in step `last_step`, or rejected for `last_reasons`.
+    the end of the move's budget, `said` the number of chat messages so far. `last_seq` is the
+    seat's last action whose fate is decided: taken in step `last_step`, or rejected for
+    `last_reasons`.
     """
 
     type: Literal["snapshot"] = "snapshot"
@@ -262,6 +331,8 @@ class Snapshot(Message):
     turn: str | None = None
     clock: dict[str, Any]
     left: float | None = None
+    pause: Pause | None = None
+    said: int = 0
     seats: list[SeatInfo]
     spectators: int = 0
     outcome: dict[str, Any] | None = None
@@ -322,21 +393,31 @@ class Rejected(Message):
 
 
 class Said(Message):
-    """A chat message; `seat` is empty for a spectator."""
+    """A chat message, the `number`th of the episode; `seat` is empty for a spectator."""
 
     type: Literal["said"] = "said"
     step: int
+    number: int = 0
     name: str
     seat: str = ""
     text: str
 
 
+class Notice(Message):
+    """Something the server's operator says to everybody in the episode."""
+
+    type: Literal["notice"] = "notice"
+    text: str
+
+
 class Roster(Message):
-    """Who plays and who watches, and whose turn it is; sent when it changes."""
+    """Who plays and who watches, whose turn it is, and why the game stands still if it does; sent
+    when it changes."""
 
     type: Literal["roster"] = "roster"
     phase: str
     turn: str | None = None
+    pause: Pause | None = None
     seats: list[SeatInfo]
     spectators: int = 0
 
@@ -370,10 +451,12 @@ class Error(Message):
 
 
 class Bye(Message):
-    """The server closes the connection, and why."""
+    """The server closes the connection, and why. With `retry` it can be resumed in a moment."""
 
     type: Literal["bye"] = "bye"
     reason: str
+    code: str = "server/bye"
+    retry: bool = False
 
 
 ClientMessage = Annotated[
@@ -384,11 +467,13 @@ ServerMessage = Annotated[
     | Episodes
     | Created
     | Joined
+    | Moved
     | Snapshot
     | Delta
     | Observation
     | Rejected
     | Said
+    | Notice
     | Roster
     | Ended
     | Left
@@ -399,8 +484,8 @@ ServerMessage = Annotated[
 
 CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Join, Leave, Act, Say, Resync)
 SERVER_MESSAGES = (
-    Welcome, Episodes, Created, Joined, Snapshot, Delta, Observation, Rejected, Said, Roster,
-    Ended, Left, Error, Bye,
+    Welcome, Episodes, Created, Joined, Moved, Snapshot, Delta, Observation, Rejected, Said,
+    Notice, Roster, Ended, Left, Error, Bye,
 )  # fmt: skip
 
 client_messages: TypeAdapter[ClientMessage] = TypeAdapter(ClientMessage)

@@ -13,10 +13,14 @@ from typing import Any
 
 from robotouille.domain.task import Task
 from robotouille.episode.events import (
+    Announced,
     Ended,
     Event,
     Move,
+    Paused,
     Rejected,
+    Restarted,
+    Resumed,
     RosterChanged,
     Said,
     Started,
@@ -35,9 +39,17 @@ SNAPSHOT_EVERY = 100
 
 
 def header(
-    task: Task, rules: Rules, *, episode: str, seed: int = 0, created: str = ""
+    task: Task,
+    rules: Rules,
+    *,
+    episode: str,
+    seed: int = 0,
+    created: str = "",
+    code: str = "",
+    owner: str = "",
 ) -> dict[str, Any]:
-    """The first frame: everything that play starts from. `created` is an ISO 8601 time."""
+    """The first frame: everything that play starts from. `created` is an ISO 8601 time, `code`
+    what one joins with, `owner` the pseudonym of who opened the episode."""
     return {
         "kind": "header",
         "software": version("robotouille"),
@@ -47,6 +59,8 @@ def header(
         "digest": task.digest,
         "seed": seed,
         "rules": rules.model_dump(mode="json"),
+        "code": code,
+        "owner": owner,
     }
 
 
@@ -166,7 +180,20 @@ def _note(event: Event) -> dict[str, Any]:
                 "name": event.name,
                 "kind": event.kind,
                 "present": event.present,
+                "taken": event.taken,
+                "controller": event.controller,
+                "session": event.session,
+                "participant": event.participant,
+                "generation": event.generation,
             }
+        case Announced():
+            return {"note": "announced", "t": _ms(event.time), "text": event.text}
+        case Paused():
+            return {"note": "paused", "t": _ms(event.time), "holds": list(event.holds)}
         case Started():
             return {"note": "started", "t": 0}
+        case Resumed():
+            return {"note": "resumed", "t": _ms(event.time)}
+        case Restarted():
+            return {"note": "restarted", "t": _ms(event.time)}
     raise AssertionError(f"not a note: {event}")

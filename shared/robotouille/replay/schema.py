@@ -47,6 +47,8 @@ class Header(Frame):
     seed: int
     rules: PlayedRules
     tables: Tables
+    code: str = ""
+    owner: str = ""
 
 
 class StateFrame(Frame):
@@ -72,6 +74,11 @@ class RosterNote(Frame):
     name: str
     kind: str
     present: bool
+    taken: bool = True
+    controller: str = ""
+    session: str = ""
+    participant: str = ""
+    generation: int = 0
 
 
 class RejectedNote(Frame):
@@ -96,7 +103,39 @@ class StartedNote(Frame):
     t: int
 
 
-Note = Annotated[RosterNote | RejectedNote | SaidNote | StartedNote, Field(discriminator="note")]
+class AnnouncedNote(Frame):
+    note: Literal["announced"]
+    t: int
+    text: str
+
+
+class PausedNote(Frame):
+    note: Literal["paused"]
+    t: int
+    holds: list[str]
+
+
+class ResumedNote(Frame):
+    note: Literal["resumed"]
+    t: int
+
+
+class RestartedNote(Frame):
+    note: Literal["restarted"]
+    t: int
+
+
+Note = Annotated[
+    RosterNote
+    | RejectedNote
+    | SaidNote
+    | AnnouncedNote
+    | StartedNote
+    | PausedNote
+    | ResumedNote
+    | RestartedNote,
+    Field(discriminator="note"),
+]
 
 
 class StepFrame(Frame):

@@ -1,4 +1,4 @@
-"""What a bot does: policies choose an action of their seat in a state.
+"""What decides for a seat: policies choose an action in a state.
 
 A policy holds its own copy of the world and whatever memory it has explicitly; it never waits.
 """

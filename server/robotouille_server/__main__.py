@@ -1,0 +1,5 @@
+"""`python -m robotouille_server` is `robotouille-server`."""
+
+from robotouille_server.cli import main
+
+main()

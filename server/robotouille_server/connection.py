@@ -1,0 +1,74 @@
+"""A WebSocket that hands each message over at once: no queue, no task that wakes for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection
+from websockets.frames import Frame, Opcode
+
+__all__ = ["Connection", "frame_of"]
+
+MAX_EARLY = 16
+"""Messages that may come before the handshake's end is dealt with."""
+
+DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
+
+
+def frame_of(payload: bytes | str) -> bytes:
+    """A whole unmasked WebSocket frame (RFC 6455, 5.2), the same for every client."""
+    text = isinstance(payload, str)
+    content = payload.encode() if isinstance(payload, str) else payload
+    first = b"\x81" if text else b"\x82"
+    size = len(content)
+    if size < 126:
+        return first + size.to_bytes(1, "big") + content
+    if size < 65536:
+        return first + b"\x7e" + size.to_bytes(2, "big") + content
+    return first + b"\x7f" + size.to_bytes(8, "big") + content
+
+
+class Connection(ServerConnection):
+    """The library's connection, with messages going straight to `receiver`."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._receiver: Callable[[bytes | str], None] | None = None
+        self._early: list[bytes | str] = []
+        self._parts: list[bytes] = []
+        self._is_text = False
+
+    def listen(self, receiver: Callable[[bytes | str], None]) -> None:
+        """Give all messages to `receiver` from now on, those that came before first."""
+        self._receiver = receiver
+        early, self._early = self._early, []
+        for payload in early:
+            receiver(payload)
+
+    def process_event(self, event: Any) -> None:
+        if isinstance(event, Frame) and event.opcode in DATA:
+            self._take(event)
+        else:
+            super().process_event(event)
+
+    def _take(self, frame: Frame) -> None:
+        if frame.opcode is not Opcode.CONT:
+            self._is_text = frame.opcode is Opcode.TEXT
+        self._parts.append(bytes(frame.data))
+        if not frame.fin:
+            return
+        content = self._parts[0] if len(self._parts) == 1 else b"".join(self._parts)
+        self._parts.clear()
+        try:
+            payload = content.decode() if self._is_text else content
+        except UnicodeDecodeError:
+            self.protocol.fail(1007, "text that is not UTF-8")
+            self.send_data()
+            return
+        if self._receiver is not None:
+            self._receiver(payload)
+        elif len(self._early) < MAX_EARLY:
+            self._early.append(payload)
+        else:
+            self.transport.abort()

@@ -1,0 +1,97 @@
+"""An episode's recording as it grows: what has not been written is not told either."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from robotouille.episode import Event
+from robotouille.replay.frames import compress
+from robotouille.replay.recorder import Recorder
+from robotouille_server.logs import get_logger
+from robotouille_server.storage import Appender, Storage
+
+__all__ = ["CLOSED", "OPEN", "Journal", "file_name"]
+
+OPEN, CLOSED = ".rbt.part", ".rbt"
+
+
+def file_name(created: str, task: str, episode: str) -> str:
+    """`CREATED_TASK_EPISODE.rbt.part`, in letters that any file system takes."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{created}_{task}_{episode}") + OPEN
+
+
+class Journal:
+    """`NAME.rbt.part` while the episode runs, `NAME.rbt` when it is over.
+
+    Bytes that cannot be written are kept and tried again; `problem` says why, and is empty while
+    all is well.
+    """
+
+    def __init__(
+        self, storage: Storage, name: str, recorder: Recorder, *, found: Appender | None = None
+    ) -> None:
+        self.name = name
+        self.recorder = recorder
+        self.problem = ""
+        self.size = 0
+        self._storage = storage
+        self._file = found
+        self._pending = b"" if found is not None else recorder.begin()
+
+    def add(self, events: Iterable[Event]) -> None:
+        """What happened; it is written by the next `write`."""
+        self._pending += self.recorder.record(events)
+
+    def write(self) -> bool:
+        """Hand everything to the operating system; False if that failed (see `problem`)."""
+        if not self._pending:
+            return True
+        try:
+            if self._file is None:
+                self._file = self._storage.create(self.name)
+            self._file.append(self._pending)
+        except OSError as error:
+            problem = f"the recording cannot be written: {error.strerror or error}"
+            if problem != self.problem:
+                get_logger().error("recording failed", file=self.name, error=problem)
+            self.problem = problem
+            return False
+        self.size += len(self._pending)
+        self._pending = b""
+        if self.problem:
+            get_logger().info("recording goes on", file=self.name)
+        self.problem = ""
+        return True
+
+    def close(self) -> str:
+        """Compress the recording and give it its final name; that name, or nothing if it failed
+        (the file stays as it was, and the next start of a server closes it)."""
+        self.release()
+        try:
+            return close_recording(self._storage, self.name)
+        except OSError as error:
+            get_logger().error("recording not closed", file=self.name, error=str(error))
+            return ""
+
+    def discard(self) -> None:
+        """Delete the file: nobody ever took part."""
+        self.release()
+        try:
+            self._storage.remove(self.name)
+        except OSError as error:
+            get_logger().error("recording not deleted", file=self.name, error=str(error))
+
+    def release(self) -> None:
+        """Leave the file to whoever goes on with it."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+def close_recording(storage: Storage, name: str) -> str:
+    """Replace a whole `.rbt.part` by its compressed `.rbt`; the new name."""
+    whole = name.removesuffix(OPEN) + CLOSED
+    storage.replace(whole, compress(storage.read(name)))
+    storage.remove(name)
+    return whole

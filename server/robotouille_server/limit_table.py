@@ -1,0 +1,192 @@
+"""The table of all limits, from the settings and constants that are in force.
+
+docs/limits.md is made of it, so that what is written there is what the code does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from robotouille.protocol import messages
+from robotouille.protocol.codec import MAX_CLIENT_BYTES, MAX_DEPTH, MAX_SERVER_BYTES
+from robotouille_server.access import WRONG_CODES_A_MINUTE
+from robotouille_server.connection import MAX_EARLY
+from robotouille_server.conversation import COSTS, MAX_REFUSED
+from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
+from robotouille_server.peer import MAX_HELD, MAX_UNSENT
+from robotouille_server.settings import ServerSettings
+
+__all__ = ["LIMITS", "Limit", "limits_page", "shown_value"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One limit: of what, where it is set (a setting's name, or else `value`), what happens
+    beyond it, and the code with which that is answered."""
+
+    what: str
+    beyond: str
+    code: str = ""
+    setting: str = ""
+    value: str = ""
+    unit: str = ""
+
+
+def _size(count: int) -> str:
+    mebi, kibi = divmod(count, 1024 * 1024), divmod(count, 1024)
+    return f"{mebi[0]} MiB" if not mebi[1] else f"{kibi[0]} KiB" if not kibi[1] else f"{count} B"
+
+
+def _longest(model: type[BaseModel], name: str, unit: str = "characters") -> str:
+    """What a message's field may hold, from its declaration."""
+    schema: dict[str, Any] = model.model_json_schema()["properties"][name]
+    parts = [schema, *schema.get("anyOf", [])]
+    found = next(
+        part[key] for part in parts for key in ("maxLength", "maxItems", "maximum") if key in part
+    )
+    return f"{found:,} {unit}".rstrip()
+
+
+def _cost(model: type[messages.Message]) -> str:
+    return f"{COSTS[model]:g} messages"
+
+
+INVALID = "message/invalid-field"
+
+LIMITS: dict[str, tuple[Limit, ...]] = {
+    "Messages": (
+        Limit(
+            "a client's message",
+            "refused; beyond twice that the connection is closed with status 1009",
+            "message/too-large",
+            value=_size(MAX_CLIENT_BYTES),
+        ),
+        Limit(
+            "nesting of a message",
+            "refused",
+            "message/malformed",
+            value=f"{MAX_DEPTH} levels",
+        ),
+        Limit(
+            "messages a second and connection",
+            "the message is dropped; bursts of twice as many are taken",
+            "rate/limited",
+            setting="messages_per_second",
+        ),
+        Limit(
+            "messages beyond that rate, in all",
+            "the connection is closed",
+            "rate/limited",
+            value=f"{MAX_REFUSED}",
+        ),
+        Limit("cost of `create`", "counts as so many", value=_cost(messages.Create)),
+        Limit("cost of `list`", "counts as so many", value=_cost(messages.ListEpisodes)),
+        Limit("a chat message", "refused", INVALID, value=_longest(messages.Say, "text")),
+        Limit("a name", "refused", INVALID, value=_longest(messages.Hello, "name")),
+        Limit("a token", "refused", INVALID, value=_longest(messages.Hello, "token")),
+        Limit(
+            "reasoning with an action", "refused", INVALID,
+            value=_longest(messages.Act, "reasoning"),
+        ),
+        Limit(
+            "declared thinking of an action", "refused", INVALID,
+            value=_longest(messages.Act, "think_ms", "ms"),
+        ),
+        Limit(
+            "digests in `known`", "refused", INVALID, value=_longest(messages.Join, "known", "")
+        ),
+        Limit("a server's message", "the client library closes", value=_size(MAX_SERVER_BYTES)),
+    ),
+    "Connections": (
+        Limit("connections", "HTTP status 503", setting="max_connections"),
+        Limit(
+            "connections from an address (IPv6: a /64 network), except of this machine",
+            "HTTP status 429",
+            setting="max_connections_per_address",
+        ),
+        Limit(
+            "time to say `hello`", "`bye`, status 1008", "auth/silent",
+            setting="hello_seconds", unit="s",
+        ),
+        Limit("messages before the handshake is over", "disconnected", value=f"{MAX_EARLY}"),
+        Limit("answer to a ping (every 20 s)", "disconnected", value="20 s"),
+        Limit(
+            "bytes that wait for a client",
+            "no deltas until they are read, then a snapshot; nothing it says is read meanwhile",
+            value=_size(MAX_UNSENT),
+        ),
+        Limit("… for so long", "disconnected", setting="stall_seconds", unit="s"),
+        Limit("… and at most", "disconnected", value=_size(MAX_HELD)),
+    ),
+    "Who may come in": (
+        Limit(
+            "wrong ids or codes from an address (IPv6: a /64 network)",
+            "`join` is refused; one more may be tried every "
+            f"{60 / WRONG_CODES_A_MINUTE:g} s",
+            "rate/codes",
+            value=f"{WRONG_CODES_A_MINUTE} a minute",
+        ),
+        Limit(
+            "length of a code",
+            f"one of 23^{CODE_LENGTH}, about 4 × 10^13",
+            value=f"{CODE_LENGTH} letters",
+        ),
+        Limit("a resume token is good for", "refused", "auth/expired", setting="resume_hours",
+              unit="h"),
+    ),
+    "Episodes": (
+        Limit("episodes that are not over", "`create` is refused", "server/full",
+              setting="max_episodes"),
+        Limit(
+            "… of one owner, the subject of a role token",
+            "`create` is refused",
+            "rate/episodes",
+            setting="max_episodes_per_owner",
+        ),
+        Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
+        Limit("spectators of an episode", "`join` is refused", "episode/full",
+              setting="max_spectators"),
+        Limit("steps of an episode that asks for nothing else", "it ends: `step_limit`",
+              setting="max_steps"),
+        Limit("… that asks for more", "refused", INVALID,
+              value=_longest(messages.Create, "max_steps", "")),
+        Limit("time for which an absent player's seat is kept", "as the episode's `absence` says",
+              setting="grace", unit="s"),
+        Limit("time for which players may come back after a restart",
+              "as for those who are absent", setting="recovery_seconds", unit="s"),
+        Limit("time an episode stays after its end", "it can be joined no more",
+              "episode/unknown", value=f"{LINGER_SECONDS:g} s"),
+        Limit("time for which a server that was sent SIGTERM lets episodes end",
+              "they are handed over", setting="drain_seconds", unit="s"),
+    ),
+}  # fmt: skip
+
+
+def shown_value(limit: Limit) -> str:
+    """The limit as people read it: a constant, or the default of its setting."""
+    if not limit.setting:
+        return limit.value
+    default = ServerSettings.model_fields[limit.setting].default
+    number = f"{default:,}" if isinstance(default, int) else f"{default:g}"
+    return f"{number} {limit.unit}".rstrip()
+
+
+def limits_page() -> str:
+    """The tables of docs/limits.md, in Markdown."""
+    sections = []
+    for title, limits in LIMITS.items():
+        rows = [
+            f"| {limit.what} | {shown_value(limit)} | {_flag(limit)} | {limit.beyond} "
+            f"| {f'`{limit.code}`' if limit.code else ''} |"
+            for limit in limits
+        ]
+        head = "| what | limit | setting | beyond it | code |\n| --- | --- | --- | --- | --- |"
+        sections.append("\n".join([f"## {title}\n", head, *rows]))
+    return "\n\n".join(sections) + "\n"
+
+
+def _flag(limit: Limit) -> str:
+    return f"`--{limit.setting.replace('_', '-')}`" if limit.setting else ""

@@ -1,0 +1,109 @@
+"""All sessions of a server: new ones, and those that come back with a resume token."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille_server.access import Visitor
+from robotouille_server.roles import Role
+from robotouille_server.session import Session
+from robotouille_server.tokens import ResumeGrant, RoleGrant, Tokens
+
+if TYPE_CHECKING:
+    from robotouille_server.room import Room
+
+__all__ = ["Sessions"]
+
+
+class Sessions:
+    """Sessions by id.
+
+    Of a session's resume tokens the one that was used last is still good, since what it was
+    answered may have been lost on the way, and so is the next; those before are worth nothing.
+    """
+
+    def __init__(self, tokens: Tokens, randomness: random.Random, token_seconds: float) -> None:
+        self.by_id: dict[str, Session] = {}
+        self._tokens = tokens
+        self._random = randomness
+        self._token_seconds = token_seconds
+
+    def open(self, hello: messages.Hello, role: Role, grant: RoleGrant | None) -> Session:
+        """A newcomer's session."""
+        session = Session(
+            f"{self._random.getrandbits(64):016x}",
+            name=(grant.name if grant is not None else "") or hello.name,
+            kind=hello.kind,
+            role=role,
+            participant=grant.subject if grant is not None else "",
+            only_episode=grant.episode if grant is not None else "",
+            only_seat=grant.seat if grant is not None else "",
+        )
+        self.by_id[session.id] = session
+        return session
+
+    def resume(self, grant: ResumeGrant, room: Room | None) -> Session:
+        """The session of a resume token, from memory or from the seat that is recorded as its.
+
+        ProtocolError `auth/expired` where the session or the token has had its day.
+        """
+        session = self.by_id.get(grant.session) or self._from_seat(grant, room)
+        if session is None:
+            message = "this connection cannot be resumed any more; say hello without 'resume'"
+            raise ProtocolError("auth/expired", message, "resume")
+        if grant.generation < session.generation:
+            message = "this token was used before, and replaced; say hello without 'resume'"
+            raise ProtocolError("auth/expired", message, "resume")
+        session.generation = grant.generation
+        return session
+
+    def _from_seat(self, grant: ResumeGrant, room: Room | None) -> Session | None:
+        player = None if room is None else room.holds_seat(grant.session)
+        if room is None or player is None:
+            return None
+        seat = room.episode.seats[player]
+        session = Session(
+            grant.session,
+            name=seat.name,
+            kind=seat.kind,
+            role=grant.role,
+            participant=seat.participant,
+        )
+        session.generation = seat.generation
+        session.room, session.player = room, player
+        room.members.append(session)
+        self.by_id[session.id] = session
+        return session
+
+    def resume_token(self, session: Session) -> str:
+        """The token that brings a session back, the next time."""
+        return self._tokens.mint_resume(
+            session=session.id,
+            generation=session.generation + 1,
+            name=session.name,
+            kind=session.kind,
+            role=session.role,
+            seconds=self._token_seconds,
+            episode=session.room.id if session.room is not None else "",
+            seat=session.player or "",
+        )
+
+    def forget(self, session: Session) -> None:
+        """A session that has no place any more, and nobody connected to it."""
+        if session.peer is None:
+            self.by_id.pop(session.id, None)
+
+    def role_of(
+        self, hello: messages.Hello, visitor: Visitor, *, strict: bool
+    ) -> tuple[Role, RoleGrant | None]:
+        """What a newcomer may do. Without a token a program on this machine may do what a host
+        may, anybody else play; where `strict`, nobody may do anything."""
+        if hello.token is not None:
+            grant = self._tokens.check_role(hello.token)
+            return grant.role, grant
+        if strict:
+            raise ProtocolError("auth/required", "this server asks for a token", "token")
+        return (Role.HOST if visitor.local else Role.PLAYER), None

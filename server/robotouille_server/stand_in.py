@@ -1,0 +1,149 @@
+"""Bots that play the seats of absent participants."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable
+from functools import partial
+
+from robotouille.episode import Controller, Episode, Phase, Stepped
+from robotouille.episode.rules import StandIn as Kind
+from robotouille.planning.policies import Policy, RandomPolicy
+from robotouille.planning.script import Did
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille.world.world import World
+from robotouille_server.logs import get_logger
+
+__all__ = ["StandIn"]
+
+MAX_OBSERVED = 64
+"""Steps that are kept for a policy until it is asked; one that has missed more begins anew."""
+
+
+class StandIn:
+    """A bot for one seat. It is made when the game begins and told every step, so that it can act
+    in the very next one; it thinks in a thread, one thought at a time."""
+
+    def __init__(
+        self,
+        episode: Episode,
+        player: str,
+        kind: Kind,
+        decide: Callable[[str, GroundAction | None], None],
+    ) -> None:
+        self._episode = episode
+        self._player = player
+        self._kind = kind
+        self._decide = decide
+        self._loop = asyncio.get_running_loop()
+        self._observed: list[Did] = []
+        self._mind: _Mind | None = None
+        self._thought: asyncio.Future[GroundAction | None] | None = None
+        self._decided = -1
+        self._stopped = False
+
+    def warm(self) -> None:
+        """Get ready while the participant still plays."""
+        if self._mind is None and not self._stopped:
+            self._mind = _Mind(self._episode, self._player, self._kind)
+            self._loop.run_in_executor(None, self._mind.wake)
+
+    def observe(self, event: Stepped) -> None:
+        """What everybody did in a step."""
+        did = tuple(
+            (move.player, move.action, attempt.applied)
+            for move, attempt in zip(event.moves, event.attempts, strict=True)
+        )
+        self._observed.append(did)
+        if len(self._observed) > MAX_OBSERVED:
+            self._observed.clear()
+            self._mind = None
+
+    def consider(self) -> None:
+        """Think about the present step, if the seat is the bot's and has to decide."""
+        if self._thought is not None or self._stopped or not self._must_decide():
+            return
+        self.warm()
+        if self._mind is None:
+            return
+        observed, self._observed = self._observed, []
+        state, step = self._episode.state, self._episode.step
+        think = partial(self._mind.think, state.facts, state.timer_rows(), state.timers.busy)
+        self._thought = self._loop.run_in_executor(None, think, observed)
+        self._thought.add_done_callback(partial(self._thought_over, step))
+
+    def stop(self) -> None:
+        """The episode is over or goes on elsewhere."""
+        self._stopped = True
+
+    def _must_decide(self) -> bool:
+        episode = self._episode
+        seat = episode.seats[self._player]
+        return (
+            episode.phase is Phase.RUNNING
+            and not episode.paused
+            and seat.controller is Controller.STAND_IN
+            and seat.pending is None
+            and self._decided < episode.step
+            and episode.on_turn in (None, self._player)
+            and episode.state.busy_steps(self._player) == 0
+        )
+
+    def _thought_over(self, step: int, thought: asyncio.Future[GroundAction | None]) -> None:
+        self._thought = None
+        if self._stopped or thought.cancelled() or not self._must_decide():
+            return
+        episode, action, failure = self._episode, None, thought.exception()
+        if failure is not None:
+            get_logger().error("a stand-in failed", player=self._player, exc_info=failure)
+            self._mind = None
+        elif (found := thought.result()) is not None:
+            action = episode.world.action(found.name, *found.arguments)
+        in_time = episode.step == step
+        if in_time or (action is not None and episode.world.applicable(episode.state, action)):
+            self._decided = episode.step
+            self._decide(self._player, action)
+        else:
+            self.consider()
+
+
+class _Mind:
+    """The policy and its own world; used by one thread at a time."""
+
+    def __init__(self, episode: Episode, player: str, kind: Kind) -> None:
+        self._task = episode.world.task
+        self._player = player
+        self._kind = kind
+        self._seed = episode.step
+        self._world: World | None = None
+        self._policy: Policy | None = None
+
+    def wake(self) -> World:
+        """Make the world and the policy."""
+        if self._world is None:
+            self._world = World(self._task)
+            self._policy = self._make(self._world)
+        return self._world
+
+    def _make(self, world: World) -> Policy:
+        if self._kind == "random":
+            return RandomPolicy(self._player, self._seed)
+        # Compiling the planner would take longer than any seat can wait.
+        os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
+        from robotouille.planning.policy import PlannerPolicy
+
+        return PlannerPolicy(world, self._player, seed=self._seed, alone=True)
+
+    def think(
+        self, facts: int, timers: object, busy: object, observed: list[Did]
+    ) -> GroundAction | None:
+        """The policy's action in a state, in this episode's own terms."""
+        world = self.wake()
+        if self._policy is None:
+            return None
+        state: State = world.restore(facts, timers, busy)  # type: ignore[arg-type]
+        for did in observed:
+            self._policy.observe(did)
+        return self._policy.act(state)
