@@ -94,6 +94,7 @@ class Client:
         self._outbox: asyncio.Queue[messages.Message] = asyncio.Queue()
         self._unsent: messages.Message | None = None
         self._repeater: asyncio.TimerHandle | None = None
+        self._up_since = 0.0
         self._closing = False
         self.farewell = ""
 
@@ -186,10 +187,7 @@ class Client:
         self._requests[request.ref] = request
         self._send(request)
         try:
-            async with asyncio.timeout(ANSWER_SECONDS):
-                answer = await future
-        except TimeoutError:
-            raise ConnectionFailedError(f"{self.url} does not answer") from None
+            answer = await self._answered(future)
         finally:
             self._answers.pop(request.ref, None)
             self._requests.pop(request.ref, None)
@@ -197,6 +195,17 @@ class Client:
             found = type(answer).__name__
             raise ProtocolError("message/unexpected", f"{found} in answer to {request.type}")
         return answer
+
+    async def _answered(self, future: asyncio.Future[T]) -> T:
+        """An answer; only the time for which there is a connection counts."""
+        loop = asyncio.get_running_loop()
+        while True:
+            done, _ = await asyncio.wait({future}, timeout=ANSWER_SECONDS)
+            if done:
+                return future.result()
+            if self.connected.is_set() and loop.time() - self._up_since >= ANSWER_SECONDS:
+                future.cancel()
+                raise ConnectionFailedError(f"{self.url} does not answer")
 
     def _send(self, message: messages.Message) -> None:
         self._outbox.put_nowait(message)
@@ -229,6 +238,7 @@ class Client:
         self._socket = socket
         self._resume = answer.resume
         self.role = answer.role
+        self._up_since = asyncio.get_running_loop().time()
         self.connected.set()
 
     async def _take_up(self, socket: ClientConnection, welcome: messages.Welcome) -> None:

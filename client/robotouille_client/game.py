@@ -33,6 +33,8 @@ __all__ = [
 ]
 
 MAX_EVENTS = 10_000
+SLOW_DOWN_SECONDS = 0.25
+"""After which an action that came too soon after many others is sent again."""
 
 Wish = GroundAction | messages.NamedAction | str | int | None
 """What one can ask to do: a ground action, a named one, its sentence, its place in the list of
@@ -324,6 +326,11 @@ class Game:
             for act in self._unanswered.values():
                 self._send(act)
 
+    def _send_again(self, seq: int) -> None:
+        """The server had had enough messages for a while."""
+        if seq in self._unanswered and not self.ended:
+            self._send(self._unanswered[seq])
+
     def repeat(self, before: float) -> None:
         """Send again what was sent before a time and has no answer; it acts once all the same."""
         if self._sent_at <= before and not self.ended:
@@ -434,6 +441,10 @@ class Game:
             self._settle(message.seq, ActResult(True, message.step))
 
     def _rejected(self, message: messages.Rejected) -> None:
+        if message.code == "rate/limited" and message.seq in self._unanswered:
+            loop = asyncio.get_running_loop()
+            loop.call_later(SLOW_DOWN_SECONDS, self._send_again, message.seq)
+            return
         reasons = tuple(message.reasons)
         self._resolve(message.seq, ActResult(False, message.step, reasons, message.code))
         self._emit(Refused(message.seq, message.step, message.action, reasons, message.code))

@@ -37,6 +37,7 @@ from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.peer import Peer
 from robotouille_server.roles import Role
+from robotouille_server.room import Room
 from robotouille_server.session import Session
 from robotouille_server.sessions import Sessions
 from robotouille_server.settings import ServerSettings
@@ -137,6 +138,9 @@ class Server:
                 ping_timeout=20,
                 close_timeout=2,
                 ssl=self._tls.context if self._tls is not None else None,
+                ssl_handshake_timeout=(
+                    self.settings.hello_seconds if self._tls is not None else None
+                ),
                 backlog=BACKLOG,
                 reuse_port=shared or None,
             )
@@ -182,7 +186,6 @@ class Server:
         if self._stopping:
             return
         self._stopping = True
-        self.lobby.stop()
         hand_over = hand_over and self.storage is not None
         for room in list(self.lobby.rooms.values()):
             if hand_over and room.episode.phase is not Phase.OVER:
@@ -202,6 +205,7 @@ class Server:
         if self._watching is not None:
             self._watching.cancel()
         await self.lobby.closed()
+        self.lobby.stop()
         get_logger().info("stopped", reason=reason)
 
     async def _close_sockets(self, reason: str) -> None:
@@ -297,25 +301,23 @@ class Server:
             return
         room = session.room
         if room is not None:
-            room.connection_lost(session)
-            if self.lobby.draining and session.player is not None:
-                self._hand_over(room.id)
+            if self.lobby.draining and session.player is not None and self._hand_over(room):
                 return
+            room.connection_lost(session)
         if session.player is None or room is None or room.episode.phase is Phase.OVER:
             grace = room.episode.rules.grace if room is not None else 0.0
             loop = asyncio.get_running_loop()
             self._expiries[session] = loop.call_later(grace, self._expire, session)
 
-    def _hand_over(self, episode: str) -> None:
-        """Leave one episode to the next process, while this one drains."""
-        room = self.lobby.rooms.get(episode)
-        if room is None or self.storage is None or room.episode.phase is Phase.OVER:
-            return
-        members = list(room.members)
+    def _hand_over(self, room: Room) -> bool:
+        """Leave one episode to the next process, while this one drains, if it is not over."""
+        if self.storage is None or room.episode.phase is Phase.OVER:
+            return False
         self.lobby.suspend(room)
-        for member in members:
+        for member in list(room.members):
             if member.peer is not None:
                 member.peer.part("server/restart", "handed over", retry=True, status=1012)
+        return True
 
     def expect(self, session: Session) -> None:
         """A session is connected (again): it does not expire."""

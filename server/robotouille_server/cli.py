@@ -11,7 +11,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from pydantic import ValidationError
+from pydantic import SecretStr, ValidationError
 from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["first_room", "main", "run", "serve_until_stopped"]
 
+SECRET = (SecretStr, SecretStr | None)
+"""Settings of these types are no flags: everybody on the machine can read a command line."""
 SERVER = "server"
 """The owner of the episode that a server opens by itself."""
 
@@ -40,10 +42,12 @@ def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Ca
 
     parameters = []
     for name, field in model.model_fields.items():
+        if field.annotation in SECRET:
+            continue
         default = "" if field.default is PydanticUndefined else field.default
         flag = f"--{name.replace('_', '-')}"
         option = typer.Option(
-            f"{flag}/--no-{name}" if field.annotation is bool else flag,
+            f"{flag}/--no-{flag[2:]}" if field.annotation is bool else flag,
             help=f"{field.description} (default: {_shown(default)})",
             show_default=False,
         )

@@ -166,7 +166,7 @@ class Conversation:
             )
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
-        room = server.lobby.home_of(resume.episode) if resume.episode else None
+        room = server.lobby.home_of(resume.session, resume.episode)
         return server.sessions.resume(resume, room), True
 
     def _attach(self, session: Session) -> None:
@@ -218,8 +218,9 @@ class Conversation:
         codes.check(self._visitor, now)
         try:
             return self._server.lobby.find(name)
-        except ProtocolError:
-            codes.wrong(self._visitor, now)
+        except ProtocolError as error:
+            if error.code == "episode/unknown":
+                codes.wrong(self._visitor, now)
             raise
 
     def _leave(self, session: Session, message: messages.Leave) -> None:

@@ -67,20 +67,22 @@ class Journal:
     def close(self) -> str:
         """Compress the recording and give it its final name; that name, or nothing if it failed
         (the file stays as it was, and the next start of a server closes it)."""
-        self.release()
         try:
             return close_recording(self._storage, self.name)
         except OSError as error:
             get_logger().error("recording not closed", file=self.name, error=str(error))
             return ""
+        finally:
+            self.release()
 
     def discard(self) -> None:
         """Delete the file: nobody ever took part."""
-        self.release()
         try:
             self._storage.remove(self.name)
         except OSError as error:
             get_logger().error("recording not deleted", file=self.name, error=str(error))
+        finally:
+            self.release()
 
     def release(self) -> None:
         """Leave the file to whoever goes on with it."""

@@ -73,6 +73,7 @@ class Lobby:
         self.unrestored: dict[str, str] = {}
         self._codes: dict[str, Room] = {}
         self._foreign: dict[str, Foreign] = {}
+        self._seated: dict[str, Room] = {}
         self._settings = settings
         self._metrics = metrics
         self._random = randomness
@@ -81,6 +82,7 @@ class Lobby:
         self._worker = worker
         self._closing: set[asyncio.Future[str]] = set()
         self._looking: asyncio.TimerHandle | None = None
+        self._lingering: dict[Room, asyncio.TimerHandle] = {}
         self._host = RoomHost(metrics, resume_token, vacated, self._closed)
 
     # Opening
@@ -190,6 +192,8 @@ class Lobby:
         try:
             if not self._restore(storage, name, file):
                 file.close()
+        except FileNotFoundError:
+            file.close()  # Whoever had it has just closed the recording.
         except (RobotouilleError, OSError) as error:
             file.close()
             self._give_up(name, str(error))
@@ -207,9 +211,8 @@ class Lobby:
         if found.missing:
             file.append(found.missing)
         if found.complete:
-            file.close()
             close_recording(storage, name)
-            return True
+            return False
         self._reopen(storage, name, file, recording, found)
         return True
 
@@ -224,6 +227,9 @@ class Lobby:
             head["episode"], code, head.get("owner", ""), found.episode, recorder, journal
         )
         room.audience.remember(found.said)
+        for seat in found.episode.seats.values():
+            if seat.taken:
+                self._seated[seat.session] = room
         self._metrics.restored.inc()
         get_logger().info(
             "episode restored", episode=room.id, code=code, step=found.episode.step, file=name
@@ -246,21 +252,27 @@ class Lobby:
 
     def find(self, name: str) -> Room:
         """The room of an id or a code; ProtocolError `episode/unknown` if there is none."""
-        room = self.rooms.get(name) or self._codes.get(_plain(name))
-        if room is not None:
-            return room
-        self._look_elsewhere(name)
-        message = f"no episode has the id or code {name!r}"
-        raise ProtocolError("episode/unknown", message, "episode")
-
-    def home_of(self, episode: str) -> Room | None:
-        """The room in which a resume token was made, if it still is."""
-        room = self.rooms.get(episode)
+        room = self._known(name) or self._found_elsewhere(name)
         if room is None:
-            self._look_elsewhere(episode)
+            message = f"no episode has the id or code {name!r}"
+            raise ProtocolError("episode/unknown", message, "episode")
         return room
 
-    def _look_elsewhere(self, name: str) -> None:
+    def home_of(self, session: str, episode: str) -> Room | None:
+        """The room of a resume token: where it was made, or where its session was given a seat
+        after that and before a restart."""
+        seated = self._seated.get(session)
+        if seated is not None and seated.holds_seat(session) is not None:
+            return seated
+        if not episode:
+            return None
+        return self.rooms.get(episode) or self._found_elsewhere(episode)
+
+    def _known(self, name: str) -> Room | None:
+        return self.rooms.get(name) or self._codes.get(_plain(name))
+
+    def _found_elsewhere(self, name: str) -> Room | None:
+        """A room that has just been handed over; an error if another process has it."""
         self._worker.check_here(name, _plain(name), CODE_LENGTH)
         if self._foreign:
             self.recover()
@@ -268,6 +280,7 @@ class Lobby:
             if name == foreign.episode or _plain(name) == _plain(foreign.code):
                 message = "this episode is being handed over; try again in a moment"
                 raise ProtocolError("server/handover", message, "episode")
+        return self._known(name)
 
     def infos(self) -> list[messages.EpisodeInfo]:
         """All rooms, those that wait for players first."""
@@ -288,7 +301,7 @@ class Lobby:
             closing.add_done_callback(self._closing.discard)
             closing.add_done_callback(partial(_name_recording, room))
         linger = max(LINGER_SECONDS, room.episode.rules.grace)
-        loop.call_later(linger, self._forget, room)
+        self._lingering[room] = loop.call_later(linger, self._forget, room)
 
     async def closed(self) -> None:
         """Wait until all recordings that are over are closed."""
@@ -301,10 +314,14 @@ class Lobby:
         self._drop(room)
 
     def stop(self) -> None:
-        if self._looking is not None:
-            self._looking.cancel()
+        """Look after nothing any more."""
+        for timer in (self._looking, *self._lingering.values()):
+            if timer is not None:
+                timer.cancel()
+        self._lingering.clear()
 
     def _forget(self, room: Room) -> None:
+        self._lingering.pop(room, None)
         self._drop(room)
         for session in list(room.members):
             if session.peer is None:
@@ -314,6 +331,7 @@ class Lobby:
     def _drop(self, room: Room) -> None:
         self.rooms.pop(room.id, None)
         self._codes.pop(_plain(room.code), None)
+        self._seated = {name: home for name, home in self._seated.items() if home is not room}
         self._count()
 
     def _count(self) -> None:

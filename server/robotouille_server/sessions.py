@@ -71,6 +71,8 @@ class Sessions:
             kind=seat.kind,
             role=grant.role,
             participant=seat.participant,
+            only_episode=grant.only_episode,
+            only_seat=grant.only_seat,
         )
         session.generation = seat.generation
         session.room, session.player = room, player
@@ -89,6 +91,8 @@ class Sessions:
             seconds=self._token_seconds,
             episode=session.room.id if session.room is not None else "",
             seat=session.player or "",
+            only_episode=session.only_episode,
+            only_seat=session.only_seat,
         )
 
     def forget(self, session: Session) -> None:

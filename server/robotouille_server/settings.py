@@ -130,7 +130,7 @@ class ServerSettings(BaseSettings):
         15.0, description="Seconds after which a client that does not read is dropped."
     )
     messages_per_second: Annotated[float, Field(gt=0)] = Field(
-        50.0, description="Messages a second that a connection may send, with bursts of twice that."
+        200.0, description="Messages a second that a connection may send, with bursts of twice that."
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least severe log lines to print."

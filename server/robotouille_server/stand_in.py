@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import threading
 from collections.abc import Callable
 from functools import partial
 
@@ -110,22 +111,26 @@ class StandIn:
 
 
 class _Mind:
-    """The policy and its own world; used by one thread at a time."""
+    """The policy and its own world, for one thread at a time."""
 
     def __init__(self, episode: Episode, player: str, kind: Kind) -> None:
         self._task = episode.world.task
         self._player = player
         self._kind = kind
         self._seed = episode.step
-        self._world: World | None = None
-        self._policy: Policy | None = None
+        self._awake = threading.Lock()
+        self._made: tuple[World, Policy] | None = None
 
-    def wake(self) -> World:
+    def wake(self) -> None:
         """Make the world and the policy."""
-        if self._world is None:
-            self._world = World(self._task)
-            self._policy = self._make(self._world)
-        return self._world
+        with self._awake:
+            self._ready()
+
+    def _ready(self) -> tuple[World, Policy]:
+        if self._made is None:
+            world = World(self._task)
+            self._made = world, self._make(world)
+        return self._made
 
     def _make(self, world: World) -> Policy:
         if self._kind == "random":
@@ -140,10 +145,9 @@ class _Mind:
         self, facts: int, timers: object, busy: object, observed: list[Did]
     ) -> GroundAction | None:
         """The policy's action in a state, in this episode's own terms."""
-        world = self.wake()
-        if self._policy is None:
-            return None
-        state: State = world.restore(facts, timers, busy)  # type: ignore[arg-type]
-        for did in observed:
-            self._policy.observe(did)
-        return self._policy.act(state)
+        with self._awake:
+            world, policy = self._ready()
+            state: State = world.restore(facts, timers, busy)  # type: ignore[arg-type]
+            for did in observed:
+                policy.observe(did)
+            return policy.act(state)

@@ -68,7 +68,7 @@ class Folder:
 
     def create(self, name: str) -> Appender:
         self.path.mkdir(parents=True, exist_ok=True)
-        return _File(os.open(self._file(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
+        return _File(os.open(self._file(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o640))
 
     def resume(self, name: str) -> Appender:
         return _File(os.open(self._file(name), os.O_WRONLY))

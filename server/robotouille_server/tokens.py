@@ -48,7 +48,10 @@ class RoleGrant:
 
 @dataclass(frozen=True, slots=True)
 class ResumeGrant:
-    """What a resume token says: a session, where it was, and how often it has been resumed."""
+    """What a resume token says: a session, where it was, and how often it has been resumed.
+
+    `only_episode` and `only_seat` are what the session's role token is limited to.
+    """
 
     session: str
     episode: str
@@ -58,6 +61,8 @@ class ResumeGrant:
     kind: str
     role: Role
     expires: float = math.inf
+    only_episode: str = ""
+    only_seat: str = ""
 
 
 _Text = Annotated[str, Field(max_length=64)]
@@ -86,6 +91,8 @@ class _ResumeClaims(_Claims):
     seat: _Text = ""
     gen: Annotated[int, Field(ge=0)]
     kind: Annotated[str, Field(max_length=16)]
+    oe: _Text = ""
+    os: _Text = ""
 
 
 _C = TypeVar("_C", bound=_Claims)
@@ -170,12 +177,16 @@ class Tokens:
         seconds: float,
         episode: str = "",
         seat: str = "",
+        only_episode: str = "",
+        only_seat: str = "",
     ) -> str:
         """A resume token of a session that is good for `seconds` from now."""
         claims = {
             "sub": session, "ep": episode, "seat": seat, "gen": generation, "name": name,
             "kind": kind, "role": role.value, "exp": math.ceil(self._wall() + seconds),
         }  # fmt: skip
+        limits = {"oe": only_episode, "os": only_seat}
+        claims |= {key: value for key, value in limits.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
 
     def check_resume(self, token: str) -> ResumeGrant:
@@ -193,6 +204,8 @@ class Tokens:
             kind=claims.kind,
             role=claims.role,
             expires=claims.exp,
+            only_episode=claims.oe,
+            only_seat=claims.os,
         )
 
     # Both

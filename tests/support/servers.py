@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from websockets.asyncio.client import connect as open_socket
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.logs import configure_logs
+from robotouille_server.storage import Storage
 
 configure_logs("error", "console")
 
@@ -23,10 +25,24 @@ STAMP = "20260101T000000Z"
 
 
 @asynccontextmanager
-async def serving(folder: Path, *, seed: int = 1, **options: Any) -> AsyncIterator[Server]:
+async def serving(
+    folder: Path,
+    *,
+    seed: int = 1,
+    port: int = 0,
+    storage: Storage | None = None,
+    wall: Callable[[], float] = time.time,
+    **options: Any,
+) -> AsyncIterator[Server]:
     """A server on a free port whose ids, codes and timestamps are always the same."""
-    settings = ServerSettings(port=0, recordings=folder, **options)
-    async with serve(settings, randomness=random.Random(seed), timestamp=lambda: STAMP) as server:
+    settings = ServerSettings(port=port, recordings=folder, **options)
+    async with serve(
+        settings,
+        randomness=random.Random(seed),
+        timestamp=lambda: STAMP,
+        storage=storage,
+        wall=wall,
+    ) as server:
         yield server
 
 

@@ -122,7 +122,7 @@ class Episode:
     def leave(self, player: str, now: float) -> None:
         """Give a seat up for good; the absence policy says what becomes of the game."""
         seat = self.seat(player)
-        if not seat.taken:
+        if not seat.taken or self.phase is Phase.OVER:
             return
         name = seat.name
         seat.free()
@@ -553,6 +553,10 @@ class Episode:
 
     # Going on where another process stopped
 
+    def retrace_start(self) -> None:
+        """Begin again, as recorded; nothing is reported."""
+        self._to(Phase.RUNNING)
+
     def retrace(self, moves: Iterable[Move]) -> None:
         """Take a recorded step again; nothing is reported."""
         moves = tuple(moves)
@@ -561,13 +565,12 @@ class Episode:
             seat.seq = max(seat.seq, move.seq)
         self._transition(moves, 0.0)
 
-    def go_on(self, now: float, *, begun: bool, elapsed: float, patience: float) -> None:
+    def go_on(self, now: float, *, elapsed: float, patience: float) -> None:
         """After a restart: everybody who was present is waited for, for `patience` seconds."""
+        begun = self.phase is Phase.RUNNING
         self._started = now - elapsed
+        self._next_step = now + self.rules.period
         self._emit(Restarted(elapsed))
-        if begun:
-            self._to(Phase.RUNNING)
-            self._next_step = now + self.rules.period
         present = [seat for seat in self.seats.values() if seat.present]
         for seat in self.seats.values():
             seat.present = False

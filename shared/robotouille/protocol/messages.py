@@ -211,7 +211,7 @@ class Welcome(Message):
     session: Identifier
     resume: Token
     resumed: bool = False
-    role: str = "host"
+    role: str
     grace: float
 
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import Recording
 from robotouille.world.state import State
 
@@ -13,13 +14,14 @@ __all__ = ["json_lines"]
 
 
 def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
-    """The lines; with `texts`, each step has the observation in words of every seat."""
+    """The lines; each step says who moved the seats, and with `texts` what each seat read."""
     head = {key: value for key, value in recording.header.items() if key not in ("tables",)}
     head["participants"] = {
         player: {"name": name, "kind": kind}
         for player, (name, kind) in recording.participants.items()
     }
     yield _line(head)
+    in_control = controllers(recording)
     states = recording.states()
     before = next(states)[1]
     for frame in recording.frames:
@@ -28,7 +30,8 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
                 yield _line({"kind": "note", "note": note})
         elif frame["kind"] == "step":
             state = next(states)[1]
-            yield _line(_step(recording, frame, before, state, texts))
+            row = _step(recording, frame, before, state, texts)
+            yield _line({**row, "controllers": in_control[frame["step"]]})
             before = state
         elif frame["kind"] == "footer":
             yield _line({"kind": "outcome", **frame["outcome"]})

@@ -58,8 +58,8 @@ class Recording:
     @property
     def outcome(self) -> dict[str, Any] | None:
         """How it ended; None where the file was cut off before the end."""
-        last = self.frames[-1]
-        outcome: dict[str, Any] | None = last.get("outcome") if last["kind"] == "footer" else None
+        footer = next((frame for frame in self.frames if frame["kind"] == "footer"), None)
+        outcome: dict[str, Any] | None = footer["outcome"] if footer is not None else None
         return outcome
 
     @cached_property

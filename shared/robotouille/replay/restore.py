@@ -58,9 +58,7 @@ def restore(
         retraced.frame(recording, frame)
     complete = recording.outcome is not None
     if not complete:
-        episode.go_on(
-            now, begun=retraced.begun, elapsed=retraced.milliseconds / 1000, patience=patience
-        )
+        episode.go_on(now, elapsed=retraced.milliseconds / 1000, patience=patience)
     return Restored(episode, whole, missing, tuple(retraced.said), complete)
 
 
@@ -78,7 +76,6 @@ class _Retraced:
 
     def __init__(self, episode: Episode) -> None:
         self.episode = episode
-        self.begun = False
         self.milliseconds = 0
         self.said: list[dict[str, Any]] = []
 
@@ -111,7 +108,7 @@ class _Retraced:
                 if note["player"]:
                     self._seat(note).tally.said += 1
             case "started":
-                self.begun = True
+                self.episode.retrace_start()
 
     def _seat(self, note: dict[str, Any]) -> Seat:
         try:

@@ -1,0 +1,232 @@
+"""What happens while a participant is away, and while time stands still for other reasons."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import World
+from robotouille.episode import (
+    Absence,
+    Clock,
+    Controller,
+    Ended,
+    Episode,
+    Hold,
+    Paused,
+    Phase,
+    Reason,
+    Resumed,
+    RosterChanged,
+    Rules,
+    Stepped,
+)
+
+TWO = World("multi_agent/01")
+
+
+def start(absence: Absence, clock: Clock = Clock.REALTIME, **rules: object) -> Episode:
+    options = {"step_rate": 10.0, "grace": 30.0, **rules}
+    episode = Episode(TWO, Rules(clock=clock, absence=absence, **options), 0.0)  # type: ignore[arg-type]
+    for player in TWO.players:
+        episode.join(player, player.upper(), "human", 0.0, session=f"s-{player}")
+    episode.events()
+    return episode
+
+
+def stepped(episode: Episode) -> list[Stepped]:
+    return [event for event in episode.events() if isinstance(event, Stepped)]
+
+
+def outcome(episode: Episode) -> tuple[Reason, str]:
+    assert episode.outcome is not None
+    return episode.outcome.reason, episode.outcome.detail
+
+
+class TestWait:
+    def test_the_game_goes_on_and_the_seat_does_nothing(self) -> None:
+        episode = start(Absence.WAIT)
+        episode.set_present("robot2", False, 1.0)
+        assert episode.seat("robot2").controller is Controller.ABSENT
+        episode.tick(2.0)
+        assert len(stepped(episode)) == 10
+
+    def test_after_the_grace_the_seat_is_free_for_others(self) -> None:
+        episode = start(Absence.WAIT)
+        episode.set_present("robot2", False, 1.0)
+        episode.tick(30.9)
+        assert episode.seat("robot2").taken
+        episode.tick(31.0)
+        roster = [e for e in episode.events() if isinstance(e, RosterChanged)]
+        assert (roster[-1].player, roster[-1].taken, roster[-1].controller) == (
+            "robot2",
+            False,
+            "",
+        )
+        assert episode.join(None, "carol", "human", 32.0) == "robot2"
+
+
+class TestPause:
+    def test_time_stands_still_and_the_return_lets_it_run_again(self) -> None:
+        episode = start(Absence.PAUSE)
+        episode.tick(0.1)
+        episode.events()
+        episode.set_present("robot2", False, 1.0)
+        assert episode.paused
+        assert episode.holds.shown == (Hold.ABSENCE, 31.0)
+        episode.tick(20.0)
+        events = episode.events()
+        assert [e.holds for e in events if isinstance(e, Paused)] == [("absence",)]
+        assert not any(isinstance(e, Stepped) for e in events)
+        episode.set_present("robot2", True, 21.0)
+        assert any(isinstance(e, Resumed) for e in episode.events())
+        episode.tick(21.05)
+        assert not stepped(episode)
+        episode.tick(21.1)
+        assert len(stepped(episode)) == 1
+
+    def test_who_does_not_come_back_in_time_ends_the_game(self) -> None:
+        episode = start(Absence.PAUSE)
+        episode.set_present("robot2", False, 1.0)
+        episode.tick(31.0)
+        assert outcome(episode) == (Reason.ABANDONED, "ROBOT2 did not come back")
+
+    def test_an_action_in_a_pause_waits_and_is_not_lost(self) -> None:
+        episode = start(Absence.PAUSE)
+        episode.set_present("robot2", False, 1.0)
+        move = next(a for a in episode.state.actions("robot1") if a.name == "move")
+        episode.submit("robot1", 1, move, 2.0)
+        episode.set_present("robot2", True, 3.0)
+        episode.tick(3.1)
+        (step,) = stepped(episode)
+        assert [m.action for m in step.moves] == [move]
+
+    def test_in_lockstep_a_step_is_not_taken_without_the_absent(self) -> None:
+        episode = start(Absence.PAUSE, Clock.LOCKSTEP)
+        episode.submit("robot1", 1, None, 0.5)
+        episode.set_present("robot2", False, 1.0)
+        assert episode.step == 0
+        episode.set_present("robot2", True, 2.0)
+        episode.submit("robot2", 1, None, 2.5)
+        assert episode.step == 1
+
+
+class TestBot:
+    def test_a_stand_in_plays_until_the_return(self) -> None:
+        episode = start(Absence.BOT)
+        episode.set_present("robot2", False, 1.0)
+        assert episode.seat("robot2").controller is Controller.STAND_IN
+        move = next(a for a in episode.state.actions("robot2") if a.name == "move")
+        episode.substitute("robot2", move, 1.05)
+        episode.tick(1.1)
+        moves = [move for step in stepped(episode) for move in step.moves]
+        assert [(m.player, m.seq) for m in moves] == [("robot2", 0)]
+        episode.set_present("robot2", True, 2.0)
+        assert episode.seat("robot2").controller is Controller.HUMAN
+        episode.substitute("robot2", move, 2.05)
+        episode.tick(2.1)
+        assert not any(step.moves for step in stepped(episode))
+
+    def test_what_it_was_about_to_do_is_dropped_at_the_return(self) -> None:
+        episode = start(Absence.BOT, Clock.LOCKSTEP)
+        episode.set_present("robot2", False, 1.0)
+        move = next(a for a in episode.state.actions("robot2") if a.name == "move")
+        episode.substitute("robot2", move, 1.1)
+        episode.set_present("robot2", True, 1.2)
+        episode.submit("robot1", 1, None, 1.3)
+        assert episode.step == 0
+        episode.submit("robot2", 1, None, 1.4)
+        assert [step.moves for step in stepped(episode)] == [()]
+
+    def test_the_seat_is_kept_however_long_it_takes(self) -> None:
+        episode = start(Absence.BOT)
+        episode.set_present("robot2", False, 1.0)
+        episode.tick(40.0)
+        assert episode.phase is Phase.RUNNING
+        assert episode.seat("robot2").taken
+
+    def test_lockstep_waits_for_the_stand_in(self) -> None:
+        episode = start(Absence.BOT, Clock.LOCKSTEP)
+        episode.set_present("robot2", False, 1.0)
+        episode.submit("robot1", 1, None, 1.1)
+        assert episode.step == 0
+        episode.substitute("robot2", None, 1.2)
+        assert episode.step == 1
+
+    def test_its_actions_are_no_answer_to_the_participants(self) -> None:
+        episode = start(Absence.BOT)
+        episode.submit("robot2", 7, None, 0.05)
+        episode.tick(0.1)
+        answer = episode.seat("robot2").answer
+        episode.set_present("robot2", False, 0.15)
+        episode.substitute("robot2", episode.state.actions("robot2")[0], 0.16)
+        episode.tick(0.2)
+        assert episode.seat("robot2").answer == answer
+        assert answer.seq == 7
+
+
+class TestEnd:
+    def test_the_game_ends_after_the_grace(self) -> None:
+        episode = start(Absence.END)
+        episode.set_present("robot2", False, 1.0)
+        episode.tick(30.9)
+        assert episode.outcome is None
+        episode.tick(31.0)
+        assert outcome(episode)[0] is Reason.ABANDONED
+
+    def test_and_at_once_if_somebody_leaves_for_good(self) -> None:
+        episode = start(Absence.END)
+        episode.leave("robot2", 1.0)
+        assert outcome(episode) == (Reason.ABANDONED, "ROBOT2 left")
+
+
+@pytest.mark.parametrize("absence", list(Absence))
+def test_nobody_is_there_any_more(absence: Absence) -> None:
+    """Whatever the policy, a game that all have left is given up after the grace."""
+    episode = start(absence)
+    for player in TWO.players:
+        episode.set_present(player, False, 1.0)
+    episode.events()
+    episode.tick(30.9)
+    assert not stepped(episode)
+    episode.tick(31.0)
+    assert outcome(episode) == (Reason.ABANDONED, "everybody left")
+
+
+class TestOperator:
+    def test_a_pause_lasts_until_it_is_lifted(self) -> None:
+        episode = start(Absence.WAIT)
+        episode.hold(Hold.OPERATOR, 1.0)
+        episode.tick(500.0)
+        assert not stepped(episode)
+        episode.release(Hold.OPERATOR, 500.0)
+        episode.tick(500.1)
+        assert len(stepped(episode)) == 1
+
+    def test_in_it_nobody_loses_a_seat_and_has_the_whole_grace_afterwards(self) -> None:
+        episode = start(Absence.PAUSE)
+        episode.hold(Hold.OPERATOR, 1.0)
+        episode.set_present("robot2", False, 2.0)
+        episode.tick(400.0)
+        assert episode.outcome is None
+        episode.release(Hold.OPERATOR, 500.0)
+        assert episode.due() == 530.0
+        episode.tick(529.0)
+        assert episode.outcome is None
+        episode.tick(530.0)
+        assert episode.outcome is not None
+
+    def test_two_reasons_at_a_time(self) -> None:
+        episode = start(Absence.PAUSE)
+        episode.set_present("robot2", False, 1.0)
+        episode.hold(Hold.OPERATOR, 2.0)
+        episode.set_present("robot2", True, 3.0)
+        assert episode.paused
+        episode.release(Hold.OPERATOR, 4.0)
+        assert not episode.paused
+
+    def test_an_end_lifts_all(self) -> None:
+        episode = start(Absence.WAIT)
+        episode.hold(Hold.OPERATOR, 1.0)
+        episode.abort(2.0, "enough")
+        assert any(isinstance(e, Ended) for e in episode.events())
+        assert (episode.paused, episode.due()) == (False, None)

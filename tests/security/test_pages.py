@@ -1,0 +1,93 @@
+"""What the pages on security and operations show works as it is written there."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from robotouille_server import ServerSettings
+from robotouille_server.metrics import Metrics
+from tests.docs.pages import ROOT, read, titled
+from tests.support.servers import serving
+
+PAGES = ("security.md", "threat_model.md", "operations.md")
+
+
+async def output(*words: str) -> str:
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, *words, stdout=asyncio.subprocess.PIPE
+    )
+    text, _ = await process.communicate()
+    return text.decode().strip()
+
+
+def test_another_programs_token_is_taken(tmp_path: Path) -> None:
+    for name in ("mint.py", "hello.py"):
+        (tmp_path / name).write_text(titled("security.md", name), encoding="utf-8")
+
+    async def scenario() -> None:
+        keys = tmp_path / "keys.json"
+        async with serving(tmp_path / "r", keys=keys, require_token=True) as server:
+            token = await output(str(tmp_path / "mint.py"), str(keys))
+            role = await output(str(tmp_path / "hello.py"), server.url, token)
+            assert role == "player"
+            refused = await output(str(tmp_path / "hello.py"), server.url, token[:-3])
+            assert refused == "auth/invalid"
+
+    asyncio.run(scenario())
+
+
+def test_the_settings_of_the_service_are_good(tmp_path: Path) -> None:
+    file = tmp_path / "robotouille.toml"
+    file.write_text(titled("operations.md", "/etc/robotouille.toml"), encoding="utf-8")
+    settings = ServerSettings(config=file)
+    assert settings.require_token
+    unit = titled("operations.md", "/etc/systemd/system/robotouille.service")
+    numbers = dict(re.findall(r"^(\w+)=(\d+)$", unit, re.MULTILINE))
+    assert int(numbers["TimeoutStopSec"]) > settings.drain_seconds
+    assert int(numbers["LimitNOFILE"]) > settings.max_connections
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_flag_of_the_server_exists(page: str) -> None:
+    flags = {f"--{name.replace('_', '-')}" for name in ServerSettings.model_fields}
+    for command in re.findall(r"robotouille-server ([^\n`]*)", read(page)):
+        used = re.findall(r"--[a-z-]+", command.partition("#")[0])
+        assert {flag.replace("--no-", "--") for flag in used} <= flags, command
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_code_is_one_that_the_server_sends(page: str) -> None:
+    sources = "".join(
+        path.read_text(encoding="utf-8")
+        for folder in ("server", "shared")
+        for path in (ROOT / folder).rglob("*.py")
+    )
+    kinds = "message|auth|rate|server|episode|seat|session|action"
+    for code in re.findall(rf"`((?:{kinds})/[a-z-]+)`", read(page)):
+        assert f'"{code}"' in sources, code
+
+
+def test_every_metric_to_look_at_exists() -> None:
+    known = {
+        family.name + ("_total" if family.type == "counter" else "")
+        for family in Metrics().registry.collect()
+    }
+    assert set(re.findall(r"`(robotouille_[a-z_]+)", read("operations.md"))) <= known
+
+
+def test_every_setting_that_is_named_exists() -> None:
+    text = "".join(read(page) for page in PAGES)
+    named = set(re.findall(r"\(`([a-z_]+)`\)|setting `([a-z_]+)`", text))
+    others = {"moved", "aborted"}  # a message and an outcome
+    assert {"".join(pair) for pair in named} - others <= set(ServerSettings.model_fields)
+
+
+def test_every_file_of_settings_has_settings_only() -> None:
+    for block in re.findall(r"^```toml[^\n]*\n(.*?)^```$", read("operations.md"), re.S | re.M):
+        assert set(tomllib.loads(block)) <= set(ServerSettings.model_fields)

@@ -1,0 +1,318 @@
+"""A whole server: who is let in, and what each may do there."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+import time
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trustme
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
+
+from robotouille.protocol import messages
+from robotouille_server import Server, ServerSettings, serve
+from robotouille_server.keys import FileKeyring, rotate
+from robotouille_server.roles import Role
+from robotouille_server.tokens import Tokens
+from tests.support.servers import Raw, crash, serving
+from tests.support.virtual_time import run
+
+NOW = 1_800_000_000.0
+FORWARDED = {"X-Forwarded-For": "203.0.113.9"}
+TASK = "synchronous/01_cheese_sandwich"
+
+
+class Wall:
+    """Unix time that a test sets."""
+
+    def __init__(self) -> None:
+        self.now = NOW
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@asynccontextmanager
+async def opened(server: Server, **headers: str) -> AsyncIterator[Raw]:
+    """A connection that has not said hello; one from elsewhere if it is forwarded."""
+    async with connect(
+        server.url, additional_headers=headers, compression=None, proxy=None
+    ) as socket:
+        yield Raw(socket, text=True)
+
+
+async def hello(connection: Raw, **fields: Any) -> dict[str, Any]:
+    message = {"type": "hello", "protocol": 1, "name": "ada", **fields}
+    return await connection.ask(message, "welcome")
+
+
+def minted(server: Server, role: Role, **options: Any) -> str:
+    return server.tokens.mint_role(role, "p-1", **{"seconds": 3600, **options})
+
+
+ONE_COOK = messages.Create(task=TASK)
+TWO_COOKS = messages.Create(task="multi_agent/01_lettuce_burger")
+CREATE = {"type": "create", "task": TASK}
+REQUESTS: dict[str, tuple[dict[str, Any], str]] = {
+    "create": (CREATE, "created"),
+    "list": ({"type": "list"}, "episodes"),
+    "play": ({"type": "join"}, "joined"),
+    "watch": ({"type": "join", "role": "spectator"}, "joined"),
+}
+
+
+async def allowed(server: Server, headers: dict[str, str], **fields: Any) -> set[str]:
+    """Which requests are granted to a newcomer."""
+    granted = set()
+    for name, (request, answer) in REQUESTS.items():
+        room = server.lobby.create(ONE_COOK, owner="")
+        async with opened(server, **headers) as connection:
+            welcome = await hello(connection, **fields)
+            assert welcome["type"] == "welcome", welcome
+            whole = {**request, "episode": room.code} if request["type"] == "join" else request
+            got = await connection.ask(whole, answer)
+            if got["type"] == answer:
+                granted.add(name)
+            else:
+                assert got["code"] == "auth/role", got
+    return granted
+
+
+EVERYTHING = {"create", "list", "play", "watch"}
+
+
+def test_without_a_token_only_programs_on_this_machine_may_create(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path) as server:
+            assert await allowed(server, {}) == EVERYTHING
+            assert await allowed(server, FORWARDED) == {"play", "watch"}
+            assert await allowed(server, {"Host": "kitchen.example.org"}) == {"play", "watch"}
+
+    run(scenario())
+
+
+def test_a_token_gives_its_role_wherever_its_bearer_is(tmp_path: Path) -> None:
+    expected = {
+        Role.OPERATOR: EVERYTHING,
+        Role.HOST: EVERYTHING,
+        Role.PLAYER: {"play", "watch"},
+        Role.SPECTATOR: {"watch"},
+    }
+
+    async def scenario() -> None:
+        async with serving(tmp_path, require_token=True) as server:
+            for role, granted in expected.items():
+                token = minted(server, role)
+                assert await allowed(server, FORWARDED, token=token) == granted
+                assert await allowed(server, {}, token=token) == granted
+
+    run(scenario())
+
+
+def test_a_server_that_asks_for_tokens_lets_nobody_in_without(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path, require_token=True) as server:
+            async with opened(server) as connection:
+                assert (await hello(connection))["code"] == "auth/required"
+                assert (await connection.ask(CREATE))["code"] == "protocol/hello"
+                welcome = await hello(connection, token=minted(server, Role.SPECTATOR))
+                assert (welcome["type"], welcome["role"]) == ("welcome", "spectator")
+
+    run(scenario())
+
+
+def test_a_bad_token_is_worse_than_none(tmp_path: Path) -> None:
+    """Who gives a token that does not hold is not let in as somebody without."""
+    wall = Wall()
+    settings = ServerSettings(port=0, recordings=tmp_path)
+
+    async def scenario() -> None:
+        async with serve(settings, wall=wall) as server:
+            token = minted(server, Role.HOST, seconds=60)
+            async with opened(server) as connection:
+                assert (await hello(connection, token=token[:-4]))["code"] == "auth/invalid"
+                wall.now += 60
+                assert (await hello(connection, token=token))["code"] == "auth/expired"
+                assert (await hello(connection, token="."))["field"] == "token"
+
+    run(scenario())
+
+
+def test_the_name_and_place_of_a_token_are_binding(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path) as server:
+            mine = server.lobby.create(TWO_COOKS, owner="")
+            other = server.lobby.create(TWO_COOKS, owner="")
+            token = minted(server, Role.PLAYER, name="Zoë", episode=mine.code, seat="robot2")
+            async with opened(server, **FORWARDED) as connection:
+                await hello(connection, token=token, name="Mallory")
+                join = {"type": "join", "episode": other.code}
+                assert (await connection.ask(join))["code"] == "auth/episode"
+                join = {"type": "join", "episode": mine.code, "seat": "robot1"}
+                assert (await connection.ask(join))["code"] == "auth/seat"
+                joined = await connection.ask({"type": "join", "episode": mine.id}, "joined")
+                assert joined["seat"] == "robot2"
+                snapshot = await connection.expect("snapshot")
+                assert snapshot["seats"][1]["name"] == "Zoë"
+
+    run(scenario())
+
+
+def test_a_resume_token_is_no_role_token_and_the_other_way_round(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path) as server:
+            async with opened(server) as connection:
+                welcome = await hello(connection)
+            async with opened(server) as connection:
+                refused = await hello(connection, token=welcome["resume"])
+                assert (refused["code"], refused["field"]) == ("auth/invalid", "token")
+                refused = await hello(connection, resume=minted(server, Role.OPERATOR))
+                assert (refused["code"], refused["field"]) == ("auth/invalid", "resume")
+
+    run(scenario())
+
+
+def test_a_restart_does_not_widen_what_a_token_is_limited_to(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path) as server:
+            mine = server.lobby.create(TWO_COOKS, owner="")
+            other = server.lobby.create(TWO_COOKS, owner="")
+            token = minted(server, Role.PLAYER, episode=mine.code, seat="robot1")
+            async with opened(server, **FORWARDED) as connection:
+                await hello(connection, token=token)
+                join = {"type": "join", "episode": mine.code}
+                joined = await connection.ask(join, "joined")
+                await crash(server)
+        async with serving(tmp_path, seed=2) as server:
+            async with opened(server, **FORWARDED) as connection:
+                assert (await hello(connection, resume=joined["resume"]))["resumed"]
+                await connection.ask({"type": "leave"}, "left")
+                join = {"type": "join", "episode": other.code}
+                assert (await connection.ask(join, "joined")).get("code") == "auth/episode"
+
+    run(scenario())
+
+
+def test_keys_can_be_rotated_while_the_server_runs(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path / "r", keys=tmp_path / "keys.json") as server:
+            old = minted(server, Role.HOST)
+            rotate(tmp_path / "keys.json", keep=2)
+            elsewhere = Tokens(FileKeyring(tmp_path / "keys.json"), time.time)
+            new = elsewhere.mint_role(Role.HOST, "x", seconds=60)
+            for token in (old, new):
+                async with opened(server) as connection:
+                    assert (await hello(connection, token=token))["type"] == "welcome"
+            rotate(tmp_path / "keys.json", keep=1)
+            for token in (old, new):
+                async with opened(server) as connection:
+                    assert (await hello(connection, token=token))["code"] == "auth/invalid"
+
+    run(scenario())
+
+
+async def status(server: Server, **headers: str) -> tuple[int, str]:
+    """The HTTP answer to somebody who would connect: 101 if they may."""
+    try:
+        async with opened(server, **headers):
+            return 101, ""
+    except InvalidStatus as error:
+        return error.response.status_code, (error.response.body or b"").decode()
+
+
+def test_pages_of_other_sites_cannot_use_the_server_of_who_looks_at_them(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path, origins="https://kitchen.example.org") as server:
+            code, text = await status(server, Origin="https://evil.example")
+            assert code == 403
+            assert "--origins" in text
+            assert (await status(server, Origin="https://kitchen.example.org"))[0] == 101
+            assert (await status(server))[0] == 101
+
+    run(scenario())
+
+
+def test_an_address_has_so_many_connections_and_gets_them_back(tmp_path: Path) -> None:
+    options = {"max_connections_per_address": 2, "trust_proxy": "loopback"}
+
+    async def scenario() -> None:
+        async with serving(tmp_path, **options) as server:
+            async with AsyncExitStack() as stack:
+                for _ in range(2):
+                    await stack.enter_async_context(opened(server, **FORWARDED))
+                code, text = await status(server, **FORWARDED)
+                assert code == 429
+                assert "2 connections from your address" in text
+                assert (await status(server, **{"X-Forwarded-For": "203.0.113.10"}))[0] == 101
+                assert (await status(server))[0] == 101
+            await asyncio.sleep(1)
+            assert (await status(server, **FORWARDED))[0] == 101
+
+    run(scenario())
+
+
+def test_codes_cannot_be_guessed_by_trying(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path, trust_proxy="loopback") as server:
+            room = server.lobby.create(ONE_COOK, owner="")
+            codes = []
+            for _ in range(3):
+                async with opened(server, **FORWARDED) as connection:
+                    await hello(connection)
+                    for number in range(10):
+                        join = {"type": "join", "episode": f"AAAAAAAA{'ABCDEFGHJK'[number]}A"}
+                        codes.append((await connection.ask(join))["code"])
+            assert codes == ["episode/unknown"] * 20 + ["rate/codes"] * 10
+            async with opened(server, **FORWARDED) as connection:
+                await hello(connection)
+                right = {"type": "join", "episode": room.code}
+                assert (await connection.ask(right))["code"] == "rate/codes"
+                await asyncio.sleep(60)
+                assert (await connection.ask(right, "joined"))["type"] == "joined"
+
+    run(scenario())
+
+
+def test_metrics_are_for_this_machine(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path) as server:
+            assert "robotouille_connections" in (await fetch(server, "/metrics"))
+            assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 203.0.113.9"))
+
+    run(scenario())
+
+
+async def fetch(server: Server, path: str, *headers: str) -> str:
+    reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+    lines = [f"GET {path} HTTP/1.1", "Host: 127.0.0.1", "Connection: close", *headers, "", ""]
+    writer.write("\r\n".join(lines).encode())
+    answer = await reader.read()
+    writer.close()
+    return answer.decode()
+
+
+def test_a_server_with_a_certificate_speaks_tls(tmp_path: Path) -> None:
+    authority = trustme.CA()
+    issued = authority.issue_cert("127.0.0.1")
+    cert, key = tmp_path / "chain.pem", tmp_path / "key.pem"
+    cert.write_bytes(b"".join(blob.bytes() for blob in issued.cert_chain_pems))
+    key.write_bytes(issued.private_key_pem.bytes())
+    key.chmod(0o600)
+    context = ssl.create_default_context()
+    authority.configure_trust(context)
+
+    async def scenario() -> None:
+        async with serving(tmp_path / "r", tls_cert=cert, tls_key=key) as server:
+            assert server.url.startswith("wss://")
+            async with connect(server.url, ssl=context, proxy=None) as socket:
+                assert (await hello(Raw(socket, text=True)))["type"] == "welcome"
+            with pytest.raises(ssl.SSLCertVerificationError):
+                await connect(server.url, proxy=None)
+
+    run(scenario())

@@ -1,0 +1,223 @@
+"""TLS: real handshakes with a certificate that changes while the server runs."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import ssl
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import trustme
+from cryptography.hazmat.primitives import serialization
+from websockets.asyncio.client import connect
+from websockets.asyncio.server import ServerConnection, serve
+
+from robotouille_server.tls import ServerTLS, TLSFileError
+from tests.support.virtual_time import run
+
+
+class Pair:
+    """A certificate chain and its key on disk, and the authority that clients trust."""
+
+    def __init__(self, folder: Path) -> None:
+        self.cert = folder / "chain.pem"
+        self.key = folder / "key.pem"
+        self.authority = trustme.CA()
+        self.renew()
+
+    def renew(self, *, key: bool = True, cert: bool = True) -> None:
+        issued = self.authority.issue_cert("127.0.0.1")
+        if key:
+            replace(self.key, issued.private_key_pem.bytes())
+        if cert:
+            replace(self.cert, b"".join(blob.bytes() for blob in issued.cert_chain_pems))
+
+    def client(self) -> ssl.SSLContext:
+        context = ssl.create_default_context()
+        self.authority.configure_trust(context)
+        return context
+
+
+def replace(path: Path, content: bytes) -> None:
+    """As renewing programs do: another file takes the name."""
+    new = path.with_suffix(".new")
+    new.write_bytes(content)
+    new.chmod(0o600)
+    new.replace(path)
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Pair:
+    return Pair(tmp_path)
+
+
+async def echo(connection: ServerConnection) -> None:
+    async for message in connection:
+        await connection.send(message)
+
+
+@asynccontextmanager
+async def secure_server(tls: ServerTLS, seconds: float = 10.0) -> AsyncIterator[str]:
+    watching = asyncio.create_task(tls.watch(seconds))
+    async with serve(echo, "127.0.0.1", 0, ssl=tls.context, ping_interval=None) as server:
+        yield f"wss://127.0.0.1:{next(iter(server.sockets)).getsockname()[1]}"
+    watching.cancel()
+
+
+def serial(connection: object) -> str:
+    found = connection.transport.get_extra_info("peercert")  # type: ignore[attr-defined]
+    return str(found["serialNumber"])
+
+
+async def serial_now(url: str, pair: Pair) -> str:
+    async with connect(url, ssl=pair.client()) as connection:
+        return serial(connection)
+
+
+def test_a_renewed_certificate_is_served_and_open_connections_live_on(pair: Pair) -> None:
+    async def scenario() -> None:
+        async with secure_server(ServerTLS(pair.cert, pair.key), 10.0) as url:
+            async with connect(url, ssl=pair.client(), ping_interval=None) as old:
+                pair.renew()
+                assert await serial_now(url, pair) == serial(old)
+                await asyncio.sleep(11)
+                assert await serial_now(url, pair) != serial(old)
+                await old.send("still here")
+                assert await old.recv() == "still here"
+
+    run(scenario())
+
+
+def test_a_half_renewed_certificate_is_not_served(pair: Pair) -> None:
+    """The key comes first and the certificate later: in between the old pair is whole."""
+
+    async def scenario() -> None:
+        tls = ServerTLS(pair.cert, pair.key)
+        async with secure_server(tls) as url:
+            before = await serial_now(url, pair)
+            old_cert = pair.cert.read_bytes()
+            pair.renew()
+            new_cert = pair.cert.read_bytes()
+            replace(pair.cert, old_cert)
+            await asyncio.sleep(11)
+            assert await serial_now(url, pair) == before
+            replace(pair.cert, new_cert)
+            await asyncio.sleep(11)
+            assert await serial_now(url, pair) != before
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("fault", ["garbage", "empty", "gone", "another's key"])
+def test_a_broken_renewal_leaves_the_old_certificate(pair: Pair, fault: str) -> None:
+    async def scenario() -> None:
+        tls = ServerTLS(pair.cert, pair.key)
+        async with secure_server(tls) as url:
+            before = await serial_now(url, pair)
+            if fault == "gone":
+                pair.cert.unlink()
+            elif fault == "another's key":
+                pair.renew(cert=False)
+            else:
+                replace(pair.cert, {"garbage": b"\0\1\2", "empty": b""}[fault])
+            assert not tls.reload()
+            assert await serial_now(url, pair) == before
+            pair.renew()
+            assert tls.reload()
+            assert await serial_now(url, pair) != before
+
+    run(scenario())
+
+
+def test_nothing_is_reloaded_while_nothing_changes(pair: Pair) -> None:
+    tls = ServerTLS(pair.cert, pair.key)
+    assert not tls.reload()
+    pair.renew()
+    assert tls.reload()
+    assert not tls.reload()
+
+
+def test_old_versions_of_tls_are_refused(pair: Pair) -> None:
+    async def scenario() -> None:
+        tls = ServerTLS(pair.cert, pair.key)
+        assert tls.context.minimum_version is ssl.TLSVersion.TLSv1_2
+        async with secure_server(tls) as url:
+            old = pair.client()
+            old.minimum_version = ssl.TLSVersion.MINIMUM_SUPPORTED
+            old.maximum_version = ssl.TLSVersion.TLSv1_1
+            old.set_ciphers("ALL:@SECLEVEL=0")
+            with pytest.raises((ssl.SSLError, ConnectionError)):
+                await connect(url, ssl=old)
+            recent = pair.client()
+            recent.maximum_version = ssl.TLSVersion.TLSv1_2
+            async with connect(url, ssl=recent) as connection:
+                assert connection.transport.get_extra_info("ssl_object").version() == "TLSv1.2"
+
+    with pytest.warns(DeprecationWarning):
+        run(scenario())
+
+
+def test_clients_without_tls_are_not_served(pair: Pair) -> None:
+    async def scenario() -> None:
+        async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
+            with pytest.raises(Exception, match=r"HTTP|handshake|message|reset"):
+                await connect(url.replace("wss", "ws"))
+            assert await serial_now(url, pair)
+
+    run(scenario())
+
+
+def test_missing_files_are_named(pair: Pair, tmp_path: Path) -> None:
+    gone = tmp_path / "gone.pem"
+    with pytest.raises(TLSFileError, match=r"--tls-cert .*gone\.pem: No such file"):
+        ServerTLS(gone, pair.key)
+    with pytest.raises(TLSFileError, match=r"--tls-key .*gone\.pem: No such file"):
+        ServerTLS(pair.cert, gone)
+    with pytest.raises(TLSFileError, match=r"--tls-cert .*: Is a directory"):
+        ServerTLS(tmp_path, pair.key)
+
+
+def test_both_settings_are_needed(pair: Pair) -> None:
+    assert ServerTLS.from_settings(pair.cert, pair.key).context
+    with pytest.raises(TLSFileError, match="--tls-cert is given without --tls-key"):
+        ServerTLS.from_settings(pair.cert, None)
+    with pytest.raises(TLSFileError, match="--tls-key is given without --tls-cert"):
+        ServerTLS.from_settings(None, pair.key)
+
+
+def test_files_that_do_not_fit_are_named(pair: Pair, tmp_path: Path) -> None:
+    with pytest.raises(TLSFileError, match=r"--tls-cert .*key\.pem: there is no certificate"):
+        ServerTLS(pair.key, pair.cert)
+    with pytest.raises(TLSFileError, match=r"--tls-key .*chain\.pem: there is no private key"):
+        ServerTLS(pair.cert, pair.cert)
+    pair.renew(cert=False)
+    with pytest.raises(TLSFileError, match=r"the key .*key\.pem does not belong to .*chain\.pem"):
+        ServerTLS(pair.cert, pair.key)
+    pair.renew()
+    replace(pair.cert, pair.cert.read_bytes()[:200])
+    with pytest.raises(TLSFileError, match=r"chain\.pem and .*key\.pem cannot be used: "):
+        ServerTLS(pair.cert, pair.key)
+
+
+def test_a_key_with_a_passphrase_is_refused_and_not_asked_for(pair: Pair) -> None:
+    key = serialization.load_pem_private_key(pair.key.read_bytes(), None)
+    locked = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.BestAvailableEncryption(b"secret"),
+    )
+    replace(pair.key, locked)
+    with pytest.raises(TLSFileError, match=r"the key has a passphrase.*openssl pkey"):
+        ServerTLS(pair.cert, pair.key)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file modes")
+@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="root reads everything")
+def test_an_unreadable_key_is_named(pair: Pair) -> None:
+    pair.key.chmod(0)
+    with pytest.raises(TLSFileError, match=r"--tls-key .*key\.pem: Permission denied"):
+        ServerTLS(pair.cert, pair.key)
