@@ -5,34 +5,25 @@ from __future__ import annotations
 import asyncio
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task
 from robotouille.episode import Episode, Phase, Rules
-from robotouille.errors import (
-    FileError,
-    ProtocolError,
-    RecordingError,
-    RobotouilleError,
-    UnknownTaskError,
-)
+from robotouille.errors import FileError, ProtocolError, UnknownTaskError
 from robotouille.protocol import messages
-from robotouille.replay.frames import MAGIC, read_frames
 from robotouille.replay.recorder import Recorder, header
-from robotouille.replay.recording import Recording
-from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
 from robotouille_server.audience import Audience
-from robotouille_server.journal import OPEN, Journal, close_recording, file_name
+from robotouille_server.journal import Journal, file_name
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
+from robotouille_server.recovery import Found, Recovery
 from robotouille_server.room import Room, RoomHost
 from robotouille_server.session import Session
 from robotouille_server.settings import ServerSettings
-from robotouille_server.storage import Appender, Storage
-from robotouille_server.workers import Worker
+from robotouille_server.storage import Storage
+from robotouille_server.workers import Worker, plain_code
 
 __all__ = ["CODE_LENGTH", "Lobby"]
 
@@ -40,17 +31,6 @@ __all__ = ["CODE_LENGTH", "Lobby"]
 CODE_LETTERS = "ABCDEFGHJKMNPQRSTUVWXYZ"
 CODE_LENGTH = 10
 LINGER_SECONDS = 120.0
-TAKE_OVER_SECONDS = 0.5
-"""Between two looks at the episodes that another process still has."""
-
-
-@dataclass(frozen=True, slots=True)
-class Foreign:
-    """An episode that another process is about to hand over."""
-
-    name: str
-    episode: str
-    code: str
 
 
 class Lobby:
@@ -70,10 +50,7 @@ class Lobby:
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self.draining = False
-        self.unrestored: dict[str, str] = {}
         self._codes: dict[str, Room] = {}
-        self._foreign: dict[str, Foreign] = {}
-        self._seated: dict[str, Room] = {}
         self._settings = settings
         self._metrics = metrics
         self._random = randomness
@@ -81,9 +58,11 @@ class Lobby:
         self._storage = storage
         self._worker = worker
         self._closing: set[asyncio.Future[str]] = set()
-        self._looking: asyncio.TimerHandle | None = None
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
         self._host = RoomHost(metrics, resume_token, vacated, self._closed)
+        self._recovery = None
+        if storage is not None:
+            self._recovery = Recovery(storage, worker, settings.recovery_seconds, self._adopt)
 
     # Opening
 
@@ -150,7 +129,7 @@ class Lobby:
             owner=owner,
         )
         self.rooms[episode_id] = room
-        self._codes[_plain(code)] = room
+        self._codes[plain_code(code)] = room
         self._count()
         room.flush()
         return room
@@ -158,95 +137,35 @@ class Lobby:
     # Going on after a restart
 
     def recover(self) -> None:
-        """Go on with every episode whose recording is not closed; those that another process
-        still writes are taken over when it lets go."""
-        if self._storage is None:
-            return
-        names = [name for name in self._storage.names() if name.endswith(OPEN)]
-        for name in names:
-            if name not in self.unrestored and self._worker.owns(_episode_of(name)):
-                self._take_over(self._storage, name)
-        if self._foreign and self._looking is None:
-            loop = asyncio.get_running_loop()
-            self._looking = loop.call_later(TAKE_OVER_SECONDS, self._look_again)
+        """Go on with the episodes that another process has left."""
+        if self._recovery is not None:
+            self._recovery.look(self.rooms)
 
-    def _look_again(self) -> None:
-        self._looking = None
-        self.recover()
+    @property
+    def unrestored(self) -> dict[str, str]:
+        """Recordings that cannot be gone on with, and why."""
+        return self._recovery.unrestored if self._recovery is not None else {}
 
-    def _take_over(self, storage: Storage, name: str) -> None:
-        if _episode_of(name) in self.rooms:
-            return
-        try:
-            file = storage.resume(name)
-        except FileNotFoundError:
-            self._foreign.pop(name, None)
-            return
-        except BlockingIOError:
-            self._note_foreign(storage, name)
-            return
-        except OSError as error:
-            self._give_up(name, f"cannot be opened: {error.strerror or error}")
-            return
-        self._foreign.pop(name, None)
-        try:
-            if not self._restore(storage, name, file):
-                file.close()
-        except FileNotFoundError:
-            file.close()  # Whoever had it has just closed the recording.
-        except (RobotouilleError, OSError) as error:
-            file.close()
-            self._give_up(name, str(error))
-
-    def _restore(self, storage: Storage, name: str, file: Appender) -> bool:
-        """Make a room of a file; whether it keeps the file."""
-        content = storage.read(name)
-        if MAGIC.startswith(content[: len(MAGIC)]) and not any(read_frames(content)):
-            storage.remove(name)  # Cut off in its header: nobody was told of it.
-            return False
-        recording = Recording(content, name)
-        now = asyncio.get_running_loop().time()
-        found = restore(recording, now, self._settings.recovery_seconds, shared_world)
-        file.cut(found.kept)
-        if found.missing:
-            file.append(found.missing)
-        if found.complete:
-            close_recording(storage, name)
-            return False
-        self._reopen(storage, name, file, recording, found)
-        return True
-
-    def _reopen(
-        self, storage: Storage, name: str, file: Appender, recording: Recording, found: Restored
-    ) -> None:
-        head = recording.header
-        recorder = Recorder(found.episode.world, head)
-        journal = Journal(storage, name, recorder, found=file)
-        code = head.get("code") or self._new_code()
+    def _adopt(self, found: Found) -> Room:
+        """A room for an episode that began in another process."""
+        head = found.head
         room = self._room(
-            head["episode"], code, head.get("owner", ""), found.episode, recorder, journal
+            head["episode"],
+            head.get("code") or self._new_code(),
+            head.get("owner", ""),
+            found.restored.episode,
+            found.recorder,
+            found.journal,
         )
-        room.audience.remember(found.said)
-        for seat in found.episode.seats.values():
-            if seat.taken:
-                self._seated[seat.session] = room
+        room.audience.remember(found.restored.said)
+        if found.journal is None:
+            room.suspend()
+            self._linger(room)
+            return room
         self._metrics.restored.inc()
-        get_logger().info(
-            "episode restored", episode=room.id, code=code, step=found.episode.step, file=name
-        )
-
-    def _note_foreign(self, storage: Storage, name: str) -> None:
-        if name in self._foreign:
-            return
-        try:
-            head = next(read_frames(storage.read(name)), {})
-        except (OSError, RecordingError):
-            head = {}
-        self._foreign[name] = Foreign(name, _episode_of(name), str(head.get("code", "")))
-
-    def _give_up(self, name: str, reason: str) -> None:
-        self.unrestored[name] = reason
-        get_logger().error("episode not restored", file=name, error=reason)
+        step = room.episode.step
+        get_logger().info("episode restored", episode=room.id, code=room.code, step=step)
+        return room
 
     # Finding
 
@@ -260,26 +179,27 @@ class Lobby:
 
     def home_of(self, session: str, episode: str) -> Room | None:
         """The room of a resume token: where it was made, or where its session was given a seat
-        after that and before a restart."""
-        seated = self._seated.get(session)
-        if seated is not None and seated.holds_seat(session) is not None:
-            return seated
+        after that and before a restart; for a game that has ended since, its last picture."""
+        if self._recovery is not None:
+            seated = self._recovery.seated(session)
+            if seated is not None:
+                return seated
         if not episode:
             return None
-        return self.rooms.get(episode) or self._found_elsewhere(episode)
+        room = self.rooms.get(episode) or self._found_elsewhere(episode)
+        if room is None and self._recovery is not None:
+            room = self._recovery.ended(episode)
+        return room
 
     def _known(self, name: str) -> Room | None:
-        return self.rooms.get(name) or self._codes.get(_plain(name))
+        return self.rooms.get(name) or self._codes.get(plain_code(name))
 
     def _found_elsewhere(self, name: str) -> Room | None:
         """A room that has just been handed over; an error if another process has it."""
-        self._worker.check_here(name, _plain(name), CODE_LENGTH)
-        if self._foreign:
-            self.recover()
-        for foreign in self._foreign.values():
-            if name == foreign.episode or _plain(name) == _plain(foreign.code):
-                message = "this episode is being handed over; try again in a moment"
-                raise ProtocolError("server/handover", message, "episode")
+        self._worker.check_here(name, plain_code(name), CODE_LENGTH)
+        if self._recovery is not None and self._recovery.elsewhere(name, self.rooms):
+            message = "this episode is being handed over; try again in a moment"
+            raise ProtocolError("server/handover", message, "episode")
         return self._known(name)
 
     def infos(self) -> list[messages.EpisodeInfo]:
@@ -300,8 +220,12 @@ class Lobby:
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
             closing.add_done_callback(partial(_name_recording, room))
-        linger = max(LINGER_SECONDS, room.episode.rules.grace)
-        self._lingering[room] = loop.call_later(linger, self._forget, room)
+        self._linger(room)
+
+    def _linger(self, room: Room) -> None:
+        seconds = max(LINGER_SECONDS, room.episode.rules.grace)
+        loop = asyncio.get_running_loop()
+        self._lingering[room] = loop.call_later(seconds, self._forget, room)
 
     async def closed(self) -> None:
         """Wait until all recordings that are over are closed."""
@@ -315,9 +239,10 @@ class Lobby:
 
     def stop(self) -> None:
         """Look after nothing any more."""
-        for timer in (self._looking, *self._lingering.values()):
-            if timer is not None:
-                timer.cancel()
+        if self._recovery is not None:
+            self._recovery.stop()
+        for timer in self._lingering.values():
+            timer.cancel()
         self._lingering.clear()
 
     def _forget(self, room: Room) -> None:
@@ -330,8 +255,9 @@ class Lobby:
 
     def _drop(self, room: Room) -> None:
         self.rooms.pop(room.id, None)
-        self._codes.pop(_plain(room.code), None)
-        self._seated = {name: home for name, home in self._seated.items() if home is not room}
+        self._codes.pop(plain_code(room.code), None)
+        if self._recovery is not None:
+            self._recovery.forget(room)
         self._count()
 
     def _count(self) -> None:
@@ -394,15 +320,6 @@ def info(room: Room) -> messages.EpisodeInfo:
         seats=room.audience.seats(),
         spectators=room.spectators,
     )
-
-
-def _plain(code: str) -> str:
-    return code.strip().replace("-", "").upper()
-
-
-def _episode_of(name: str) -> str:
-    """The episode's id in a recording's name."""
-    return name.removesuffix(OPEN).rpartition("_")[2]
 
 
 def _finish(journal: Journal, *, used: bool) -> str:

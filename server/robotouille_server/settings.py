@@ -130,7 +130,8 @@ class ServerSettings(BaseSettings):
         15.0, description="Seconds after which a client that does not read is dropped."
     )
     messages_per_second: Annotated[float, Field(gt=0)] = Field(
-        200.0, description="Messages a second that a connection may send, with bursts of twice that."
+        200.0,
+        description="Messages a second from one connection; bursts of twice that.",
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="Least severe log lines to print."

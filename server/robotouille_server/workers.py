@@ -9,7 +9,13 @@ from dataclasses import dataclass
 
 from robotouille.protocol import messages
 
-__all__ = ["MAX_WORKERS", "ElsewhereError", "Worker"]
+__all__ = ["MAX_WORKERS", "ElsewhereError", "Worker", "plain_code"]
+
+
+def plain_code(code: str) -> str:
+    """A join code without what people may leave out or add: dashes, spaces, case."""
+    return code.strip().replace("-", "").upper()
+
 
 MAX_WORKERS = 23
 """As many as there are letters in codes."""

@@ -50,10 +50,10 @@ class Game:
         self.now += 0.1
         self.seq += 1
         for player in WORLD.players:
-            if episode.phase is Phase.RUNNING and not episode.state.busy_steps(player):
-                if episode.on_turn in (None, player):
-                    episode.submit(player, self.seq, choose(episode, player), self.now)
-                    self.flush()
+            asked = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
+            if episode.phase is Phase.RUNNING and asked:
+                episode.submit(player, self.seq, choose(episode, player), self.now)
+                self.flush()
         if self.seq % 9 == 0 and episode.phase is not Phase.OVER:
             episode.submit(
                 "robot1", self.seq + 1, WORLD.action("move", "robot1", "table1", "table1"), self.now

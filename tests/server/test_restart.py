@@ -298,3 +298,46 @@ def test_episodes_that_nobody_came_to_leave_no_file(tmp_path: Path) -> None:
 
     run(main())
     assert not list(tmp_path.iterdir())
+
+
+def test_who_missed_the_end_is_told_after_a_restart(tmp_path: Path) -> None:
+    """The server dies just after a game's end, before everybody has heard of it."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as first, connect(first.url, name="ada") as ada:
+            async with raw(first) as bob:
+                one = await ada.join((await ada.create("multi_agent/02", max_steps=1)).code)
+                joined = await bob.ask({"type": "join", "episode": one.code}, "joined")
+                await bob.send({"type": "act", "seq": 1, "action": None})
+                assert (await one.act(None)).applied
+            port = first.port
+            await crash(first)
+            async with serving(tmp_path, seed=2, port=port) as second:
+                assert not second.lobby.rooms
+                async with raw(second, hello=False) as bob:
+                    hello = {"type": "hello", "protocol": 1, "name": "bob"}
+                    welcome = await bob.ask({**hello, "resume": joined["resume"]}, "welcome")
+                    assert welcome["resumed"] is True
+                    snapshot = await bob.expect("snapshot")
+                    assert snapshot["outcome"]["reason"] == "step_limit"
+
+    run(main())
+
+
+def test_a_seat_whose_answer_was_lost_in_the_crash_is_not_lost(tmp_path: Path) -> None:
+    """`join` was recorded, but `joined` never arrived: the token from before it is good enough."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as first:
+            async with raw(first, hello=False) as bob:
+                hello = {"type": "hello", "protocol": 1, "name": "bob"}
+                welcome = await bob.ask(hello, "welcome")
+                created = await bob.ask({"type": "create", "task": "multi_agent/02"}, "created")
+                await bob.ask({"type": "join", "episode": created["code"]}, "joined")
+            await crash(first)
+        async with serving(tmp_path, seed=2) as second, raw(second, hello=False) as bob:
+            again = await bob.ask({**hello, "resume": welcome["resume"]}, "welcome")
+            assert again["resumed"] is True
+            assert (await bob.expect("joined"))["seat"] == "robot1"
+
+    run(main())

@@ -51,14 +51,17 @@ class FullFile:
 def test_the_game_stands_still_until_there_is_room_again(tmp_path: Path) -> None:
     async def main() -> None:
         disk = FullDisk(tmp_path)
-        async with serving(tmp_path, storage=disk) as server:
-            async with connect(server.url, name="ada") as ada, connect(server.url, name="bob") as bob:
+        async with serving(tmp_path, storage=disk) as host:
+            async with (
+                connect(host.url, name="ada") as ada,
+                connect(host.url, name="bob") as bob,
+            ):
                 created = await ada.create("multi_agent/02", clock="realtime")
                 one, two = await ada.join(created.code), await bob.join(created.code)
                 while one.step < 5:
                     await asyncio.sleep(0.1)
                 disk.full = True
-                room = server.lobby.find(created.code)
+                room = host.lobby.find(created.code)
                 two.say("can you hear me?")
                 await asyncio.sleep(3)
                 step = one.step
@@ -66,10 +69,10 @@ def test_the_game_stands_still_until_there_is_room_again(tmp_path: Path) -> None
                 assert one.pause is not None
                 assert one.pause.reason == "storage"
                 assert "No space left" in room.problem
-                assert server.metrics.failing._value.get() == 1
+                assert host.metrics.failing._value.get() == 1
                 assert not [e for e in one.poll() if isinstance(e, Heard)], "told, but not written"
                 with pytest.raises(ProtocolError, match="No space left"):
-                    async with connect(server.url, name="eve") as eve:
+                    async with connect(host.url, name="eve") as eve:
                         await eve.join(created.code, role="spectator")
                 await asyncio.sleep(20)
                 assert one.step == step
@@ -79,7 +82,7 @@ def test_the_game_stands_still_until_there_is_room_again(tmp_path: Path) -> None
                 assert one.step > step
                 assert [e.text for e in one.poll() if isinstance(e, Heard)] == ["can you hear me?"]
                 assert room.problem == ""
-                assert server.metrics.failing._value.get() == 0
+                assert host.metrics.failing._value.get() == 0
                 assert one.state.digest == two.state.digest
 
     run(main())
@@ -96,7 +99,10 @@ def test_no_picture_shows_what_is_not_written(tmp_path: Path) -> None:
 
     async def main() -> None:
         disk = FullDisk(tmp_path)
-        async with serving(tmp_path, storage=disk) as server, connect(server.url, name="ada") as ada:
+        async with (
+            serving(tmp_path, storage=disk) as host,
+            connect(host.url, name="ada") as ada,
+        ):
             game = await ada.join((await ada.create("synchronous/01")).code)
             await game.act(game.actions[0])
             disk.full = True
@@ -115,7 +121,10 @@ def test_no_picture_shows_what_is_not_written(tmp_path: Path) -> None:
 def test_an_episode_that_cannot_be_recorded_is_not_opened(tmp_path: Path) -> None:
     async def main() -> None:
         disk = FullDisk(tmp_path)
-        async with serving(tmp_path, storage=disk) as server, connect(server.url, name="ada") as ada:
+        async with (
+            serving(tmp_path, storage=disk) as host,
+            connect(host.url, name="ada") as ada,
+        ):
             disk.full = True
             blocked = FullFile(disk, Folder(tmp_path).create("x.rbt.part"))
             with pytest.raises(OSError, match="No space"):
@@ -132,7 +141,10 @@ def test_an_episode_that_cannot_be_recorded_is_not_opened(tmp_path: Path) -> Non
 def test_a_recording_that_cannot_be_closed_is_closed_by_the_next_start(tmp_path: Path) -> None:
     async def main() -> None:
         disk = FullDisk(tmp_path)
-        async with serving(tmp_path, storage=disk) as server, connect(server.url, name="ada") as ada:
+        async with (
+            serving(tmp_path, storage=disk) as host,
+            connect(host.url, name="ada") as ada,
+        ):
             game = await ada.join((await ada.create("synchronous/01", max_steps=1)).code)
 
             def fill(name: str, content: bytes) -> None:

@@ -586,6 +586,12 @@ class Episode:
             return
         self._reckon(now)
 
+    def conclude(self, outcome: Outcome) -> None:
+        """It was over before the process stopped; nothing is reported."""
+        self._to(Phase.OVER)
+        self.outcome = outcome
+        self.holds.until.clear()
+
     def _finished(self, now: float) -> bool:
         """Whether the process stopped between the last step and the end."""
         if self.state.goal_reached:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -62,6 +63,14 @@ class Outcome:
     @property
     def success(self) -> bool:
         return self.reason is Reason.GOAL
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> Outcome:
+        """The outcome that `to_json` wrote."""
+        seats = tuple(SeatTally(**seat) for seat in row.get("seats", ()))
+        return cls(
+            Reason(row["reason"]), row["steps"], row["seconds"], seats, row.get("detail", "")
+        )
 
     def to_json(self) -> dict[str, Any]:
         return {

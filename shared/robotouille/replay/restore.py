@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from robotouille.domain.task import Task
-from robotouille.episode import Answer, Controller, Episode, Move, Rules, Seat
+from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Rules, Seat
 from robotouille.errors import RecordingError
 from robotouille.replay.frames import MAGIC, pack_frame
 from robotouille.replay.recording import Recording
@@ -56,10 +56,19 @@ def restore(
     retraced = _Retraced(episode)
     for frame in recording.frames:
         retraced.frame(recording, frame)
-    complete = recording.outcome is not None
-    if not complete:
+    outcome = recording.outcome
+    if outcome is not None:
+        episode.conclude(_outcome(recording, outcome))
+    else:
         episode.go_on(now, elapsed=retraced.milliseconds / 1000, patience=patience)
-    return Restored(episode, whole, missing, tuple(retraced.said), complete)
+    return Restored(episode, whole, missing, tuple(retraced.said), outcome is not None)
+
+
+def _outcome(recording: Recording, row: dict[str, Any]) -> Outcome:
+    try:
+        return Outcome.from_json(row)
+    except (ValueError, TypeError) as error:
+        raise RecordingError(f"{recording.source}: the outcome: {error}") from None
 
 
 def _rules(recording: Recording) -> Rules:

@@ -1,0 +1,174 @@
+"""Episodes that another process has left: taken up from their recordings."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+from typing import Any
+
+from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.replay.frames import MAGIC, read_frames, unwrap
+from robotouille.replay.recorder import Recorder
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import Restored, restore
+from robotouille.world.world import shared_world
+from robotouille_server.journal import CLOSED, OPEN, Journal, close_recording
+from robotouille_server.logs import get_logger
+from robotouille_server.room import Room
+from robotouille_server.storage import Appender, Storage
+from robotouille_server.workers import Worker, plain_code
+
+__all__ = ["Found", "Recovery"]
+
+LOOK_AGAIN_SECONDS = 0.5
+"""Between two looks at the episodes that another process still has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An episode and its recording; `journal` is None if it is over."""
+
+    head: dict[str, Any]
+    restored: Restored
+    recorder: Recorder
+    journal: Journal | None
+
+
+class Recovery:
+    """Looks for recordings that are not closed. `adopt` makes a room of one."""
+
+    def __init__(
+        self, storage: Storage, worker: Worker, patience: float, adopt: Callable[[Found], Room]
+    ) -> None:
+        self.unrestored: dict[str, str] = {}
+        self._storage = storage
+        self._worker = worker
+        self._patience = patience
+        self._adopt = adopt
+        self._foreign: dict[str, str] = {}
+        self._seated: dict[str, Room] = {}
+        self._looking: asyncio.TimerHandle | None = None
+
+    def look(self, known: Container[str]) -> None:
+        """Go on with every recording that is not closed; those that another process still writes
+        are taken over when it lets go. `known` are the episodes that are here already."""
+        for name in self._storage.names():
+            episode = _episode_of(name)
+            mine = name.endswith(OPEN) and self._worker.owns(episode)
+            if mine and name not in self.unrestored and episode not in known:
+                self._take_over(name)
+        if self._foreign and self._looking is None:
+            loop = asyncio.get_running_loop()
+            self._looking = loop.call_later(LOOK_AGAIN_SECONDS, self._look_again, known)
+
+    def _look_again(self, known: Container[str]) -> None:
+        self._looking = None
+        self.look(known)
+
+    def stop(self) -> None:
+        """Look no more."""
+        if self._looking is not None:
+            self._looking.cancel()
+
+    # Whom to find where
+
+    def seated(self, session: str) -> Room | None:
+        """The room in which a session had a seat when its process stopped, and still has."""
+        room = self._seated.get(session)
+        return room if room is not None and room.holds_seat(session) is not None else None
+
+    def elsewhere(self, name: str, known: Container[str]) -> bool:
+        """Whether the episode of an id or code is still with another process."""
+        if self._foreign:
+            self.look(known)
+        codes = {plain_code(code) for code in self._foreign.values() if code}
+        episodes = {_episode_of(file) for file in self._foreign}
+        return name in episodes or plain_code(name) in codes
+
+    def ended(self, episode: str) -> Room | None:
+        """The room of an episode that is over, for those who have missed its end."""
+        ending = f"_{episode}{CLOSED}"
+        try:
+            for name in self._storage.names():
+                if name.endswith(ending):
+                    recording = Recording(unwrap(self._storage.read(name)), name)
+                    restored = self._restored(recording)
+                    recorder = Recorder(restored.episode.world, recording.header)
+                    return self._adopt(Found(recording.header, restored, recorder, None))
+        except (RobotouilleError, OSError) as error:
+            get_logger().error("recording not read", episode=episode, error=str(error))
+        return None
+
+    def forget(self, room: Room) -> None:
+        """A room is closed."""
+        self._seated = {name: home for name, home in self._seated.items() if home is not room}
+
+    # Taking over
+
+    def _take_over(self, name: str) -> None:
+        try:
+            file = self._storage.resume(name)
+        except FileNotFoundError:
+            self._foreign.pop(name, None)
+            return
+        except BlockingIOError:
+            if name not in self._foreign:
+                self._foreign[name] = self._code_of(name)
+            return
+        except OSError as error:
+            self._give_up(name, f"cannot be opened: {error.strerror or error}")
+            return
+        self._foreign.pop(name, None)
+        kept = False
+        try:
+            kept = self._go_on(name, file)
+        except FileNotFoundError:
+            pass  # Whoever had it has just closed the recording.
+        except (RobotouilleError, OSError) as error:
+            self._give_up(name, str(error))
+        finally:
+            if not kept:
+                file.close()
+
+    def _go_on(self, name: str, file: Appender) -> bool:
+        """Make a room of a file; whether the room keeps it open."""
+        content = self._storage.read(name)
+        if MAGIC.startswith(content[: len(MAGIC)]) and not any(read_frames(content)):
+            self._storage.remove(name)  # Cut off in its header: nobody was told of it.
+            return False
+        recording = Recording(content, name)
+        restored = self._restored(recording)
+        file.cut(restored.kept)
+        if restored.missing:
+            file.append(restored.missing)
+        if restored.complete:
+            close_recording(self._storage, name)
+            return False
+        recorder = Recorder(restored.episode.world, recording.header)
+        journal = Journal(self._storage, name, recorder, found=file)
+        room = self._adopt(Found(recording.header, restored, recorder, journal))
+        for seat in restored.episode.seats.values():
+            if seat.taken:
+                self._seated[seat.session] = room
+        return True
+
+    def _restored(self, recording: Recording) -> Restored:
+        now = asyncio.get_running_loop().time()
+        return restore(recording, now, self._patience, shared_world)
+
+    def _code_of(self, name: str) -> str:
+        try:
+            head = next(read_frames(self._storage.read(name)), {})
+        except (OSError, RecordingError):
+            head = {}
+        return str(head.get("code", ""))
+
+    def _give_up(self, name: str, reason: str) -> None:
+        self.unrestored[name] = reason
+        get_logger().error("episode not restored", file=name, error=reason)
+
+
+def _episode_of(name: str) -> str:
+    """The episode's id in a recording's name."""
+    return name.removesuffix(OPEN).rpartition("_")[2]
