@@ -1,0 +1,173 @@
+"""Several processes on one port: clients find their episodes, and a worker that dies comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+from robotouille.protocol import messages
+from robotouille.replay.recording import read_recording
+from robotouille_client import connect
+from robotouille_server.workers import ElsewhereError, Worker
+
+COMMAND = [sys.executable, "-m", "robotouille_server"]
+
+
+def free_ports(count: int) -> int:
+    """The first of some ports in a row that nobody uses at the moment."""
+    while True:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            first = probe.getsockname()[1]
+        try:
+            for port in range(first, first + count):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port))
+        except (OSError, OverflowError):
+            continue
+        return int(first)
+
+
+@contextmanager
+def workers(folder: Path, count: int, *flags: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    port = free_ports(2 * count + 1)
+    arguments = ["--port", str(port), "--workers", str(count), "--recordings", str(folder)]
+    process = subprocess.Popen(
+        [*COMMAND, *arguments, "--drain-seconds", "0", *flags],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "ROBOTOUILLE_COMPILE": "0"},
+    )
+    try:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "stop:" in line:
+                break
+        wait_for_ports(range(port, port + count + 1))
+        yield process, port
+    finally:
+        if process.poll() is None:
+            process.terminate()
+        process.communicate(timeout=30)
+
+
+def wait_for_ports(ports: range) -> None:
+    for port in ports:
+        for _ in range(600):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.05)
+        else:
+            raise AssertionError(f"nobody listens on {port}")
+
+
+def test_clients_are_sent_to_the_process_that_has_their_episode(tmp_path: Path) -> None:
+    async def main(port: int) -> set[int]:
+        homes = set()
+        for _ in range(8):
+            url = f"ws://127.0.0.1:{port}"
+            async with connect(url, name="ada") as ada, connect(url, name="bob") as bob:
+                created = await ada.create("multi_agent/02", max_steps=2)
+                games = [await ada.join(created.code), await bob.join(created.code.lower())]
+                for _step in range(2):
+                    await asyncio.gather(*(game.act(None) for game in games))
+                for game in games:
+                    assert [event async for event in game][-1].reason == "step_limit"
+                homes.add(int(created.episode[:2], 16))
+        return homes
+
+    with workers(tmp_path, 2) as (_, port):
+        homes = asyncio.run(main(port))
+        assert homes == {0, 1}, "all episodes were with one worker"
+    recordings = [read_recording(file) for file in tmp_path.glob("*.rbt")]
+    assert len(recordings) == 8
+    assert all(recording.verify().complete for recording in recordings)
+
+
+def test_a_worker_that_is_killed_comes_back_with_its_episodes(tmp_path: Path) -> None:
+    async def main(port: int, supervisor: psutil.Process) -> None:
+        url = f"ws://127.0.0.1:{port}"
+        async with connect(url, name="ada", seed=1) as ada:
+            games = []
+            async with connect(url, name="bob", seed=2) as bob:
+                for client in (ada, bob):
+                    created = await client.create("synchronous/01")
+                    games.append(await client.join(created.code))
+                for game in games:
+                    assert (await game.act(game.actions[0])).applied
+                for process in supervisor.children():
+                    process.kill()
+                for game in games:
+                    assert (await game.act(game.actions[0])).applied
+                    assert game.step == 2
+
+    with workers(tmp_path, 2) as (process, port):
+        asyncio.run(main(port, psutil.Process(process.pid)))
+
+
+def test_a_signal_stops_all_of_them(tmp_path: Path) -> None:
+    with workers(tmp_path, 2) as (process, port):
+        children = psutil.Process(process.pid).children()
+        assert len(children) == 2
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=30) == 0
+        assert not [child for child in children if child.is_running()]
+        with socket.socket() as probe:
+            assert probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="orphans are seen by their parent's number")
+def test_workers_do_not_outlive_their_supervisor(tmp_path: Path) -> None:
+    with workers(tmp_path, 2) as (process, _):
+        children = psutil.Process(process.pid).children()
+        process.kill()
+        gone, alive = psutil.wait_procs(children, timeout=30)
+        assert len(gone) == 2
+        assert not alive
+
+
+def test_a_fixed_port_is_needed(tmp_path: Path) -> None:
+    arguments = [*COMMAND, "--workers", "2", "--port", "0", "--recordings", str(tmp_path)]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert re.search("--workers needs a fixed --port", done.stderr)
+
+
+class TestNames:
+    def test_a_worker_knows_its_own(self) -> None:
+        one = Worker(index=1, count=3, first_port=9001)
+        episode = one.mark_id(0xFFFF_FFFF_FFFF_FFFF)
+        letters = "ABCDEFGHJKMNPQRSTUVWXYZ"
+        assert one.owns(episode)
+        assert not Worker(index=2, count=3).owns(episode)
+        one.check_here(episode, episode.upper(), 10)
+        assert one.mark_letter(letters, "Z") == "B"
+        one.check_here("BXXXX-XXXXX", "BXXXXXXXXX", 10)
+
+    def test_and_sends_others_where_they_belong(self) -> None:
+        one = Worker(index=1, count=3, first_port=9001, url="wss://kitchen.example.org/w{worker}")
+        with pytest.raises(ElsewhereError) as error:
+            one.check_here("cxxxx-xxxxx", "CXXXXXXXXX", 10)
+        assert error.value.moved(7) == messages.Moved(
+            ref=7, episode="cxxxx-xxxxx", port=9003, url="wss://kitchen.example.org/w2"
+        )
+
+    def test_with_fewer_workers_than_before_all_recordings_have_an_owner(self) -> None:
+        ids = [Worker(index=i, count=8).mark_id(i * 7919) for i in range(8)]
+        for episode in ids:
+            assert sum(Worker(index=i, count=3).owns(episode) for i in range(3)) == 1
+            assert Worker().owns(episode)
