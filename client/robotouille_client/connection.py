@@ -28,10 +28,12 @@ FIRST_DELAY, LONGEST_DELAY = 0.1, 5.0
 ANSWER_SECONDS = 15.0
 REPEAT_SECONDS = 5.0
 """After which an action without an answer is sent again; it acts once all the same."""
+AGAIN_SECONDS = 0.5
+"""After which a request is sent again that the server asked us to repeat."""
 MAX_MOVES = 4
 
 LOST_TOKEN = ("auth/expired", "auth/invalid")
-TRY_AGAIN = ("server/handover", "server/draining")
+TRY_AGAIN = "server/handover"
 
 T = TypeVar("T", bound=messages.Message)
 
@@ -48,7 +50,7 @@ class MovedError(RobotouilleError):
         super().__init__(f"{moved.episode} is on port {moved.port}")
 
 
-class NotYetError(RobotouilleError):
+class NotYetError(ConnectionFailedError):
     """The server asks us to try again in a moment."""
 
 
@@ -282,11 +284,15 @@ class Client:
             await socket.send(self._codec.encode(hello.model_copy(update=anew)))
             answer = await self._first_answer(socket)
         if isinstance(answer, messages.Error):
-            if answer.code in TRY_AGAIN:
+            if answer.code == TRY_AGAIN:
                 raise NotYetError(answer.message)
             raise ProtocolError(answer.code, answer.message, answer.field)
         if isinstance(answer, messages.Moved):
             raise MovedError(answer)
+        if isinstance(answer, messages.Bye):
+            if answer.retry:
+                raise NotYetError(answer.reason)
+            raise ProtocolError(answer.code, answer.reason)
         if not isinstance(answer, messages.Welcome):
             found = type(answer).__name__
             raise ProtocolError("message/unexpected", f"{found} in answer to hello")
@@ -348,7 +354,7 @@ class Client:
             delay = min(LONGEST_DELAY, delay * 2)
             try:
                 await self._open_somewhere()
-            except (ConnectionFailedError, NotYetError):
+            except ConnectionFailedError:
                 continue
             except (ProtocolError, ConnectionClosed) as error:
                 self.farewell = str(error)
@@ -403,12 +409,20 @@ class Client:
         future = self._answers.get(ref) if ref is not None else None
         if future is None or future.done():
             return
+        if isinstance(message, messages.Error) and message.code == TRY_AGAIN and ref is not None:
+            asyncio.get_running_loop().call_later(AGAIN_SECONDS, self._ask_again, ref)
+            return
         if isinstance(message, messages.Error):
             future.set_exception(ProtocolError(message.code, message.message, message.field))
         elif isinstance(message, messages.Moved):
             future.set_exception(MovedError(message))
         else:
             future.set_result(message)
+
+    def _ask_again(self, ref: int) -> None:
+        """The server could not answer in that moment, but another process soon can."""
+        if ref in self._requests and not self._closing:
+            self._send(self._requests[ref])
 
     def _asked(self, kind: type[messages.Message]) -> int | None:
         """The reference of a request of this kind that waits for its answer."""

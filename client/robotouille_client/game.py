@@ -430,15 +430,22 @@ class Game:
                 self._settle(seq, ActResult(True, message.step))
 
     def _observe(self, message: messages.Observation, now: float) -> None:
-        self.step, self.turn = message.step, message.turn
-        self.step_time = now
-        self.phase = message.phase
+        if self.has_state:
+            if message.step > self.step and not self._resyncing:
+                self._resync()
+        elif message.step < self.step:
+            return
+        else:
+            self.step, self.turn, self.phase = message.step, message.turn, message.phase
+            self.step_time = now
         observed = Observed(message.step, message.text, tuple(message.actions), message.turn)
         self.observation = observed
         self._emit(observed)
         self._caught_up()
         if not self.has_state:
-            self._settle(message.seq, ActResult(True, message.step))
+            reasons = tuple(message.reasons)
+            code = "action/invalid" if reasons else ""
+            self._settle(message.seq, ActResult(not reasons, message.step, reasons, code))
 
     def _rejected(self, message: messages.Rejected) -> None:
         if message.code == "rate/limited" and message.seq in self._unanswered:

@@ -8,6 +8,7 @@ import random
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from http import HTTPStatus
 
@@ -35,7 +36,7 @@ from robotouille_server.keys import FileKeyring, Keyring
 from robotouille_server.lobby import Lobby
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
-from robotouille_server.peer import Peer
+from robotouille_server.peer import MAX_HELD, Peer
 from robotouille_server.roles import Role
 from robotouille_server.room import Room
 from robotouille_server.session import Session
@@ -49,12 +50,26 @@ from robotouille_server.workers import Worker
 __all__ = ["CannotListenError", "Server", "serve"]
 
 BACKLOG = 4096
-CLOSE_SECONDS = 5.0
+CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 DRAIN_LOOK_SECONDS = 0.2
 
 
 class CannotListenError(RobotouilleError):
     """The address is in use, or not ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Farewell:
+    """What a server that stops says to everybody."""
+
+    reason: str
+    hand_over: bool
+
+    def say(self, peer: Peer) -> None:
+        """Part with a client: for good, or until the next process is there."""
+        code = "server/restart" if self.hand_over else "server/stopped"
+        status = 1012 if self.hand_over else 1001
+        peer.part(code, self.reason, retry=self.hand_over, status=status)
 
 
 class Server:
@@ -96,8 +111,9 @@ class Server:
         self._sockets: list[SocketServer] = []
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
-        self._connections = 0
+        self._open: set[Connection] = set()
         self._stopping = False
+        self.farewell: Farewell | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
 
     # Life
@@ -142,6 +158,7 @@ class Server:
                     self.settings.hello_seconds if self._tls is not None else None
                 ),
                 backlog=BACKLOG,
+                write_limit=2 * MAX_HELD,
                 reuse_port=shared or None,
             )
         except OSError as error:
@@ -172,6 +189,13 @@ class Server:
         self.lobby.draining = True
         for socket in self._sockets:
             socket.close(close_connections=False)
+        for room in list(self.lobby.rooms.values()):
+            if room.episode.phase is Phase.WAITING:
+                self._hand_over(room)
+        for session in list(self.sessions.by_id.values()):
+            idle = session.room is None or session.room.episode.phase is not Phase.RUNNING
+            if idle and session.peer is not None:
+                session.peer.part("server/restart", "restart", retry=True, status=1012)
         loop = asyncio.get_running_loop()
         deadline = loop.time() + seconds
         while self._playing() and loop.time() < deadline:  # noqa: ASYNC110
@@ -187,6 +211,8 @@ class Server:
             return
         self._stopping = True
         hand_over = hand_over and self.storage is not None
+        self.farewell = Farewell(reason, hand_over)
+        self.lobby.draining = True
         for room in list(self.lobby.rooms.values()):
             if hand_over and room.episode.phase is not Phase.OVER:
                 self.lobby.suspend(room)
@@ -195,10 +221,9 @@ class Server:
                 room.abort(reason)
             except Exception:
                 get_logger().exception("the episode failed", episode=room.id)
-        code = "server/restart" if hand_over else "server/stopped"
         for session in list(self.sessions.by_id.values()):
             if session.peer is not None:
-                session.peer.part(code, reason, retry=hand_over, status=1012 if hand_over else 1001)
+                self.farewell.say(session.peer)
         for expiry in self._expiries.values():
             expiry.cancel()
         await self._close_sockets(reason)
@@ -211,10 +236,12 @@ class Server:
     async def _close_sockets(self, reason: str) -> None:
         for socket in self._sockets:
             socket.close(close_connections=True, code=1001, reason=reason)
-        for socket in self._sockets:
+        for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(socket.wait_closed(), timeout=CLOSE_SECONDS)
-            for connection in list(socket.connections):
+                async with asyncio.timeout(seconds):
+                    for socket in self._sockets:
+                        await socket.wait_closed()
+            for connection in self._open:
                 connection.transport.abort()
 
     def announce(self, text: str) -> None:
@@ -236,7 +263,7 @@ class Server:
         who = self._visitor(connection, request)
         if path == "/metrics":
             return self._metrics_page(connection, who)
-        if self._stopping or self._connections >= self.settings.max_connections:
+        if self._stopping or len(self._open) >= self.settings.max_connections:
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the server is full\n")
         if "websocket" not in request.headers.get("Upgrade", "").lower():
             text = "This is a Robotouille server. Play: robotouille-client --url ws://…\n"
@@ -280,14 +307,14 @@ class Server:
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
         conversation = Conversation(self, peer, who)
-        self._connections += 1
-        self.metrics.connections.set(self._connections)
+        self._open.add(socket)
+        self.metrics.connections.set(len(self._open))
         try:
             socket.listen(conversation.receive)
             await socket.wait_closed()
         finally:
-            self._connections -= 1
-            self.metrics.connections.set(self._connections)
+            self._open.discard(socket)
+            self.metrics.connections.set(len(self._open))
             self._doorkeeper.release(who)
             conversation.close()
             session = conversation.session
@@ -367,7 +394,8 @@ async def serve(
 ) -> AsyncIterator[Server]:
     """A running server: `async with serve(ServerSettings(port=0)) as server: …`.
 
-    Where the context is left its episodes end, unless `Server.stop` was called before.
+    Where the context is left its episodes end, unless `Server.stop` was called before; where an
+    exception leaves it they are left to the next process.
     """
     server = Server(
         settings,
@@ -380,5 +408,9 @@ async def serve(
     try:
         await server.start()
         yield server
+    except BaseException:
+        # Whatever went wrong is not the players' fault.
+        await server.stop("the server failed", hand_over=True)
+        raise
     finally:
         await server.stop()

@@ -72,6 +72,7 @@ class Audience:
         if peer is None:
             return
         if seen is None or seen.episode != self._id:
+            session.known.clear()  # It may be another program, on another machine.
             self.send_picture(session)
             return
         session.known.add(self._episode.world.task.digest)
@@ -260,6 +261,7 @@ class Audience:
     def _observation(
         self, player: str | None, state: State, step: int, turn: str | None, phase: str
     ) -> messages.Observation:
+        answer = self._episode.seats[player].answer if player else Answer(0, 0)
         return messages.Observation(
             episode=self._id,
             step=step,
@@ -268,7 +270,8 @@ class Audience:
             text=state.text(player),
             actions=[a.sentence for a in state.actions(player)] if player else [],
             turn=turn,
-            seq=self._episode.seats[player].answer.seq if player else 0,
+            seq=answer.seq,
+            reasons=list(answer.reasons),
         )
 
     @property

@@ -67,6 +67,9 @@ class Conversation:
         """Take one message; whatever is wrong with it is answered."""
         if not self.peer.open or self._superseded():
             return
+        if self._server.farewell is not None:
+            self._server.farewell.say(self.peer)
+            return
         self._server.metrics.received += 1
         self.peer.received += 1
         ref = None

@@ -138,7 +138,7 @@ class Lobby:
 
     def recover(self) -> None:
         """Go on with the episodes that another process has left."""
-        if self._recovery is not None:
+        if self._recovery is not None and not self.draining:
             self._recovery.look(self.rooms)
 
     @property
@@ -197,7 +197,9 @@ class Lobby:
     def _found_elsewhere(self, name: str) -> Room | None:
         """A room that has just been handed over; an error if another process has it."""
         self._worker.check_here(name, plain_code(name), CODE_LENGTH)
-        if self._recovery is not None and self._recovery.elsewhere(name, self.rooms):
+        if self.draining or (
+            self._recovery is not None and self._recovery.elsewhere(name, self.rooms)
+        ):
             message = "this episode is being handed over; try again in a moment"
             raise ProtocolError("server/handover", message, "episode")
         return self._known(name)

@@ -43,7 +43,8 @@ class Peer:
 
     @property
     def open(self) -> bool:
-        return self.socket.protocol.state is Connected.OPEN
+        socket = self.socket
+        return socket.protocol.state is Connected.OPEN and not socket.transport.is_closing()
 
     @property
     def unsent(self) -> int:

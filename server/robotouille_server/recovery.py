@@ -53,7 +53,9 @@ class Recovery:
     def look(self, known: Container[str]) -> None:
         """Go on with every recording that is not closed; those that another process still writes
         are taken over when it lets go. `known` are the episodes that are here already."""
-        for name in self._storage.names():
+        names = self._storage.names()
+        self._foreign = {name: code for name, code in self._foreign.items() if name in names}
+        for name in names:
             episode = _episode_of(name)
             mine = name.endswith(OPEN) and self._worker.owns(episode)
             if mine and name not in self.unrestored and episode not in known:

@@ -75,6 +75,7 @@ class Sessions:
             only_seat=grant.only_seat,
         )
         session.generation = seat.generation
+        session.view = grant.view
         session.room, session.player = room, player
         room.members.append(session)
         self.by_id[session.id] = session
@@ -93,6 +94,7 @@ class Sessions:
             seat=session.player or "",
             only_episode=session.only_episode,
             only_seat=session.only_seat,
+            view=session.view,
         )
 
     def forget(self, session: Session) -> None:

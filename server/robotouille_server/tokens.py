@@ -50,7 +50,8 @@ class RoleGrant:
 class ResumeGrant:
     """What a resume token says: a session, where it was, and how often it has been resumed.
 
-    `only_episode` and `only_seat` are what the session's role token is limited to.
+    `only_episode` and `only_seat` are what the session's role token is limited to,
+    `view` is how it wants to see the game.
     """
 
     session: str
@@ -63,6 +64,7 @@ class ResumeGrant:
     expires: float = math.inf
     only_episode: str = ""
     only_seat: str = ""
+    view: str = "state"
 
 
 _Text = Annotated[str, Field(max_length=64)]
@@ -93,6 +95,7 @@ class _ResumeClaims(_Claims):
     kind: Annotated[str, Field(max_length=16)]
     oe: _Text = ""
     os: _Text = ""
+    view: Annotated[str, Field(max_length=16)] = "state"
 
 
 _C = TypeVar("_C", bound=_Claims)
@@ -179,13 +182,14 @@ class Tokens:
         seat: str = "",
         only_episode: str = "",
         only_seat: str = "",
+        view: str = "state",
     ) -> str:
         """A resume token of a session that is good for `seconds` from now."""
         claims = {
             "sub": session, "ep": episode, "seat": seat, "gen": generation, "name": name,
             "kind": kind, "role": role.value, "exp": math.ceil(self._wall() + seconds),
         }  # fmt: skip
-        limits = {"oe": only_episode, "os": only_seat}
+        limits = {"oe": only_episode, "os": only_seat, "view": view if view != "state" else ""}
         claims |= {key: value for key, value in limits.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
 
@@ -206,6 +210,7 @@ class Tokens:
             expires=claims.exp,
             only_episode=claims.oe,
             only_seat=claims.os,
+            view=claims.view,
         )
 
     # Both

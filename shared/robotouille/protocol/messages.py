@@ -366,8 +366,8 @@ class Delta(Message):
 class Observation(Message):
     """The state in words for one seat, with its valid actions as sentences (text view).
 
-    `seq` is the seat's last action whose fate is decided; if it was rejected, `rejected` came
-    before.
+    `seq` is the seat's last action whose fate is decided; if it was rejected, `reasons` say why,
+    and `rejected` came before.
     """
 
     type: Literal["observation"] = "observation"
@@ -379,6 +379,7 @@ class Observation(Message):
     actions: list[str]
     turn: str | None = None
     seq: int = 0
+    reasons: list[str] = []
 
 
 class Rejected(Message):
