@@ -75,7 +75,7 @@ def test_public_names_are_declared_and_exist(path: Path) -> None:
         and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)
     ]
     if not assigned:
-        assert path.name == "__init__.py", f"{path} has no __all__"
+        assert path.name in ("__init__.py", "__main__.py"), f"{path} has no __all__"
         return
     defined = {
         name

@@ -9,6 +9,7 @@ async with connect("ws://127.0.0.1:8765", name="ada") as client:
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import (
     ActResult,
+    Announced,
     Changed,
     Game,
     GameEvent,
@@ -21,6 +22,7 @@ from robotouille_client.game import (
 
 __all__ = [
     "ActResult",
+    "Announced",
     "Changed",
     "Client",
     "Game",

@@ -71,6 +71,7 @@ class Client:
         reconnect: bool = True,
         seed: int | None = None,
         token: str | None = None,
+        resume: str | None = None,
     ) -> None:
         self.url = url
         self.name = name
@@ -84,7 +85,7 @@ class Client:
         self._jitter = random.Random(seed)
         self._socket: ClientConnection | None = None
         self._token = token
-        self._resume: str | None = None
+        self._resume = resume
         self._refs = 0
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self._requests: dict[int, Any] = {}
@@ -92,6 +93,7 @@ class Client:
         self._rejoin: int | None = None
         self._joining: int | None = None
         self._pending_join: messages.Joined | None = None
+        self._painted = False
         self._reader: asyncio.Task[None] | None = None
         self._outbox: asyncio.Queue[messages.Message] = asyncio.Queue()
         self._unsent: messages.Message | None = None
@@ -99,6 +101,11 @@ class Client:
         self._up_since = 0.0
         self._closing = False
         self.farewell = ""
+
+    @property
+    def resume(self) -> str | None:
+        """Brings this connection back, from another process too; another one after each use."""
+        return self._resume
 
     # Life
 
@@ -375,6 +382,8 @@ class Client:
             if message.retry:
                 return
             self.farewell = message.reason
+        if isinstance(message, messages.Left):
+            self._join = None
         if isinstance(message, messages.Notice):
             self.notices.append(message.text)
         if self.game is not None:
@@ -393,17 +402,21 @@ class Client:
     def _settle(self, message: messages.ServerMessage) -> None:
         """Hand an answer to who asked; a join is answered once its first picture is there."""
         ref = getattr(message, "ref", None)
+        done = False
         if isinstance(message, messages.Error):
             message = self._done_before(message)
+            done = isinstance(message, messages.Joined) and self._painted
         if isinstance(message, messages.Error) and ref is not None and ref == self._rejoin:
             self._join = None
             if self.game is not None:
                 lost = messages.Left(episode=self.game.episode, reason=message.message)
                 self.game.receive(lost, 0.0)
-        if isinstance(message, messages.Joined):
+        if isinstance(message, messages.Joined) and not done:
+            self._painted = False
             self._joining = ref if ref is not None else self._asked(messages.Join)
             return
         if isinstance(message, messages.Snapshot | messages.Observation):
+            self._painted = True
             ref, message = self._joining, self._pending_join  # type: ignore[assignment]
             self._joining = None
         future = self._answers.get(ref) if ref is not None else None
@@ -433,8 +446,11 @@ class Client:
         request = self._requests.get(error.ref) if error.ref is not None else None
         if isinstance(request, messages.Leave) and error.code == "episode/none":
             return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
-        if isinstance(request, messages.Join) and error.code == "episode/joined":
-            return self._pending_join or error
+        joined = self._pending_join
+        if isinstance(request, messages.Join) and error.code == "episode/joined" and joined:
+            asked = request.episode.replace("-", "").upper()
+            if asked in (joined.episode.upper(), joined.code.replace("-", "").upper()):
+                return joined
         return error
 
     def _give_up(self, reason: str) -> None:
@@ -454,16 +470,26 @@ async def connect(
     encoding: Literal["msgpack", "json"] = "msgpack",
     reconnect: bool = True,
     token: str | None = None,
+    resume: str | None = None,
     seed: int | None = None,
 ) -> AsyncIterator[Client]:
     """A connection to a server; `token` is a signed role token, `seed` that of the pauses' jitter.
+    `resume` is the `Client.resume` of a process that stopped: `join` of its episode then gives
+    back its seat.
 
     Raises ConnectionFailedError if it cannot be reached at first; later it is sought again and
     again until the context is left.
     """
     codec = MSGPACK if encoding == "msgpack" else JSON
     async with Client(
-        url, name=name, kind=kind, codec=codec, reconnect=reconnect, token=token, seed=seed
+        url,
+        name=name,
+        kind=kind,
+        codec=codec,
+        reconnect=reconnect,
+        token=token,
+        resume=resume,
+        seed=seed,
     ) as client:
         yield client
 

@@ -103,10 +103,12 @@ class RosterChanged:
 
 @dataclass(frozen=True, slots=True)
 class Over:
-    """The episode is over, or (`outcome` empty) the participant is out of it."""
+    """The episode is over, or (`outcome` empty) the participant is out of it: `code` is that of
+    the server's `bye`, if there was one."""
 
     outcome: dict[str, Any]
     reason: str = ""
+    code: str = ""
 
 
 GameEvent = Changed | Observed | Refused | Heard | Announced | RosterChanged | Over
@@ -298,8 +300,10 @@ class Game:
                 self._emit(RosterChanged(message.phase, self.seats, message.pause))
             case messages.Ended():
                 self._finish(message.outcome)
-            case messages.Left() | messages.Bye():
+            case messages.Left():
                 self._give_up(message.reason)
+            case messages.Bye():
+                self._give_up(message.reason, message.code)
             case _:
                 pass
 
@@ -460,13 +464,13 @@ class Game:
         self.outcome, self.phase = outcome, "over"
         self._give_up(str(outcome.get("reason", "")))
 
-    def _give_up(self, reason: str) -> None:
+    def _give_up(self, reason: str, code: str = "") -> None:
         if self.ended:
             return
         self.ended = True
         for seq in list(self._waiting):
             self._resolve(seq, ActResult(False, self.step, (reason,), "episode/over"))
-        self._emit(Over(self.outcome or {}, reason))
+        self._emit(Over(self.outcome or {}, reason, code))
 
     def _settle(self, seq: int, result: ActResult) -> None:
         """The fate of action `seq` is known; those before it were replaced."""

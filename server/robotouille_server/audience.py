@@ -151,7 +151,7 @@ class Audience:
         if event.turn is not None:
             delta["turn"] = event.turn
         if event.step % HASH_EVERY == 0:
-            delta["hash"] = event.state.digest
+            delta["hash"] = self._writer.digest(event.state)
         return delta
 
     def _tell_reader(

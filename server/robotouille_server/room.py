@@ -346,6 +346,15 @@ class Room:
             return
         begun = self._now()
         self._gather()
+        if self._untold or self._failing:
+            self._record_and_tell(begun)
+        if not self._open or self._failing:
+            return
+        self._schedule()
+        for stand_in in self._stand_ins.values():
+            stand_in.consider()
+
+    def _record_and_tell(self, begun: float) -> None:
         if not self._written():
             return
         events, self._untold = self._untold, []
@@ -357,16 +366,13 @@ class Room:
             self._paint()
         if self.episode.phase is Phase.OVER:
             self._close()
-            return
-        self._schedule()
-        for stand_in in self._stand_ins.values():
-            stand_in.consider()
 
     def _gather(self) -> None:
         events = self.episode.events()
-        if events and self.journal is not None:
-            self.journal.add(events)
-        self._untold += events
+        if events:
+            self._untold += events
+            if self.journal is not None:
+                self.journal.add(events)
 
     def _written(self) -> bool:
         """Write; where that fails the game stands still, and it is tried again in a while."""

@@ -10,7 +10,7 @@ import pytest
 
 from robotouille import GroundAction, State, Timing, World, load_task
 from robotouille_client.window.layout import layout
-from robotouille_client.window.view import View
+from robotouille_client.window.view import Farewell, Pause, View
 from robotouille_client.window.window import Window
 
 SIZE = (800, 600)
@@ -31,11 +31,13 @@ class Script:
         self.acted: list[str] = []
         self.said: list[str] = []
         self.finished = False
+        self.interruption: dict[str, object] = {}
 
     def view(self) -> View:
         before = self.states[-2] if len(self.states) > 1 else None
         step = len(self.states) - 1
-        return View(self.world, self.states[-1], before, step, me=self.me)
+        view = View(self.world, self.states[-1], before, step, me=self.me)
+        return dataclasses.replace(view, **self.interruption)
 
     def act(self, action: GroundAction) -> None:
         self.acted.append(plain(action))
@@ -159,6 +161,56 @@ def test_escape_forgets_what_was_to_come(window: Window) -> None:
         source.wait()
     window.frame(source)
     assert len(source.acted) == 1
+
+
+INTERRUPTIONS = [
+    {"pause": Pause("bob's connection is lost", "Waiting 23 s.", 22.4, 0.7)},
+    {"offline": 1.5},
+    {"farewell": Farewell("Out", "Gone.")},
+]
+
+
+@pytest.mark.parametrize("interruption", INTERRUPTIONS)
+def test_while_a_game_is_interrupted_keys_and_clicks_do_nothing(
+    window: Window, source: Script, interruption: dict[str, object]
+) -> None:
+    window.frame(source)
+    source.interruption = interruption
+    click(source.world, "table11")
+    press(pygame.K_SPACE, pygame.K_e)
+    window.frame(source)
+    window.frame(source)
+    assert source.acted == []
+    source.interruption = {}
+    window.frame(source)
+    assert source.acted == [], "what was pressed meanwhile does not come later"
+    click(source.world, "table11")
+    window.frame(source)
+    assert source.acted == ["move robot1 table11 table8"]
+
+
+def test_one_can_chat_while_a_game_is_paused(window: Window, source: Script) -> None:
+    source.interruption = INTERRUPTIONS[0]
+    window.frame(source)
+    press("twaiting", pygame.K_RETURN)
+    window.frame(source)
+    assert source.said == ["waiting"]
+
+
+def test_what_was_to_come_next_comes_after_the_pause(window: Window) -> None:
+    source = Script(World(load_task("asynchronous/09", timing=Timing.PEOPLE)))
+    window.frame(source)
+    for _ in range(2):
+        click(source.world, "table2")
+        window.frame(source)
+    source.interruption = INTERRUPTIONS[0]
+    while source.states[-1].busy_steps("robot1"):
+        source.wait()
+    window.frame(source)
+    assert len(source.acted) == 1
+    source.interruption = {}
+    window.frame(source)
+    assert source.acted[-1] == "pick-up-container pot1 robot1 table2"
 
 
 def test_chat(window: Window, source: Script) -> None:

@@ -13,7 +13,7 @@ from robotouille_client.window.chrome import Chrome
 from robotouille_client.window.layout import layout
 from robotouille_client.window.painter import Painter, paint
 from robotouille_client.window.text import Typesetter
-from robotouille_client.window.view import Bubble, SeatView, View
+from robotouille_client.window.view import Bubble, Farewell, Pause, SeatView, View
 
 
 def picture(view: View, size=(640, 400), chrome: Chrome | None = None) -> bytes:
@@ -62,12 +62,72 @@ def test_any_size(size: tuple[int, int]) -> None:
     [
         {"step": 6}, {"max_steps": 70}, {"clock": "lockstep"}, {"phase": 0.9}, {"me": None},
         {"bubbles": ()}, {"chat": ()}, {"status": ""}, {"code": ""}, {"outcome": "Goal reached"},
-        {"hover": "table1"}, {"seats": ()},
+        {"hover": "table1"}, {"seats": ()}, {"notice": "lunch"}, {"offline": 0.5},
+        {"pause": Pause("Paused by the operator")}, {"farewell": Farewell("Out", "Gone.")},
     ],
 )  # fmt: skip
 def test_every_field_is_seen(change) -> None:
     view = full_view(World("multi_agent/09"), 5)
     assert picture(dataclasses.replace(view, **change)) != picture(view)
+
+
+def test_a_countdown_moves_between_two_frames_and_its_number_with_it() -> None:
+    view = full_view(World("multi_agent/09"), 5)
+    shown = [
+        picture(dataclasses.replace(view, pause=Pause("bob is away", "", left, left / 30)))
+        for left in (22.9, 22.8, 21.9)
+    ]
+    assert len(set(shown)) == 3
+
+
+def test_how_long_a_connection_has_been_lost_is_seen() -> None:
+    view = full_view(World("multi_agent/09"), 5)
+    assert len({picture(dataclasses.replace(view, offline=s)) for s in (5.0, 5.5, 6.0)}) == 2
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"connected": False},
+        {"connected": False, "stand_in": "planner"},
+        {"connected": False, "name": ""},
+        {"connected": False, "name": "", "stand_in": "planner"},
+    ],
+)
+def test_who_moves_a_player_is_seen_at_its_seat_and_at_the_player(change) -> None:
+    view = full_view(World("multi_agent/09"), 5)
+    first, *others = view.seats
+    changed = dataclasses.replace(view, seats=(dataclasses.replace(first, **change), *others))
+    (left, top, width, height) = layout((640, 400), 9, 7).panel
+    for area in (pygame.Rect(0, 0, left, height), pygame.Rect(left, top, width, height)):
+        parts = []
+        for shown in (view, changed):
+            surface = pygame.Surface((640, 400))
+            Painter().paint(surface, shown)
+            parts.append(pygame.image.tobytes(surface.subsurface(area), "RGB"))
+        assert parts[0] != parts[1]
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (300, 900), (1000, 120), (160, 120)])
+def test_interruptions_fit_any_size(size: tuple[int, int]) -> None:
+    """The panel is never drawn over."""
+    view = full_view(World("multi_agent/10"), 5)
+    nasty = "厨房 \0 " + "words and " * 60
+    panel = layout(size, *_floor(view.world)).panel
+    shown = []
+    for change in (
+        {},
+        {"pause": Pause(nasty, nasty, 12345.6), "offline": 99.0, "notice": nasty},
+        {"farewell": Farewell(nasty, nasty)},
+    ):
+        surface = pygame.Surface(size)
+        Painter().paint(surface, dataclasses.replace(view, **change))
+        shown.append(pygame.image.tobytes(surface.subsurface(panel), "RGB"))
+    assert len(set(shown)) == 1
+
+
+def _floor(world: World) -> tuple[int, int]:
+    return world.task.problem.width, world.task.problem.height
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
-from robotouille_client.cli.console import explain, fail, server_url
+from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
 
 __all__ = ["main"]
@@ -30,8 +30,15 @@ async def _play(client: Client, episode: str | None, seat: str | None, make: Mak
     return await play(game, make)
 
 
-async def _run(url: str, name: str, episode: str | None, seat: str | None, make: MakePolicy) -> Any:
-    async with connect(url, name=name, kind="bot") as client:
+async def _run(
+    url: str,
+    name: str,
+    token: str | None,
+    episode: str | None,
+    seat: str | None,
+    make: MakePolicy,
+) -> Any:
+    async with connect(url, name=name, kind="bot", token=token) as client:
         return await _play(client, episode, seat, make)
 
 
@@ -45,6 +52,7 @@ def command(
     url: Annotated[str | None, typer.Option(help="The server's URL, instead of both.")] = None,
     seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
     name: Annotated[str | None, typer.Option(help="The bot's name.")] = None,
+    token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of what is random.")] = 0,
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
@@ -53,7 +61,8 @@ def command(
     try:
         make = policy_maker(kind, seed, plan)
         address = server_url(url, host, port)
-        outcome = asyncio.run(_run(address, name or f"{kind.value}-bot", episode, seat, make))
+        called = name or f"{kind.value}-bot"
+        outcome = asyncio.run(_run(address, called, token, episode, seat, make))
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:

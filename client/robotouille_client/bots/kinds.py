@@ -6,10 +6,10 @@ from enum import StrEnum
 from pathlib import Path
 
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.planning.policies import Policy, RandomPolicy
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.bots.player import MakePolicy
-from robotouille.planning.policies import Policy, RandomPolicy
 
 __all__ = ["BotKind", "policy_maker"]
 

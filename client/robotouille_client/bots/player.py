@@ -6,10 +6,10 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
+from robotouille.planning.policies import Policy
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
-from robotouille.planning.policies import Policy
 from robotouille_client.game import Changed, Game, GameEvent
 
 __all__ = ["MakePolicy", "play"]

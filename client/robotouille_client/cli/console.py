@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 from pydantic import ValidationError
 
 from robotouille.errors import ProtocolError
 
-__all__ = ["explain", "fail", "server_url"]
+__all__ = ["TokenOption", "explain", "fail", "printable", "server_url"]
+
+TokenOption = Annotated[
+    str | None,
+    typer.Option(
+        "--token",
+        envvar="ROBOTOUILLE_TOKEN",
+        help="A signed role token, where the server asks for one.",
+    ),
+]
 
 
 def explain(error: Exception) -> str:
@@ -27,6 +36,13 @@ def fail(message: str, status: int = 1) -> NoReturn:
     """Print an error to stderr and exit."""
     typer.echo(message, err=True)
     raise typer.Exit(status)
+
+
+def printable(text: str) -> str:
+    """A line without control characters: what participants wrote must not steer a terminal."""
+    return "".join(
+        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text
+    )
 
 
 def server_url(url: str | None, host: str, port: int) -> str:

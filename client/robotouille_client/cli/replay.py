@@ -20,7 +20,8 @@ from robotouille.planning.anytime import Anytime
 from robotouille.planning.distance import Range, StepsLeft, StepsToGo, quotient
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_client.cli.console import fail
+from robotouille_client.cli.console import fail, printable
+from robotouille_client.cli.timeline import course, course_text, note_lines
 
 __all__ = ["replay"]
 
@@ -46,7 +47,7 @@ def info(
     file: FileArgument,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what was played, by whom, and how it ended."""
+    """Say what was played, by whom in which steps, when it stood still, and how it ended."""
     recording = _open(file)
     head = recording.header
     rows = {
@@ -62,13 +63,24 @@ def info(
         "outcome": recording.outcome,
     }
     if json_output:
-        typer.echo(json.dumps(rows))
+        names = {key: head.get(key, "") for key in ("episode", "code", "owner")}
+        typer.echo(json.dumps({**rows, **names, **course(recording)}))
         return
     end = recording.outcome
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
     rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else "none: it was cut off"
-    for key, value in rows.items():
-        typer.echo(f"{key:9} {value}")
+    for key, value in [*rows.items(), *course_text(recording)]:
+        typer.echo(printable(f"{key:9} {value}"))
+
+
+@replay.command()
+def notes(file: FileArgument) -> None:
+    """List what happened between the steps: who came, went and returned, chat, pauses, rejections.
+
+    Each line begins with the step it came after and the seconds since the game began.
+    """
+    for line in note_lines(_open(file)):
+        typer.echo(printable(line))
 
 
 @replay.command()

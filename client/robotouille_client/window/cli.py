@@ -5,24 +5,56 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from pydantic import ValidationError
 
+from robotouille.episode.rules import Absence
 from robotouille.errors import RobotouilleError
-from robotouille_client.cli.console import explain, fail, server_url
+from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import Game
+from robotouille_client.window.kept_seat import KeptSeat, kept_seat, state_folder
 
 __all__ = ["main"]
 
+KEEP_SECONDS = 0.2
 
-async def _find_code(client: Client, create: str | None, seats: int | None) -> str:
+
+class StandIn(StrEnum):
+    """Bots that play for somebody who is away."""
+
+    PLANNER = "planner"
+    RANDOM = "random"
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """The episode to open: its task and the rules that are not left to the server."""
+
+    task: str
+    rules: dict[str, object]
+
+
+def _opening(task: str | None, **rules: object) -> Opening | None:
+    """What to open; RobotouilleError where rules are given for nothing."""
+    given = {name: value for name, value in rules.items() if value is not None}
+    if task is not None:
+        return Opening(task, given)
+    if given:
+        option = next(iter(given)).replace("_", "-")
+        raise RobotouilleError(f"--{option} is for an episode that you open: name a --create TASK")
+    return None
+
+
+async def _find_code(client: Client, opening: Opening | None) -> str:
     """A new episode's code, or that of the first one which waits for players."""
-    if create is not None:
-        return (await client.create(create, seats=seats)).code
+    if opening is not None:
+        return (await client.create(opening.task, **opening.rules)).code
     for info in await client.episodes():
         if info.phase == "waiting":
             return info.code
@@ -40,12 +72,13 @@ async def _show(
     screenshot_step: int | None,
     linger: float | None,
 ) -> None:
-    from robotouille_client.window.sources import RemoteSource
+    from robotouille_client.window.remote import RemoteSource
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
     source = RemoteSource(game, loop.time, connected)
-    window = Window(size, caption=f"Robotouille {game.code}", headless=headless)
+    caption = f"Robotouille {game.code}"
+    window = Window(size, caption=caption, headless=headless, clock=loop.time)
     showing = asyncio.create_task(window.run(source, linger=linger))
     try:
         while not showing.done():
@@ -68,16 +101,35 @@ async def _run(
     name: str,
     seat: str | None,
     watch: bool,
-    create: str | None,
-    seats: int | None,
+    token: str | None,
+    opening: Opening | None,
     **show: object,
 ) -> None:
-    async with connect(url, name=name, kind="human") as client:
-        episode = code or await _find_code(client, create, seats)
-        game = await client.join(episode, seat=seat, role="spectator" if watch else "player")
-        role = "watches" if watch else f"plays {game.seat}"
-        typer.echo(f"{name} {role} in {game.code}", err=True)
-        await _show(game, client.connected.is_set, **show)  # type: ignore[arg-type]
+    if code is None:
+        async with connect(url, name=name, kind="human", token=token) as client:
+            code = await _find_code(client, opening)
+    role: Literal["player", "spectator"] = "spectator" if watch else "player"
+    with kept_seat(state_folder(), url, code, name) as kept:
+        resume = kept.token if kept is not None and not watch else None
+        async with connect(url, name=name, kind="human", token=token, resume=resume) as client:
+            game = await client.join(code, seat=seat, role=role)
+            does = "watches" if watch else f"plays {game.seat}"
+            typer.echo(f"{name} {does} in {game.code}", err=True)
+            keeping = asyncio.create_task(_keep(client, game, None if watch else kept))
+            try:
+                await _show(game, client.connected.is_set, **show)  # type: ignore[arg-type]
+            finally:
+                keeping.cancel()
+
+
+async def _keep(client: Client, game: Game, kept: KeptSeat | None) -> None:
+    """Write down what brings this window back into its seat, each time that it is another."""
+    while kept is not None:
+        if game.ended:
+            kept.forget()
+            return
+        kept.keep(client.resume)
+        await asyncio.sleep(KEEP_SECONDS)
 
 
 def command(
@@ -90,6 +142,17 @@ def command(
     watch: Annotated[bool, typer.Option(help="Watch instead of play.")] = False,
     create: Annotated[str | None, typer.Option(help="Open an episode of this task.")] = None,
     seats: Annotated[int | None, typer.Option(help="Seats of the episode to open.")] = None,
+    absence: Annotated[
+        Absence | None,
+        typer.Option(help="What happens in the episode to open while a participant is away."),
+    ] = None,
+    stand_in: Annotated[
+        StandIn | None, typer.Option(help="The bot that plays meanwhile, with --absence bot.")
+    ] = None,
+    grace: Annotated[
+        float | None, typer.Option(help="Seconds for which an absent one's seat is kept.")
+    ] = None,
+    token: TokenOption = None,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
     headless: Annotated[bool, typer.Option(help="Draw without a screen.")] = False,
     screenshot: Annotated[
@@ -113,9 +176,12 @@ def command(
             require_screen()
         if headless and linger is None:
             linger = 1.0
+        opening = _opening(
+            create, seats=seats, absence=absence, stand_in=stand_in and stand_in.value, grace=grace
+        )
         asyncio.run(
             _run(
-                server_url(url, host, port), code, name, seat, watch, create, seats,
+                server_url(url, host, port), code, name, seat, watch, token, opening,
                 size=parse_size(size), headless=headless, screenshot=screenshot,
                 screenshot_step=screenshot_step, linger=linger,
             )

@@ -159,9 +159,9 @@ class Overlays:
             if player not in poses:
                 continue
             seat = seats.get(player)
-            name = seat.name if seat and seat.name else player
-            here = seat is None or seat.connected
-            name = self._text.fit(name, size, round(layout.tile * 1.3))
+            name = player if seat is None else seat.plate
+            here = seat is None or seat.connected or bool(seat.stand_in)
+            name = self._text.fit(name, size, round(layout.tile * 1.5))
             colour = SEATS[index % len(SEATS)]
             fill = mixed(colour, INK, 0.3) if here else (96, 90, 100)
             plate = pill(self._text.line(name, size, PAPER if here else FAINT), fill)

@@ -8,6 +8,7 @@ from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.window.chrome import Chrome
+from robotouille_client.window.interruptions import Interruptions
 from robotouille_client.window.kitchen import Kitchen
 from robotouille_client.window.layout import Layout, layout
 from robotouille_client.window.looks import Stage
@@ -46,6 +47,7 @@ class Painter:
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._kitchen.draw(surface, place, stage, poses, view.me)
         self._overlays.draw(surface, place, view, stage, poses, chrome=chrome)
+        self._interruptions.draw(surface, place, view)
         self._panel.draw(surface, place, view)
         self._notices.draw(surface, place, view, chrome)
 
@@ -80,6 +82,7 @@ class Painter:
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
         self._panel = Panel(self._art, self._sprites, self._text)
+        self._interruptions = Interruptions(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)
 
 

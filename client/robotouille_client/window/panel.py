@@ -7,7 +7,7 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille_client.window.layout import Layout
 from robotouille_client.window.looks import Artist
-from robotouille_client.window.shapes import bar, box, pill
+from robotouille_client.window.shapes import bar, box, ellipse, pill
 from robotouille_client.window.sprites import Sprites
 from robotouille_client.window.text import Typesetter
 from robotouille_client.window.theme import (
@@ -83,11 +83,14 @@ class Panel:
         title = (words if number.isdigit() and words else dish).replace("_", " ").capitalize()
         small = max(10, size - 3)
         above = " · ".join(part for part in (folder.replace("_", " "), number) if part and folder)
+        room = area.width
         if view.code:
-            words_ = self._text.line(f"code {view.code}", small, INK)
-            plate = pill(words_, ACCENT)
+            code = self._text.fit(f"code {view.code}", small, area.width - size)
+            plate = pill(self._text.line(code, small, INK), ACCENT)
             surface.blit(plate, plate.get_rect(topright=(area.right, y - 2)))
-        y += self._put(surface, above, (area.x, y), small, FAINT)
+            room -= plate.get_width() + size // 2
+        above = self._text.fit(above, small, room) if room > 3 * size else ""
+        y += self._put(surface, above, (area.x, y), small, FAINT) + 2
         for line in self._text.wrap(title, size + 3, area.width, 2):
             y += self._put(surface, line, (area.x, y), size + 3, TEXT)
         if view.status:
@@ -120,9 +123,12 @@ class Panel:
         """The step counter with its limit, and the time left of the current step."""
         size, small = layout.text, max(10, layout.text - 3)
         limit = f" of {view.max_steps}" if view.max_steps else ""
-        self._put(surface, f"Step {view.step}{limit}", (area.x, y), size, TEXT)
+        counted = f"Step {view.step}{limit}"
+        self._put(surface, counted, (area.x, y), size, TEXT)
         if view.clock:
-            words = self._text.line(view.clock.replace("_", " "), small, FAINT)
+            room = max(1, area.width - self._text.width(counted, size) - size // 2)
+            clock = self._text.fit(view.clock.replace("_", " "), small, room)
+            words = self._text.line(clock, small, FAINT)
             surface.blit(words, words.get_rect(topright=(area.right, y + 2)))
         y += self._text.height(size) + 2
         thick = max(5, size // 2)
@@ -171,12 +177,20 @@ class Panel:
         you = " (you)" if seat.player == view.me else ""
         name = self._text.fit((seat.name or seat.player) + you, size, counts - x - 6)
         self._put(surface, name, (x, card.y + 5), size, TEXT if seat.connected else FAINT)
-        kind = seat.kind if seat.connected else f"{seat.kind}, away" if seat.kind else "free"
-        if seat.name and seat.name != seat.player:
-            kind = f"{seat.player} · {kind}"
-        kind = self._text.fit(kind, small, counts - x - 6)
+        state = seat.moved_by
+        if seat.connected and seat.name != seat.player:
+            state = f"{seat.player} · {state}"
+        state = self._text.fit(state, small, counts - x - 6)
         below = card.y + 5 + self._text.height(size) - 1
-        self._put(surface, kind, (x, below), small, FAINT)
+        light = _light(seat)
+        words = FAINT if light in (None, GOOD) else mixed(light, TEXT, 0.3)
+        self._put(surface, state, (x, below), small, words)
+        if light is not None and face is not None:
+            side = max(6, card.height // 4)
+            spot = pygame.Rect(0, 0, side + 4, side + 4)
+            spot.bottomright = (x - 2, card.bottom - 3)
+            surface.blit(ellipse(spot.size, CARD), spot)
+            surface.blit(ellipse((side, side), light), spot.move(2, 2))
 
     def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
         if seat.player not in view.world.players:
@@ -209,12 +223,12 @@ class Panel:
         step = self._text.height(size)
         room = max(0, (area.bottom - y) // step)
         lines: list[tuple[str, Colour]] = []
-        colours = self._colours(view)
+        colours = {**self._colours(view), "": ACCENT}
         for name, text in reversed(view.chat):
-            wrapped = self._text.wrap(f"{name}: {text}", size, area.width, 3)
+            wrapped = self._text.wrap(f"{name or 'Operator'}: {text}", size, area.width, 3)
             if len(lines) + len(wrapped) > room:
                 break
-            colour = mixed(colours.get(name, FAINT), TEXT, 0.55)
+            colour = mixed(colours.get(name, FAINT), TEXT, 0.55 if name else 0.0)
             lines = [*((line, colour) for line in wrapped), *lines]
         y = area.bottom - len(lines) * step
         for i, (line, colour) in enumerate(lines):
@@ -224,3 +238,12 @@ class Panel:
         players = {p: SEATS[i % len(SEATS)] for i, p in enumerate(view.world.players)}
         names = {s.name: players.get(s.player, FAINT) for s in view.seats}
         return {**players, **names}
+
+
+def _light(seat: SeatView) -> Colour | None:
+    """Green for a participant who is there, amber for a stand-in, red for nobody."""
+    if seat.stand_in:
+        return ACCENT
+    if seat.connected:
+        return GOOD
+    return BAD if seat.name else None

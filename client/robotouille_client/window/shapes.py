@@ -7,11 +7,12 @@ from functools import lru_cache
 
 import pygame
 
-from robotouille_client.window.theme import INK, PAPER, Colour
+from robotouille_client.window.theme import INK, PAPER, Colour, mixed
 
-__all__ = ["RING_STEPS", "bar", "box", "ellipse", "pill", "ring", "speech"]
+__all__ = ["DIAL_STEPS", "RING_STEPS", "bar", "box", "dial", "ellipse", "pill", "ring", "speech"]
 
 RING_STEPS = 48
+DIAL_STEPS = 360
 _FINE = 4
 _RIM: Colour = (104, 92, 92)
 
@@ -37,6 +38,7 @@ def ellipse(size: tuple[int, int], fill: tuple[int, ...]) -> pygame.Surface:
     """A smooth ellipse; do not draw on it, it is shared."""
     width, height = max(1, size[0]), max(1, size[1])
     large = pygame.Surface((width * 2, height * 2), pygame.SRCALPHA)
+    large.fill((*fill[:3], 0))
     pygame.draw.ellipse(large, fill, large.get_rect())
     return pygame.transform.smoothscale(large, (width, height))
 
@@ -54,26 +56,45 @@ def pill(
 @lru_cache(maxsize=1024)
 def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Surface:
     """A disc with `steps` of RING_STEPS of its rim filled, clockwise from the top."""
-    side = size * _FINE
-    large = pygame.Surface((side, side), pygame.SRCALPHA)
-    middle, radius = (side // 2, side // 2), side // 2
+    large = pygame.Surface((size * _FINE, size * _FINE), pygame.SRCALPHA)
+    middle, radius = (size * _FINE // 2, size * _FINE // 2), size * _FINE // 2
     pygame.draw.circle(large, INK, middle, radius)
     pygame.draw.circle(large, _RIM, middle, round(radius * 0.93))
-    if steps:
-        count = max(2, steps * 2)
-        turn = math.tau * steps / RING_STEPS
-        rim = [
-            (
-                middle[0] + radius * 0.93 * math.sin(turn * i / count),
-                middle[1] - radius * 0.93 * math.cos(turn * i / count),
-            )
-            for i in range(count + 1)
-        ]
-        pygame.draw.polygon(large, colour, [middle, *rim])
+    _sector(large, steps / RING_STEPS, colour, 0.93)
     pygame.draw.circle(large, PAPER, middle, round(radius * 0.64))
     surface = pygame.transform.smoothscale(large, (size, size))
     surface.set_alpha(opacity)
     return surface
+
+
+@lru_cache(maxsize=8)
+def dial(size: int, steps: int, colour: Colour) -> pygame.Surface:
+    """A large clock face with `steps` of DIAL_STEPS of its rim left to go."""
+    fine = 2
+    large = pygame.Surface((size * fine, size * fine), pygame.SRCALPHA)
+    large.fill((*PAPER, 0))
+    middle, radius = (size * fine // 2, size * fine // 2), size * fine // 2
+    pygame.draw.circle(large, mixed(PAPER, INK, 0.16), middle, radius)
+    _sector(large, -steps / DIAL_STEPS, colour, 1.0)
+    pygame.draw.circle(large, PAPER, middle, round(radius * 0.78))
+    return pygame.transform.smoothscale(large, (size, size))
+
+
+def _sector(surface: pygame.Surface, turns: float, colour: Colour, reach: float) -> None:
+    """A sector from the top on: a share of a turn clockwise, or backwards if it is negative."""
+    if turns == 0:
+        return
+    side = surface.get_width()
+    middle, radius = (side // 2, side // 2), side // 2 * reach
+    count = max(2, round(abs(turns) * 2 * RING_STEPS))
+    rim = [
+        (
+            middle[0] + radius * math.sin(math.tau * turns * i / count),
+            middle[1] - radius * math.cos(math.tau * turns * i / count),
+        )
+        for i in range(count + 1)
+    ]
+    pygame.draw.polygon(surface, colour, [middle, *rim])
 
 
 def bar(

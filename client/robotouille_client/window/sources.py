@@ -1,4 +1,4 @@
-"""Where a window's pictures come from: a server, a game in this process, or a recording.
+"""Where a window's pictures come from: a game in this process, or a recording.
 
 None of these draws; time is passed in as a function.
 """
@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from robotouille.episode import (
+    Controller,
     Ended,
     Episode,
     Phase,
@@ -17,149 +18,30 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.errors import ProtocolError
+from robotouille.planning.policies import Policy
+from robotouille.replay.controllers import Seating, seatings
 from robotouille.replay.recording import Recording
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
-from robotouille_client.bots.policies import Policy
-from robotouille_client.game import Changed, Game, Heard, Over, Refused
-from robotouille_client.window.view import Bubble, SeatView, View
+from robotouille_client.cli.timeline import interludes
+from robotouille_client.window.reasons import clock_words, outcome_words
+from robotouille_client.window.talk import Talk
+from robotouille_client.window.view import SeatView, View
 
-__all__ = ["LocalSource", "RemoteSource", "ReplaySource", "outcome_words", "seats_at"]
+__all__ = [
+    "GLIDE_SECONDS",
+    "NOTICE_SECONDS",
+    "LocalSource",
+    "ReplaySource",
+    "notices_at",
+    "seats_at",
+]
 
-BUBBLE_SECONDS = 3.0
 GLIDE_SECONDS = 0.3
-CHAT_LINES = 6
-
-REASONS = {
-    "goal": "Goal reached",
-    "step_limit": "Out of steps",
-    "abandoned": "Everybody left",
-    "aborted": "Stopped",
-}
-
-
-def outcome_words(outcome: Mapping[str, object]) -> str:
-    """`Goal reached in 31 steps`."""
-    reason = REASONS.get(str(outcome["reason"]), str(outcome["reason"]))
-    link = "in" if outcome["reason"] == "goal" else "after"
-    detail = f": {outcome['detail']}" if outcome.get("detail") else ""
-    return f"{reason} {link} {outcome['steps']} steps{detail}"
-
-
-class Talk:
-    """What was said and refused lately, and by whom."""
-
-    def __init__(self, now: Callable[[], float]) -> None:
-        self._now = now
-        self._bubbles: list[tuple[float, Bubble]] = []
-        self._lines: list[tuple[str, str]] = []
-
-    def refused(self, player: str, reasons: tuple[str, ...]) -> None:
-        if any(reason.startswith("superseded") for reason in reasons):
-            return
-        self._add(Bubble.rejection(player, reasons))
-
-    def said(self, name: str, player: str, text: str) -> None:
-        self._lines.append((name, text))
-        if player:
-            self._add(Bubble(player, text, "chat"))
-
-    def _add(self, bubble: Bubble) -> None:
-        kept = [(t, b) for t, b in self._bubbles if b.player != bubble.player]
-        self._bubbles = [*kept, (self._now(), bubble)]
-
-    @property
-    def bubbles(self) -> tuple[Bubble, ...]:
-        now = self._now()
-        return tuple(b for t, b in self._bubbles if now - t < BUBBLE_SECONDS)
-
-    @property
-    def lines(self) -> tuple[tuple[str, str], ...]:
-        return tuple(self._lines[-CHAT_LINES:])
-
-
-class RemoteSource:
-    """An episode on a server, through a `Game`."""
-
-    def __init__(
-        self, game: Game, now: Callable[[], float], connected: Callable[[], bool] = lambda: True
-    ) -> None:
-        self._game = game
-        self._connected = connected
-        self._now = now
-        self._talk = Talk(now)
-        self._previous: State | None = None
-        self._reason = ""
-
-    def view(self) -> View:
-        game = self._game
-        for event in game.poll():
-            match event:
-                case Changed():
-                    self._previous = event.previous
-                    self._show_rejections(event)
-                case Refused() if game.seat:
-                    self._talk.refused(game.seat, event.reasons)
-                case Heard():
-                    self._talk.said(event.name, event.seat, event.text)
-                case Over():
-                    self._reason = event.reason
-                case _:
-                    pass
-        return View(
-            world=game.world,
-            state=game.state,
-            previous=self._previous,
-            step=game.step,
-            max_steps=game.clock.get("max_steps"),
-            clock=_clock_words(str(game.clock.get("clock", "")), game.clock),
-            phase=self._phase(),
-            seats=tuple(
-                SeatView(s.player, s.name, s.kind, s.present, s.applied, s.rejected)
-                for s in game.seats
-            ),
-            me=game.seat,
-            bubbles=self._talk.bubbles,
-            chat=self._talk.lines,
-            status=self._status(),
-            code=game.code,
-            outcome=outcome_words(game.outcome) if game.outcome else "",
-        )
-
-    def _show_rejections(self, event: Changed) -> None:
-        for player, action, applied in event.did:
-            if not applied:
-                self._talk.refused(player, (f"too late: {action.sentence}",))
-
-    def _phase(self) -> float:
-        elapsed = self._now() - self._game.step_time
-        scheduled = self._game.clock.get("clock") == "realtime"
-        period = 1 / self._game.clock["step_rate"] if scheduled else GLIDE_SECONDS
-        return min(1.0, max(0.0, elapsed / period))
-
-    def _status(self) -> str:
-        game = self._game
-        if game.ended and not game.outcome:
-            return f"Disconnected: {self._reason}"
-        if not self._connected():
-            return "Connection lost, trying again …"
-        if game.phase == "waiting":
-            free = sum(not seat.name for seat in game.seats)
-            return f"Waiting for {free} more player{'s' * (free != 1)}"
-        if game.turn is not None:
-            return "Your turn" if game.turn == game.seat else f"{game.turn}'s turn"
-        return ""
-
-    def act(self, action: GroundAction) -> None:
-        if self._game.running:
-            self._game.submit(action)
-
-    def say(self, text: str) -> None:
-        self._game.say(text)
-
-    @property
-    def finished(self) -> bool:
-        return self._game.ended
+"""For how long a step is seen where no clock says how long it takes."""
+NOTICE_SECONDS = 4.0
+"""For how long what happened between two steps of a recording is told."""
+NOT_PRESENT = (Controller.FREE, Controller.ABSENT, Controller.STAND_IN)
 
 
 class LocalSource:
@@ -200,7 +82,7 @@ class LocalSource:
             previous=self._previous,
             step=episode.step,
             max_steps=rules.max_steps,
-            clock=_clock_words(rules.clock.value, rules.model_dump(mode="json")),
+            clock=clock_words(rules.clock.value, rules.model_dump(mode="json")),
             phase=min(1.0, elapsed / (rules.period if scheduled else GLIDE_SECONDS)),
             seats=tuple(
                 SeatView(s.player, s.name, s.kind, s.present, s.tally.applied, s.tally.rejected)
@@ -270,21 +152,36 @@ class LocalSource:
 
 def seats_at(recording: Recording) -> list[tuple[SeatView, ...]]:
     """Who played each seat and what it had done by each step, from step 0 on."""
-    people = recording.participants
+    bot = str(recording.header["rules"].get("stand_in", "bot"))
     done = {player: [0, 0] for player in recording.world.players}
     course = []
     start: dict[str, Any] = {"moves": []}
-    for frame in [start, *recording.steps]:
+    for (_, seats), frame in zip(seatings(recording), [start, *recording.steps], strict=True):
         for i, move in enumerate(frame["moves"]):
             if move["player"] in done:
                 done[move["player"]][str(i) in frame.get("unmet", {})] += 1
         course.append(
             tuple(
-                SeatView(player, *people.get(player, ("", "")), True, applied, rejected)
+                _recorded_seat(player, seats[player], applied, rejected, bot)
                 for player, (applied, rejected) in done.items()
             )
         )
     return course
+
+
+def _recorded_seat(player: str, seat: Seating, applied: int, rejected: int, bot: str) -> SeatView:
+    present = seat.controller not in NOT_PRESENT
+    stand_in = bot if seat.controller == Controller.STAND_IN else ""
+    return SeatView(player, seat.name, seat.kind, present, applied, rejected, stand_in)
+
+
+def notices_at(recording: Recording, steps: int) -> dict[int, str]:
+    """What to tell at which step, for `steps` steps each: announcements, pauses and restarts."""
+    told: dict[int, str] = {}
+    for step, words in interludes(recording):
+        for later in range(step, step + max(1, steps)):
+            told[later] = words if later > step or step not in told else f"{told[step]} · {words}"
+    return told
 
 
 class ReplaySource:
@@ -298,6 +195,7 @@ class ReplaySource:
         self._start = now()
         self._paused_at: float | None = None
         self._seats = seats_at(recording)
+        self._notices = notices_at(recording, round(speed * NOTICE_SECONDS))
 
     def _position(self) -> float:
         if self._paused_at is not None:
@@ -334,6 +232,7 @@ class ReplaySource:
             seats=self._seats[index],
             status="Space: pause or go on · Left, Right: step",
             outcome=outcome_words(outcome) if outcome else "",
+            notice=self._notices.get(step, ""),
         )
 
     def act(self, action: GroundAction) -> None:
@@ -345,10 +244,3 @@ class ReplaySource:
     @property
     def finished(self) -> bool:
         return self._paused_at is None and self._position() >= len(self._states) - 1
-
-
-def _clock_words(clock: str, rules: Mapping[str, object]) -> str:
-    if clock == "realtime":
-        return f"real time, {rules['step_rate']:g} steps a second"
-    budget = rules.get("move_budget")
-    return f"{clock}, {budget:g} s a move" if budget else clock

@@ -44,7 +44,8 @@ def watch(recording: Recording, speed: float) -> None:
 def film(recording: Recording, output: Path, speed: float, size: str) -> int:
     """Write a recording as a video; returns the number of frames."""
     require_pygame()
-    from robotouille_client.window.sources import outcome_words, seats_at
+    from robotouille_client.window.reasons import outcome_words
+    from robotouille_client.window.sources import NOTICE_SECONDS, notices_at, seats_at
     from robotouille_client.window.video import frames_of, write_video
     from robotouille_client.window.view import Bubble
 
@@ -64,6 +65,7 @@ def film(recording: Recording, output: Path, speed: float, size: str) -> int:
         frames_per_step=max(1, round(fps / speed)),
         seats=seats_at(recording),
         bubbles=bubbles,
+        notices=notices_at(recording, round(speed * NOTICE_SECONDS)),
         max_steps=recording.header["rules"]["max_steps"],
         outcome=outcome_words(recording.outcome) if recording.outcome else "",
         hold=2 * fps,

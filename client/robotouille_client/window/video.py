@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,6 +31,7 @@ def frames_of(
     frames_per_step: int = 6,
     seats: Sequence[Sequence[SeatView]] = (),
     bubbles: dict[int, tuple[Bubble, ...]] | None = None,
+    notices: dict[int, str] | None = None,
     max_steps: int | None = None,
     outcome: str = "",
     hold: int = 12,
@@ -52,6 +54,7 @@ def frames_of(
             max_steps=max_steps,
             seats=tuple(seats[min(index, len(seats) - 1)]) if seats else (),
             bubbles=(bubbles or {}).get(step, ()),
+            notice=(notices or {}).get(step, ""),
         )
         for frame in range(frames_per_step):
             phase = (frame + 1) / frames_per_step
@@ -64,11 +67,7 @@ def frames_of(
 
 
 def _at(view: View, phase: float, outcome: str = "") -> View:
-    return View(
-        world=view.world, state=view.state, previous=view.previous, step=view.step,
-        max_steps=view.max_steps, phase=phase, seats=view.seats, bubbles=view.bubbles,
-        outcome=outcome,
-    )  # fmt: skip
+    return replace(view, phase=phase, outcome=outcome)
 
 
 def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> int:

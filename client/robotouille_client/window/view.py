@@ -10,7 +10,7 @@ from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Bubble", "SeatView", "Source", "View"]
+__all__ = ["Bubble", "Farewell", "Pause", "SeatView", "Source", "View"]
 
 
 _PLAIN = (
@@ -26,7 +26,10 @@ _PLAIN = (
 
 @dataclass(frozen=True, slots=True)
 class SeatView:
-    """A seat of the episode: who plays it (`kind`: human, bot, …) and how that goes."""
+    """A seat of the episode: who plays it (`kind`: human, bot, …) and how that goes.
+
+    `stand_in` is the bot that plays it while its participant is away; empty if none does.
+    """
 
     player: str
     name: str
@@ -34,6 +37,45 @@ class SeatView:
     connected: bool = True
     actions: int = 0
     rejected: int = 0
+    stand_in: str = ""
+
+    @property
+    def plate(self) -> str:
+        """The name over the player, and whether it is there."""
+        if self.stand_in:
+            return f"{self.stand_in} for {self.name}" if self.name else self.stand_in
+        if self.name and not self.connected:
+            return f"{self.name} · away"
+        return self.name or self.player
+
+    @property
+    def moved_by(self) -> str:
+        """Who moves the player, in a few words."""
+        if self.stand_in:
+            whom = f"for {self.name}" if self.name else "a free seat"
+            return f"{self.stand_in} plays {whom}"
+        if self.connected:
+            return self.kind
+        return "connection lost" if self.name else "free"
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Why the game stands still and what it waits for; `left` are the seconds until that ends by
+    itself (None: nobody knows), `share` what they are of the whole wait."""
+
+    why: str
+    detail: str = ""
+    left: float | None = None
+    share: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Farewell:
+    """Why the window's owner is out of the game, in a title and a sentence."""
+
+    title: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +104,10 @@ class View:
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse.
+
+    `notice` is something the operator says to everybody. A game that stands still has a `pause`;
+    `offline` are the seconds since the connection was lost, None while there is one; with a
+    `farewell` the owner is out of the game.
     """
 
     world: World
@@ -79,6 +125,15 @@ class View:
     code: str = ""
     outcome: str = ""
     hover: str | None = None
+    notice: str = ""
+    pause: Pause | None = None
+    offline: float | None = None
+    farewell: Farewell | None = None
+
+    @property
+    def frozen(self) -> bool:
+        """Whether nothing that the owner does would come to anything now."""
+        return any(x is not None for x in (self.pause, self.offline, self.farewell))
 
 
 class Source(Protocol):

@@ -23,7 +23,7 @@ __all__ = ["Window"]
 
 _NOTICE_SECONDS = 3.0
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
-_Asked = tuple[State, str | None, str | None]
+_Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
 _OWN_KEYS = (
     ("T or Enter", "say something (Enter sends, Esc cancels)"),
     ("H", "this help"),
@@ -133,14 +133,15 @@ class Window:
         if self.closed or surface is None:
             return
         self._surface = surface
-        hover = self._target(view)
+        hover = None if view.frozen else self._target(view)
         shown = dataclasses.replace(view, hover=view.hover or hover)
         self._painter.paint(surface, shown, self._chrome(view, hover))
         pygame.display.flip()
         self.frames += 1
 
     def _chrome(self, view: View, hover: str | None) -> Chrome:
-        key = (view.state, view.me, hover)
+        interrupted = (view.pause is not None, view.offline is not None, view.frozen)
+        key = (view.state, view.me, hover, interrupted)
         if self._advice is None or self._advice[0] != key:
             self._advice = (key, self._tips(view, hover), self._prompt(view))
         _, tips, prompt = self._advice
@@ -153,6 +154,10 @@ class Window:
         )
 
     def _prompt(self, view: View) -> str:
+        if view.pause is not None and view.offline is None:
+            return "T to chat · H for help"
+        if view.frozen:
+            return ""
         if view.me is None:
             return "You are watching · H for help"
         options = self._controls_of(view).options(view.state, view.me)
@@ -222,6 +227,8 @@ class Window:
 
     def _do(self, read: Callable[[View], Meaning], source: Source, view: View) -> None:
         """Act on an input, or keep it until the player is no longer busy."""
+        if view.frozen:
+            return
         meaning = read(view)
         self._pending = None
         if meaning.action is not None:
@@ -233,7 +240,9 @@ class Window:
             self._tell(meaning.hint[0].upper() + meaning.hint[1:])
 
     def _retry(self, source: Source, view: View) -> None:
-        if self._pending is None or view.me is None or view.state.busy_steps(view.me):
+        if self._pending is None or view.me is None or view.frozen:
+            return
+        if view.state.busy_steps(view.me):
             return
         read, self._pending = self._pending, None
         self._notice = ""

@@ -82,6 +82,9 @@ class Episode:
         self._next_step = 0.0
         self._backlog: float | None = None
         self._expected: set[str] = set()
+        self._all_present = False
+        self._scheduled = rules.scheduled
+        self._by_turns = rules.clock is Clock.TURN
         self._events: list[Event] = []
         self._told_holds: tuple[str, ...] = ()
         self._watch_absence(now)
@@ -193,6 +196,7 @@ class Episode:
 
     def _watch_absence(self, now: float) -> None:
         here = [seat.present for seat in self.seats.values()]
+        self._all_present = all(here)
         waiting = self.phase is Phase.WAITING
         patience = max(self.rules.grace, LOBBY_SECONDS) if waiting else self.rules.grace
         self._set(Hold.DESERTED, not any(here), now + patience)
@@ -354,7 +358,7 @@ class Episode:
     @property
     def on_turn(self) -> str | None:
         """Whose turn it is, with the turn clock."""
-        if self.rules.clock is not Clock.TURN or self.phase is not Phase.RUNNING:
+        if not self._by_turns or self.phase is not Phase.RUNNING:
             return None
         return self.world.players[self._turn]
 
@@ -362,12 +366,18 @@ class Episode:
         """When `tick` has something to do; None while only messages can move the episode."""
         if self.phase is Phase.OVER:
             return None
-        times = [self.holds.due() if self.holds else None, self._seat_due()]
-        if self.phase is Phase.RUNNING and not self.holds:
-            if self._backlog is not None:
-                times.append(self._backlog)
-            times.append(self._next_step if self.rules.scheduled else self._deadline)
+        if self._all_present and not self.holds.until:
+            return self._clock_due()
+        clock = None if self.holds else self._clock_due()
+        times = (clock, self.holds.due(), self._seat_due())
         return min((time for time in times if time is not None), default=None)
+
+    def _clock_due(self) -> float | None:
+        if self.phase is not Phase.RUNNING:
+            return None
+        if self._backlog is not None:
+            return self._backlog
+        return self._next_step if self._scheduled else self._deadline
 
     def _seat_due(self) -> float | None:
         """When the next absent participant loses the seat, or ends the game."""
@@ -380,6 +390,19 @@ class Episode:
 
     def tick(self, now: float) -> None:
         """Let time pass: take the steps that are due, give up what has been waited for enough."""
+        if self.holds.until or not self._all_present:
+            self._tick_absence(now)
+        if self.phase is not Phase.RUNNING or self.holds.until:
+            return
+        if self._scheduled:
+            self._take_scheduled(now)
+        elif self._backlog is not None:
+            self._advance(now)
+        elif self._deadline is not None and now >= self._deadline:
+            self._take_step(now)
+            self._advance(now)
+
+    def _tick_absence(self, now: float) -> None:
         for why in self.holds.expired(now):
             if why in (Hold.DESERTED, Hold.ABSENCE):
                 self._end(Reason.ABANDONED, now, self._whom_we_miss())
@@ -389,15 +412,6 @@ class Episode:
         due = self._seat_due()
         if due is not None and now >= due:
             self._give_up_seats(now)
-        if self.phase is not Phase.RUNNING or self.holds:
-            return
-        if self.rules.scheduled:
-            self._take_scheduled(now)
-        elif self._backlog is not None:
-            self._advance(now)
-        elif self._deadline is not None and now >= self._deadline:
-            self._take_step(now)
-            self._advance(now)
 
     def _whom_we_miss(self) -> str:
         if Hold.DESERTED in self.holds:
@@ -418,6 +432,8 @@ class Episode:
 
     def events(self) -> list[Event]:
         """What has happened since this was last asked, in order."""
+        if not self._events:
+            return []
         events, self._events = self._events, []
         return events
 
@@ -448,7 +464,7 @@ class Episode:
     def _advance(self, now: float) -> None:
         """Take steps for as long as nobody needs to be waited for."""
         self._backlog = None
-        if self.rules.scheduled:
+        if self._scheduled:
             return
         for _ in range(MAX_STEPS_AT_ONCE):
             if self.phase is not Phase.RUNNING or self.holds:
@@ -475,16 +491,15 @@ class Episode:
 
     def _take_step(self, now: float) -> None:
         moves = self._moves()
-        event = self._transition(moves, self._elapsed(now))
-        self._emit(event)
-        if self.state.goal_reached:
+        if self._transition(moves, self._elapsed(now)):
             self._end(Reason.GOAL, now)
         elif self.step >= self.rules.max_steps:
             self._end(Reason.STEP_LIMIT, now)
         else:
             self._ask(now)
 
-    def _transition(self, moves: tuple[Move, ...], time: float) -> Stepped:
+    def _transition(self, moves: tuple[Move, ...], time: float) -> bool:
+        """Take a joint action; whether it reaches the goal."""
         before = self.state
         result = before.step([move.action for move in moves])
         self.step += 1
@@ -496,7 +511,8 @@ class Episode:
         self._count(moves, [attempt.applied for attempt in result.attempts])
         self._turn = (self._turn + 1) % len(self.world.players)
         turn = self.on_turn
-        return Stepped(self.step, time, moves, result.attempts, before, self.state, turn)
+        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn))
+        return result.goal_reached
 
     def _moves(self) -> tuple[Move, ...]:
         """The joint action: in order of arrival where the wall clock rules, else in seat order."""
@@ -516,9 +532,9 @@ class Episode:
                         pending.reasoning,
                     )
                     ready.append((pending.order, move))
-        if self.rules.scheduled:
+        if self._scheduled and len(ready) > 1:
             ready.sort(key=lambda pair: pair[0])
-        return tuple(move for _, move in ready)
+        return tuple([move for _, move in ready])
 
     def _count(self, moves: tuple[Move, ...], applied: list[bool]) -> None:
         acted = {move.player: ok for move, ok in zip(moves, applied, strict=True)}
@@ -564,6 +580,7 @@ class Episode:
             seat = self.seats[move.player]
             seat.seq = max(seat.seq, move.seq)
         self._transition(moves, 0.0)
+        self._events.clear()
 
     def go_on(self, now: float, *, elapsed: float, patience: float) -> None:
         """After a restart: everybody who was present is waited for, for `patience` seconds."""

@@ -46,6 +46,7 @@ class StateWriter:
         self.world = world
         self.predicates = list(world.table.fluents)
         self._last: tuple[State, State, dict[str, Any]] | None = None
+        self._digest: tuple[State, str] | None = None
 
     def tables(self, state: State) -> dict[str, Any]:
         """The tables one needs to read the facts of a state."""
@@ -66,6 +67,12 @@ class StateWriter:
             "busy": dict(state.timers.busy),
         }
 
+    def digest(self, state: State) -> str:
+        """The content hash of a state; that of the last one is kept."""
+        if self._digest is None or self._digest[0] is not state:
+            self._digest = state, state.digest
+        return self._digest[1]
+
     def changes(self, before: State, after: State) -> dict[str, Any]:
         """What differs between two states; only what did change is there.
 
@@ -77,8 +84,11 @@ class StateWriter:
 
     def _changes(self, before: State, after: State) -> dict[str, Any]:
         fields: dict[str, Any] = {}
-        known_size = self.world.table_size(before.facts)
-        size = self.world.table_size(after.facts)
+        if before.facts.bit_length() != after.facts.bit_length():
+            known_size = self.world.table_size(before.facts)
+            size = self.world.table_size(after.facts)
+        else:
+            known_size = size = 0
         if size > known_size:
             known = [thing.name for thing in self._objects(0, known_size)]
             new = self._objects(known_size, size)

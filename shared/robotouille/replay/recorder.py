@@ -136,7 +136,7 @@ def step_frames(
         frame["unmet"] = unmet
     frame |= writer.changes(before, after)
     if step % HASH_EVERY == 0:
-        frame["hash"] = after.digest
+        frame["hash"] = writer.digest(after)
     output = pack_frame(frame)
     if step % SNAPSHOT_EVERY == 0:
         output += keyframe(writer, step, after)
@@ -145,7 +145,9 @@ def step_frames(
 
 def keyframe(writer: StateWriter, step: int, state: State) -> bytes:
     """The frame of a whole state."""
-    return pack_frame({"kind": "state", "step": step, "hash": state.digest, **writer.values(state)})
+    return pack_frame(
+        {"kind": "state", "step": step, "hash": writer.digest(state), **writer.values(state)}
+    )
 
 
 def _ms(seconds: float) -> int:

@@ -134,7 +134,8 @@ class World:
 
         It depends on the facts alone, not on what other courses of play have created.
         """
-        return next(size for size in self._sizes if facts.bit_length() <= size)
+        length = facts.bit_length()
+        return next(size for size in self._sizes if length <= size)
 
     # Objects
 

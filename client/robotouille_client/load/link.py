@@ -1,0 +1,254 @@
+"""A WebSocket connection that costs a client next to nothing, so that one process holds thousands.
+
+The `websockets` library shakes hands; after that frames are taken apart here, without a task or a
+queue for each connection: a message is handed over in the event loop's read callback.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import ssl
+from collections.abc import Callable
+from random import getrandbits
+
+import msgpack
+from websockets.client import ClientProtocol
+from websockets.exceptions import InvalidURI, WebSocketException
+from websockets.http11 import Response
+from websockets.protocol import State
+from websockets.typing import Subprotocol
+from websockets.uri import WebSocketURI, parse_uri
+from websockets.utils import apply_mask
+
+from robotouille.errors import RobotouilleError
+from robotouille.protocol.codec import MSGPACK
+
+__all__ = ["Link", "RefusedError", "Traffic", "UnreachableError", "open_link", "server_address"]
+
+FIN = 0x80
+CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
+MASKED = 0x80
+
+
+class UnreachableError(RobotouilleError):
+    """Nobody answers at the server's address."""
+
+
+class RefusedError(RobotouilleError):
+    """The server does not take this connection."""
+
+
+class Traffic:
+    """Bytes and messages of many connections, with the WebSocket's framing."""
+
+    def __init__(self) -> None:
+        self.bytes_in = 0
+        self.bytes_out = 0
+        self.messages_in = 0
+        self.messages_out = 0
+
+
+class Link(asyncio.Protocol):
+    """One connection. `receive` gets each message's payload, `lost` is called once at its end."""
+
+    def __init__(self, uri: WebSocketURI, traffic: Traffic) -> None:
+        self.receive: Callable[[bytes], None] = _ignore
+        self.lost: Callable[[], None] = _nothing
+        self.ponged: Callable[[], None] = _nothing
+        self.opened: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self.opened.add_done_callback(_retrieved)
+        self._handshake = ClientProtocol(uri, subprotocols=[Subprotocol(MSGPACK.name)])
+        self._traffic = traffic
+        self._transport: asyncio.Transport | None = None
+        self._rest = b""
+        self._parts: list[bytes] = []
+
+    # What the event loop calls
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._handshake.send_request(self._handshake.connect())
+        for data in self._handshake.data_to_send():
+            transport.write(data)
+            self._traffic.bytes_out += len(data)
+
+    def data_received(self, data: bytes) -> None:
+        self._traffic.bytes_in += len(data)
+        if self._rest:
+            data = self._rest + data
+        if not self.opened.done():
+            head, separator, data = data.partition(b"\r\n\r\n")
+            if not separator:
+                self._rest = head
+                return
+            self._answered(head + separator, data)
+        if not self.opened.exception():
+            self._take_frames(data)
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self._transport = None
+        if not self.opened.done():
+            reason = "the server closed the connection instead of a handshake"
+            self.opened.set_exception(UnreachableError(reason))
+        self.lost()
+
+    # Handshake
+
+    def _answered(self, head: bytes, body: bytes) -> None:
+        refusal = head.startswith(b"HTTP/1.1 ") and not head.startswith(b"HTTP/1.1 101")
+        self._handshake.receive_data(head + body if refusal else head)
+        if refusal:
+            self._handshake.receive_eof()
+        for event in self._handshake.events_received():
+            if isinstance(event, Response) and self._handshake.state is not State.OPEN:
+                self._refuse(_said(event))
+        if self.opened.done():
+            return
+        if self._handshake.state is not State.OPEN:
+            line = head.partition(b"\r\n")[0].decode(errors="replace")
+            self._refuse(f"it answers {line[:80]!r}, which opens no WebSocket")
+        elif self._handshake.subprotocol is None:
+            self._refuse(f"it does not speak {MSGPACK.name}")
+        else:
+            self.opened.set_result(None)
+
+    def _refuse(self, reason: str) -> None:
+        self.opened.set_exception(RefusedError(reason))
+        self.abort()
+
+    # Frames
+
+    def _take_frames(self, data: bytes) -> None:
+        """Hand over the whole frames of `data`, keep the rest."""
+        at, size = 0, len(data)
+        while size - at >= 2:
+            length, start = data[at + 1], at + 2
+            if length >= 126:
+                start += 2 if length == 126 else 8
+                if size < start:
+                    break
+                length = int.from_bytes(data[at + 2 : start])
+            end = start + length
+            if end > size:
+                break
+            self._take_frame(data[at], data[start:end])
+            at = end
+        self._rest = data[at:]
+
+    def _take_frame(self, first: int, payload: bytes) -> None:
+        code = first & 0x0F
+        if first in (FIN | BINARY, FIN | TEXT):
+            self._traffic.messages_in += 1
+            self.receive(payload)
+        elif code == PING:
+            self._write(FIN | PONG, payload)
+        elif code == PONG:
+            self.ponged()
+        elif code == CLOSE:
+            self._write(FIN | CLOSE, payload[:2])
+            self.close()
+        elif code in (CONTINUATION, BINARY, TEXT):
+            self._parts.append(payload)
+            if first & FIN:
+                whole, self._parts = b"".join(self._parts), []
+                self._traffic.messages_in += 1
+                self.receive(whole)
+
+    def _write(self, first: int, payload: bytes) -> None:
+        if self._transport is None:
+            return
+        size = len(payload)
+        if size < 126:
+            head = bytes((first, MASKED | size))
+        elif size < 1 << 16:
+            head = bytes((first, MASKED | 126)) + size.to_bytes(2)
+        else:
+            head = bytes((first, MASKED | 127)) + size.to_bytes(8)
+        mask = getrandbits(32).to_bytes(4)
+        frame = b"".join((head, mask, apply_mask(payload, mask)))
+        self._traffic.bytes_out += len(frame)
+        self._transport.write(frame)
+
+    # What a participant calls
+
+    def send(self, message: dict[str, object]) -> None:
+        """Send a message; dropped silently on a connection that is closed."""
+        self._traffic.messages_out += 1
+        self._write(FIN | BINARY, msgpack.packb(message))
+
+    def ping(self) -> None:
+        """Send a ping; `ponged` is called when its answer is here."""
+        self._write(FIN | PING, b"load")
+
+    def stop_reading(self) -> None:
+        """Leave what comes in the network's buffers, made as small as they can be, for good."""
+        if self._transport is not None:
+            self._transport.get_extra_info("socket").setsockopt(
+                socket.SOL_SOCKET, socket.SO_RCVBUF, 1
+            )
+            self._transport.pause_reading()
+
+    def close(self) -> None:
+        """Close once everything is sent."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def abort(self) -> None:
+        """Cut the connection off, as a failing line does."""
+        if self._transport is not None:
+            self._transport.abort()
+
+
+def server_address(url: str) -> WebSocketURI:
+    """A server's URL, taken apart; RobotouilleError if it is none."""
+    try:
+        return parse_uri(url)
+    except (InvalidURI, ValueError) as error:
+        raise RobotouilleError(f"{url!r} is no WebSocket URL like ws://host:8765") from error
+
+
+async def open_link(uri: WebSocketURI, traffic: Traffic, seconds: float) -> Link:
+    """A connection after its handshake; UnreachableError or RefusedError says why there is none."""
+    loop = asyncio.get_running_loop()
+    context = ssl.create_default_context() if uri.secure else None
+    where = f"{uri.host}:{uri.port}"
+    link: Link | None = None
+    try:
+        async with asyncio.timeout(seconds):
+            _, link = await loop.create_connection(
+                lambda: Link(uri, traffic), uri.host, uri.port, ssl=context
+            )
+            await link.opened
+    except TimeoutError:
+        if link is not None:
+            link.abort()
+        raise UnreachableError(f"{where} did not answer in {seconds:g} s") from None
+    except OSError as error:
+        raise UnreachableError(f"no server at {where}: {error.strerror or error}") from None
+    except WebSocketException as error:
+        raise RefusedError(f"{where}: {error}") from None
+    except RobotouilleError as error:
+        raise type(error)(f"{where}: {error}") from None
+    return link
+
+
+def _said(response: Response) -> str:
+    body = (response.body or b"").decode(errors="replace").strip()
+    status = f"HTTP status {response.status_code} ({response.reason_phrase})"
+    return f"{status}: {body.splitlines()[0]}" if body else status
+
+
+def _ignore(payload: bytes) -> None:
+    del payload
+
+
+def _nothing() -> None:
+    pass
+
+
+def _retrieved(future: asyncio.Future[None]) -> None:
+    """So that nobody complains about an exception that was not asked for."""
+    if not future.cancelled():
+        future.exception()

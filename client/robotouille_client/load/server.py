@@ -1,0 +1,181 @@
+"""The server under load as the machine and its own metrics show it."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import re
+import socket
+import time
+from dataclasses import dataclass, field
+from urllib.error import URLError
+from urllib.request import urlopen
+
+from robotouille.errors import MissingExtraError, RobotouilleError
+
+__all__ = ["Page", "Sample", "ServerProcess", "fetch_page", "is_here", "listener"]
+
+LATENESS = "robotouille_step_lateness_seconds"
+FETCH_SECONDS = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The server's use of the machine at a time (monotonic seconds)."""
+
+    at: float
+    cpu: float
+    """Seconds of processor time so far, children included."""
+    memory: int
+    """Bytes resident, children included."""
+    busy: float
+    """Seconds of processor time that everything on the machine has used so far."""
+
+
+class ServerProcess:
+    """A local process and its children; RobotouilleError if it is not there."""
+
+    def __init__(self, pid: int) -> None:
+        try:
+            import psutil
+        except ImportError:
+            raise MissingExtraError("Watching a process", "load") from None
+        self._psutil = psutil
+        self.pid = pid
+        try:
+            self._process = psutil.Process(pid)
+            self._process.cpu_times()
+        except psutil.Error as error:
+            raise RobotouilleError(f"process {pid}: {_psutil_said(error)}") from None
+
+    def sample(self) -> Sample | None:
+        """How it is now; None if it is gone."""
+        psutil = self._psutil
+        cpu, memory = 0.0, 0
+        try:
+            family = [self._process, *self._process.children(recursive=True)]
+        except psutil.Error:
+            return None
+        for process in family:
+            try:
+                with process.oneshot():
+                    times = process.cpu_times()
+                    cpu += times.user + times.system
+                    memory += process.memory_info().rss
+            except psutil.Error:
+                continue
+        all_times = psutil.cpu_times()
+        idle = all_times.idle + getattr(all_times, "iowait", 0.0)
+        return Sample(time.monotonic(), cpu, memory, sum(all_times) - idle)
+
+
+def listener(port: int) -> int | None:
+    """The process that listens on a local port; None if that cannot be seen."""
+    try:
+        import psutil
+    except ImportError:
+        return None
+    try:
+        connections = psutil.net_connections(kind="tcp")
+    except psutil.Error:
+        return None
+    found = [c.pid for c in connections if c.status == "LISTEN" and c.laddr.port == port and c.pid]
+    return _eldest(found) if found else None
+
+
+def _eldest(pids: list[int]) -> int:
+    """Of the processes that share a port, the parent of the others."""
+    import psutil
+
+    for pid in sorted(pids):
+        try:
+            parents = {parent.pid for parent in psutil.Process(pid).parents()}
+        except psutil.Error:
+            continue
+        shared = parents & set(pids)
+        return min(shared) if shared else pid
+    return pids[0]
+
+
+def is_here(host: str) -> bool:
+    """Whether a host is this machine, as far as its addresses tell."""
+    try:
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError:
+        return False
+    return all(ipaddress.ip_address(str(a).partition("%")[0]).is_loopback for a in addresses)
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """The server's metrics at a time: plain values, and the buckets of the step lateness."""
+
+    values: dict[str, float] = field(default_factory=dict)
+    lateness: dict[float, float] = field(default_factory=dict)
+    """Steps that were at most so many seconds late."""
+
+    @property
+    def steps(self) -> float:
+        return self.values.get(f"{LATENESS}_count", 0.0)
+
+    def since(self, before: Page) -> Page:
+        """What was added after an earlier page."""
+        values = {name: value - before.values.get(name, 0.0) for name, value in self.values.items()}
+        lateness = {le: n - before.lateness.get(le, 0.0) for le, n in self.lateness.items()}
+        return Page(values, lateness)
+
+    def share_within(self, seconds: float) -> float | None:
+        """The share of steps at most so late, for a bucket's limit; None where nothing says."""
+        within = self.lateness.get(seconds)
+        return within / self.steps if within is not None and self.steps else None
+
+    def percentile(self, percent: float) -> float | None:
+        """Seconds that `percent` of the steps are not later than, interpolated in its bucket."""
+        wanted = self.steps * percent / 100
+        low, before = 0.0, 0.0
+        for limit, within in sorted(self.lateness.items()):
+            if within >= wanted and within > before:
+                if limit == float("inf"):
+                    return low
+                return low + (limit - low) * (wanted - before) / (within - before)
+            low, before = limit, within
+        return None
+
+
+async def fetch_page(url: str) -> Page | None:
+    """The metrics at a URL; None where there are none."""
+    try:
+        text = await asyncio.to_thread(_read, url)
+    except (URLError, OSError, ValueError):
+        return None
+    return parse_page(text)
+
+
+def _read(url: str) -> str:
+    if not url.startswith(("http://", "https://")):
+        raise ValueError("only http and https are read")
+    with urlopen(url, timeout=FETCH_SECONDS) as answer:  # noqa: S310
+        content: bytes = answer.read()
+    return content.decode(errors="replace")
+
+
+def parse_page(text: str) -> Page:
+    """The exposition format of Prometheus, as far as it is needed here."""
+    values: dict[str, float] = {}
+    lateness: dict[float, float] = {}
+    for line in text.splitlines():
+        match = re.fullmatch(r"(\w+)(?:\{(.*)\})? (\S+)(?: \d+)?", line)
+        if match is None:
+            continue
+        name, labels, value = match[1], match[2] or "", float(match[3])
+        limit = re.search(r'le="([^"]+)"', labels)
+        if name == f"{LATENESS}_bucket" and limit:
+            le = float(limit[1])
+            lateness[le] = lateness.get(le, 0.0) + value
+        else:
+            values[name] = values.get(name, 0.0) + value
+    return Page(values, lateness)
+
+
+def _psutil_said(error: Exception) -> str:
+    return str(getattr(error, "msg", "") or error)

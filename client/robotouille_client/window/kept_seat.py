@@ -1,0 +1,82 @@
+"""The seat of a window whose process stopped: who opens it again on this machine gets it back."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows: seats are not kept there
+    fcntl = None  # type: ignore[assignment]
+
+__all__ = ["KeptSeat", "kept_seat", "state_folder"]
+
+
+class KeptSeat:
+    """A file with the resume token of one window, readable by its owner alone.
+
+    The window that is open holds a lock on it: another one of the same name is another player.
+    """
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path = path
+        self._descriptor = descriptor
+        self._written = os.pread(descriptor, 4096, 0).decode("ascii", "replace").strip()
+
+    @property
+    def token(self) -> str | None:
+        return self._written or None
+
+    def keep(self, token: str | None) -> None:
+        """Write down the newest token; one that cannot be written is no reason to stop."""
+        if token is None or token == self._written:
+            return
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._descriptor, 0)
+            os.pwrite(self._descriptor, token.encode("ascii"), 0)
+            self._written = token
+
+    def forget(self) -> None:
+        """The game is over: there is nothing to come back to."""
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
+
+
+@contextmanager
+def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat | None]:
+    """The kept seat of a name in an episode; None where another window has it, or none can be."""
+    key = "\n".join((url, code.strip().replace("-", "").upper(), name))
+    path = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.seat"
+    descriptor = _locked(path)
+    try:
+        yield KeptSeat(path, descriptor) if descriptor is not None else None
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _locked(path: Path) -> int | None:
+    if fcntl is None:
+        return None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def state_folder() -> Path:
+    """Where the seats of this user are kept."""
+    home = os.environ.get("XDG_STATE_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "state") / "robotouille" / "seats"

@@ -1,0 +1,89 @@
+"""Why a game stands still or is over for somebody, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from math import ceil
+
+from robotouille.protocol.messages import SeatInfo
+from robotouille_client.window.view import Farewell
+
+__all__ = ["clock_words", "farewell", "outcome_words", "pause_words"]
+
+REASONS = {
+    "goal": "Goal reached",
+    "step_limit": "Out of steps",
+    "abandoned": "Given up",
+    "aborted": "Stopped",
+}
+
+FAREWELLS = {
+    "session/elsewhere": Farewell(
+        "This seat is now played from another window",
+        "Only the newer window plays on.",
+    ),
+    "server/stopped": Farewell("The server was stopped", "The game cannot go on here."),
+    "rate/limited": Farewell("The server closed the connection", "It got far too many messages."),
+}
+
+
+def outcome_words(outcome: Mapping[str, object]) -> str:
+    """`Goal reached in 31 steps`."""
+    reason = REASONS.get(str(outcome["reason"]), str(outcome["reason"]))
+    link = "in" if outcome["reason"] == "goal" else "after"
+    detail = f": {outcome['detail']}" if outcome.get("detail") else ""
+    return f"{reason} {link} {outcome['steps']} steps{detail}"
+
+
+def clock_words(clock: str, rules: Mapping[str, object]) -> str:
+    """`real time, 5 steps a second`."""
+    if clock == "realtime":
+        return f"real time, {rules['step_rate']:g} steps a second"
+    budget = rules.get("move_budget")
+    return f"{clock}, {budget:g} s a move" if budget else clock
+
+
+def farewell(code: str, reason: str) -> Farewell:
+    """Why the owner of a window is out of a game that may go on without: by the code of the
+    server's `bye`, else in the server's own words."""
+    known = FAREWELLS.get(code)
+    if known is not None:
+        return known
+    words = reason.strip() or "the connection was closed"
+    ending = "" if words[-1] in ".!?" else "."
+    return Farewell("You are out of this game", f"{words[0].upper()}{words[1:]}{ending}")
+
+
+def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> tuple[str, str]:
+    """Why a game stands still, and what it waits for, with the seconds that are left."""
+    away = [seat.name for seat in seats if seat.name and not seat.present]
+    waiting = "Waiting" if left is None else f"Waiting {ceil(left)} s"
+    match reason:
+        case "absence":
+            return _who_is_missing(away, list(seats)), f"{waiting}, then the game ends."
+        case "restart":
+            whom = _listed(away) or "the others"
+            return "The server was restarted", f"{waiting} for {whom}."
+        case "operator":
+            return "Paused by the operator", "The game goes on when the operator says so."
+        case "storage":
+            return (
+                "The recording cannot be written",
+                "Nothing is lost: the game goes on as soon as the server can write again.",
+            )
+        case "deserted":
+            return "Everybody is away", f"{waiting}, then the game ends."
+    return "The game stands still", f"{reason}. {waiting}."
+
+
+def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:
+    if len(away) == 1:
+        return f"{away[0]}'s connection is lost"
+    if away:
+        return f"{_listed(away)} have lost their connections"
+    free = [seat.player for seat in seats if not seat.name]
+    return f"Nobody plays {_listed(free) or 'a seat'}"
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

@@ -1,0 +1,162 @@
+"""A window's pictures of an episode on a server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from robotouille.episode import Controller
+from robotouille.protocol import messages
+from robotouille.protocol.messages import SeatInfo
+from robotouille.world.actions import GroundAction
+from robotouille.world.state import State
+from robotouille_client.game import Announced, Changed, Game, Heard, Over, Refused
+from robotouille_client.window.reasons import clock_words, farewell, outcome_words, pause_words
+from robotouille_client.window.sources import GLIDE_SECONDS
+from robotouille_client.window.talk import Talk
+from robotouille_client.window.view import Farewell, Pause, SeatView, View
+
+__all__ = ["RemoteSource"]
+
+
+class _Countdown:
+    """Counts on between the messages that tell how long a pause lasts."""
+
+    def __init__(self) -> None:
+        self._told: messages.Pause | None = None
+        self._until = 0.0
+        self._whole = 0.0
+
+    def left(self, pause: messages.Pause, now: float) -> float | None:
+        """The seconds until a pause ends by itself; None if it does not."""
+        if pause is not self._told:
+            begun_anew = self._told is None or self._told.reason != pause.reason
+            self._told, self._until = pause, now + (pause.left or 0.0)
+            self._whole = max(0.0 if begun_anew else self._whole, pause.left or 0.0)
+        return None if pause.left is None else max(0.0, self._until - now)
+
+    def share(self, left: float | None) -> float:
+        """What is left of the whole wait, from 1 down to 0."""
+        if left is None or self._whole <= 0.0:
+            return 1.0
+        return min(1.0, left / self._whole)
+
+    def over(self) -> None:
+        """The game goes on; another pause has a countdown of its own."""
+        self._told = None
+
+
+class RemoteSource:
+    """An episode on a server, through a `Game`."""
+
+    def __init__(
+        self, game: Game, now: Callable[[], float], connected: Callable[[], bool] = lambda: True
+    ) -> None:
+        self._game = game
+        self._connected = connected
+        self._now = now
+        self._talk = Talk(now)
+        self._countdown = _Countdown()
+        self._previous: State | None = None
+        self._lost_at: float | None = None
+        self._farewell: Farewell | None = None
+
+    def view(self) -> View:
+        game = self._game
+        for event in game.poll():
+            match event:
+                case Changed():
+                    self._previous = event.previous
+                    self._show_rejections(event)
+                case Refused() if game.seat:
+                    self._talk.refused(game.seat, event.reasons)
+                case Heard():
+                    self._talk.said(event.name, event.seat, event.text)
+                case Announced():
+                    self._talk.announced(event.text)
+                case Over() if not event.outcome:
+                    self._farewell = farewell(event.code, event.reason)
+                case _:
+                    pass
+        return View(
+            world=game.world,
+            state=game.state,
+            previous=self._previous,
+            step=game.step,
+            max_steps=game.clock.get("max_steps"),
+            clock=clock_words(str(game.clock.get("clock", "")), game.clock),
+            phase=self._phase(),
+            seats=tuple(map(self._seat, game.seats)),
+            me=game.seat,
+            bubbles=self._talk.bubbles,
+            chat=self._talk.lines,
+            status=self._status(),
+            code=game.code,
+            outcome=outcome_words(game.outcome) if game.outcome else "",
+            notice=self._talk.notice,
+            pause=self._pause(),
+            offline=self._offline(),
+            farewell=self._farewell,
+        )
+
+    def _seat(self, seat: SeatInfo) -> SeatView:
+        by_bot = seat.controller == Controller.STAND_IN
+        stand_in = str(self._game.clock.get("stand_in", "bot")) if by_bot else ""
+        return SeatView(
+            seat.player, seat.name, seat.kind, seat.present, seat.applied, seat.rejected, stand_in
+        )
+
+    def _pause(self) -> Pause | None:
+        game = self._game
+        if game.pause is None or not game.paused or game.ended:
+            self._countdown.over()
+            return None
+        left = self._countdown.left(game.pause, self._now())
+        why, detail = pause_words(game.pause.reason, game.seats, left)
+        return Pause(why, detail, left, self._countdown.share(left))
+
+    def _offline(self) -> float | None:
+        """For how many seconds the connection has been away."""
+        if self._connected() or self._game.ended:
+            self._lost_at = None
+            return None
+        now = self._now()
+        if self._lost_at is None:
+            self._lost_at = now
+        return now - self._lost_at
+
+    def _show_rejections(self, event: Changed) -> None:
+        for player, action, applied in event.did:
+            if not applied:
+                self._talk.refused(player, (f"too late: {action.sentence}",))
+
+    def _phase(self) -> float:
+        elapsed = self._now() - self._game.step_time
+        scheduled = self._game.clock.get("clock") == "realtime"
+        period = 1 / self._game.clock["step_rate"] if scheduled else GLIDE_SECONDS
+        return min(1.0, max(0.0, elapsed / period))
+
+    def _status(self) -> str:
+        game = self._game
+        if game.ended:
+            return "Out of the game" if not game.outcome else ""
+        if not self._connected():
+            return "Connection lost"
+        if game.paused:
+            return "Paused"
+        if game.phase == "waiting":
+            free = sum(not seat.name for seat in game.seats)
+            return f"Waiting for {free} more player{'s' * (free != 1)}"
+        if game.turn is not None:
+            return "Your turn" if game.turn == game.seat else f"{game.turn}'s turn"
+        return ""
+
+    def act(self, action: GroundAction) -> None:
+        if self._game.running and self._connected():
+            self._game.submit(action)
+
+    def say(self, text: str) -> None:
+        self._game.say(text)
+
+    @property
+    def finished(self) -> bool:
+        return self._game.ended

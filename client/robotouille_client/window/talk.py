@@ -1,0 +1,60 @@
+"""What was said, announced and refused lately."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from robotouille_client.window.view import Bubble
+
+__all__ = ["Talk"]
+
+BUBBLE_SECONDS = 3.0
+CHAT_LINES = 6
+NOTICE_SECONDS = 6.0
+READING_SECONDS = 0.06
+"""For how much longer an announcement is shown for each of its letters."""
+
+
+class Talk:
+    """Keeps words for as long as they are to be seen."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
+        self._bubbles: list[tuple[float, Bubble]] = []
+        self._lines: list[tuple[str, str]] = []
+        self._notice = ""
+        self._notice_until = 0.0
+
+    def refused(self, player: str, reasons: tuple[str, ...]) -> None:
+        if any(reason.startswith("superseded") for reason in reasons):
+            return
+        self._add(Bubble.rejection(player, reasons))
+
+    def said(self, name: str, player: str, text: str) -> None:
+        self._lines.append((name, text))
+        if player:
+            self._add(Bubble(player, text, "chat"))
+
+    def announced(self, text: str) -> None:
+        """Words of the operator: in the chat under no name, and as a notice for a while."""
+        self._lines.append(("", text))
+        self._notice = text
+        self._notice_until = self._now() + NOTICE_SECONDS + READING_SECONDS * len(text)
+
+    def _add(self, bubble: Bubble) -> None:
+        kept = [(t, b) for t, b in self._bubbles if b.player != bubble.player]
+        self._bubbles = [*kept, (self._now(), bubble)]
+
+    @property
+    def bubbles(self) -> tuple[Bubble, ...]:
+        now = self._now()
+        return tuple(b for t, b in self._bubbles if now - t < BUBBLE_SECONDS)
+
+    @property
+    def lines(self) -> tuple[tuple[str, str], ...]:
+        return tuple(self._lines[-CHAT_LINES:])
+
+    @property
+    def notice(self) -> str:
+        """The last announcement, while it is new."""
+        return self._notice if self._now() < self._notice_until else ""

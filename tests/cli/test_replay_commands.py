@@ -1,0 +1,132 @@
+"""What the replay commands say about who played, and about pauses and restarts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from robotouille import World
+from robotouille.episode import Absence, Clock, Episode, Event, Hold, Rules
+from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import restore
+from robotouille_client.cli.main import app
+from tests.support.games import record
+
+TASK = World("multi_agent/01")
+
+
+def robotouille(*words: str) -> str:
+    done = CliRunner().invoke(app, list(words))
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+@pytest.fixture
+def eventful(tmp_path: Path) -> Path:
+    """Two steps a second; bob is away and a bot plays, the operator pauses, the server restarts."""
+    rules = Rules(clock=Clock.REALTIME, step_rate=2.0, absence=Absence.BOT, max_steps=10)
+    episode, events = Episode(TASK, rules), list[Event]()
+    episode.join("robot1", "ada", "human", 0.0, session="a")
+    episode.join("robot2", "bob\x1b[2J", "human", 0.0, session="b")
+    episode.tick(1.0)
+    episode.set_present("robot2", False, 1.0)
+    episode.tick(2.0)
+    episode.set_present("robot2", True, 2.0)
+    episode.tick(2.5)
+    episode.hold(Hold.OPERATOR, 2.5)
+    episode.announce("lunch", 3.0)
+    episode.say("ada", "robot1", "good\nidea", 4.0)
+    episode.release(Hold.OPERATOR, 10.0)
+    episode.tick(10.5)
+    events += episode.events()
+    found = restore(Recording(record(episode, events)), now=0.0, patience=5.0)
+    episode = found.episode
+    for player in TASK.players:
+        episode.set_present(player, True, 2.0)
+    episode.tick(3.0)
+    episode.hold(Hold.STORAGE, 3.0)
+    events += episode.events()
+    head = header(TASK.task, rules, episode="e1", code="ABCDE-FGHJK", owner="lab-7")
+    recorder = Recorder(TASK, head)
+    path = tmp_path / "eventful.rbt.part"
+    path.write_bytes(recorder.begin() + recorder.record(events))
+    return path
+
+
+def test_info_says_who_moved_which_seat_and_when_it_stood_still(eventful: Path) -> None:
+    lines = [
+        " ".join(line.split()) for line in robotouille("replay", "info", str(eventful)).splitlines()
+    ]
+    assert "moved by robot1: ada (human) in steps 1-8" in lines
+    bob = next(line for line in lines if line.startswith("robot2: "))
+    assert "in steps 1-2, a stand-in for bob" in bob
+    assert bob.count("in steps") == 3
+    assert "paused after step 5 for 7.5 s: by the operator" in lines
+    assert "after step 6 for 2 s: the server was restarted" in lines
+    assert lines[-2].endswith("until the file ends: the recording could not be written")
+    assert lines[-1] == "restarted after step 6"
+
+
+def test_info_as_json_has_the_same_for_programs(eventful: Path) -> None:
+    info = json.loads(robotouille("replay", "info", str(eventful), "--json"))
+    assert info["controllers"]["robot1"] == [
+        {"name": "ada", "controller": "human", "first": 1, "last": 8}
+    ]
+    course = [(s["controller"], s["first"], s["last"]) for s in info["controllers"]["robot2"]]
+    assert course == [("human", 1, 2), ("stand-in", 3, 4), ("human", 5, 8)]
+    assert [(p["step"], p["holds"], p["seconds"]) for p in info["pauses"]] == [
+        (5, ["operator"], 7.5),
+        (6, ["restart", "deserted"], 2.0),
+        (8, ["storage"], None),
+    ]
+    assert info["restarts"] == [6]
+    assert (info["episode"], info["code"], info["owner"]) == ("e1", "ABCDE-FGHJK", "lab-7")
+
+
+def test_notes_are_listed_in_order_with_their_step_and_time(eventful: Path) -> None:
+    lines = robotouille("replay", "notes", str(eventful)).splitlines()
+    words = [line.split(" s  ", 1)[1] for line in lines]
+    expected = [
+        "ada (human) takes robot1",
+        "the game begins",
+        "(robot2) is away, a stand-in plays",
+        "(robot2) is back",
+        "paused: by the operator",
+        "the operator: lunch",
+        "ada: good",
+        "the game goes on",
+        "the server was restarted",
+        "ada (robot1) is away",
+        "paused: the server was restarted",
+        "ada (robot1) is back",
+        "paused: the recording could not be written",
+    ]
+    found = iter(words)
+    for phrase in expected:
+        assert any(phrase in line for line in found), phrase
+    notice = next(line for line in lines if "lunch" in line)
+    assert notice.split()[:3] == ["5", "3.000", "s"]
+
+
+def test_what_participants_wrote_cannot_steer_the_terminal(eventful: Path) -> None:
+    for command in ("info", "notes"):
+        shown = robotouille("replay", command, str(eventful))
+        assert "bob" in shown
+        assert all(letter.isprintable() or letter == "\n" for letter in shown)
+
+
+def test_a_game_without_interruptions_has_no_such_lines(tmp_path: Path) -> None:
+    episode = Episode(TASK, Rules(clock=Clock.REALTIME, max_steps=3))
+    for player in TASK.players:
+        episode.join(player, player, "bot", 0.0)
+    episode.tick(5.0)
+    path = tmp_path / "plain.rbt.part"
+    path.write_bytes(record(episode, episode.events()))
+    shown = robotouille("replay", "info", str(path))
+    assert "moved by" in shown
+    assert "paused" not in shown
+    assert "restarted" not in shown

@@ -1,0 +1,129 @@
+"""The commands of a window and a bot: tokens, codes, and rules of the episode to open."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+import typer
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+from typer.testing import CliRunner
+
+from robotouille_client.bots import cli as bots
+from robotouille_client.window import cli
+from robotouille_server import Server
+from robotouille_server.roles import Role
+
+runner = CliRunner()
+client_app, bot_app = typer.Typer(), typer.Typer()
+client_app.command()(cli.command)
+bot_app.command()(bots.command)
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, module: object, *words: str, **env: str) -> dict:  # type: ignore[type-arg]
+    """What a command would do with these words: the arguments of its coroutine."""
+    found: dict[str, object] = {}
+
+    async def record(*arguments: object, **options: object) -> dict[str, object]:
+        found.update(arguments=arguments, **options)
+        return {"reason": "goal", "steps": 1}
+
+    monkeypatch.setattr(module, "_run", record)
+    app = client_app if module is cli else bot_app
+    done = runner.invoke(app, list(words), env=env)
+    assert done.exit_code == 0, done.output
+    return found
+
+
+@pytest.mark.parametrize(("module", "first"), [(cli, "--headless"), (bots, "random")])
+def test_a_token_comes_from_the_command_line_or_the_environment(
+    monkeypatch: pytest.MonkeyPatch, module: object, first: str
+) -> None:
+    given = typed(monkeypatch, module, first, "--token", "from-the-line")
+    assert "from-the-line" in given["arguments"]
+    given = typed(monkeypatch, module, first, ROBOTOUILLE_TOKEN="from-outside")
+    assert "from-outside" in given["arguments"]
+    given = typed(monkeypatch, module, first, "--token", "mine", ROBOTOUILLE_TOKEN="other")
+    assert "mine" in given["arguments"]
+
+
+def test_help_does_not_show_a_token() -> None:
+    shown = runner.invoke(client_app, ["--help"], env={"ROBOTOUILLE_TOKEN": "very-secret"})
+    assert "ROBOTOUILLE_TOKEN" in shown.output
+    assert "very-secret" not in shown.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--absence", "pause"], ["--stand-in", "random"], ["--grace", "5"], ["--seats", "2"]],
+)
+def test_rules_need_an_episode_to_open(words: list[str]) -> None:
+    done = runner.invoke(client_app, ["--headless", *words])
+    assert done.exit_code == 1
+    assert f"{words[0]} is for an episode that you open" in done.output
+
+
+async def look_in(server: Server, token: str | None, code: str | None, **opening: object) -> None:
+    """A window without a screen, until it is closed."""
+    await cli._run(
+        server.url, code, "ada", None, False, token,
+        cli._opening(opening.pop("create", None), **opening),  # type: ignore[arg-type]
+        size=(320, 240), headless=True, screenshot=None, screenshot_step=None, linger=0.5,
+    )  # fmt: skip
+
+
+async def until_joined(server: Server, window: asyncio.Task[None]) -> None:
+    for _ in range(100):
+        await asyncio.sleep(0.1)
+        if any(room.members for room in server.lobby.rooms.values()) or window.done():
+            return
+
+
+def test_an_episode_is_opened_with_rules_for_absence(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            rules = {"absence": "bot", "stand_in": "random", "grace": 7.5}
+            create = {"create": "multi_agent/02", **rules}
+            window = asyncio.create_task(look_in(server, None, None, **create))
+            await until_joined(server, window)
+            (room,) = server.lobby.rooms.values()
+            found = room.episode.rules.model_dump(mode="json")
+            assert {key: found[key] for key in rules} == rules
+            room.abort("enough")
+            await window
+
+    run(main())
+
+
+@pytest.mark.parametrize("write", [str.lower, str.upper, lambda code: code.replace("-", "")])
+def test_a_code_may_be_typed_with_or_without_dash_and_in_any_case(tmp_path: Path, write) -> None:  # type: ignore[no-untyped-def]
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            from robotouille.protocol.messages import Create
+
+            room = server.lobby.create(Create(task="multi_agent/02"))
+            assert len(room.code) == 11
+            assert room.code[5] == "-"
+            window = asyncio.create_task(look_in(server, None, write(room.code)))
+            await until_joined(server, window)
+            assert [member.name for member in room.members] == ["ada"]
+            room.abort("enough")
+            await window
+
+    run(main())
+
+
+def test_a_server_that_asks_for_a_token_gets_it(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, require_token=True) as server:
+            token = server.tokens.mint_role(Role.HOST, seconds=60.0, subject="lab-7")
+            window = asyncio.create_task(look_in(server, token, None, create="multi_agent/02"))
+            await until_joined(server, window)
+            (room,) = server.lobby.rooms.values()
+            assert [member.participant for member in room.members] == ["lab-7"]
+            room.abort("enough")
+            await window
+
+    run(main())

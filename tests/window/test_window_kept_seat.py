@@ -1,0 +1,90 @@
+"""Who opens a window again gets its seat back; a second one of the same name does not."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+
+from robotouille_client import Game
+from robotouille_client.window import cli
+from robotouille_client.window.kept_seat import kept_seat
+from robotouille_server import Server
+
+
+async def window(server: Server, code: str, name: str) -> None:
+    await cli._run(
+        server.url, code, name, None, False, None, None,
+        size=(320, 240), headless=True, screenshot=None, screenshot_step=None, linger=0.5,
+    )  # fmt: skip
+
+
+async def killed(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+
+
+def test_a_window_that_was_killed_comes_back_into_its_seat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def stay(game: Game, *_: object, **__: object) -> None:
+        while not game.ended:
+            await asyncio.sleep(0.1)
+        await asyncio.sleep(1.0)
+
+    monkeypatch.setattr(cli, "_show", stay)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    async def main() -> None:
+        from robotouille.protocol.messages import Create
+
+        async with serving(tmp_path / "recordings") as server:
+            room = server.lobby.create(Create(task="multi_agent/02"))
+            seats = room.episode.seats
+            first = asyncio.create_task(window(server, room.code, "ada"))
+            await asyncio.sleep(1.0)
+            second = asyncio.create_task(window(server, room.code, "ada"))
+            await asyncio.sleep(1.0)
+            assert [seat.present for seat in seats.values()] == [True, True]
+            await killed(first)
+            await asyncio.sleep(1.0)
+            assert [seat.present for seat in seats.values()] == [False, True]
+            again = asyncio.create_task(window(server, room.code.lower(), "ada"))
+            await asyncio.sleep(1.0)
+            assert [seat.present for seat in seats.values()] == [True, True]
+            assert not again.done()
+            room.abort("enough")
+            await asyncio.gather(again, second)
+        assert not list((tmp_path / "state" / "robotouille" / "seats").glob("*.seat"))
+
+    run(main())
+
+
+def test_a_kept_seat_is_its_owners_and_one_windows_alone(tmp_path: Path) -> None:
+    with kept_seat(tmp_path, "ws://a", "KQXZB-MMTRW", "ada") as kept:
+        assert kept is not None
+        assert kept.token is None
+        kept.keep("one.two.three")
+        (path,) = tmp_path.iterdir()
+        assert path.stat().st_mode & 0o077 == 0
+        with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as other:
+            assert other is None
+        with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "bob") as other:
+            assert other is not None
+    with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as kept:
+        assert kept is not None
+        assert kept.token == "one.two.three"
+        kept.forget()
+    with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as kept:
+        assert kept is not None
+        assert kept.token is None
+
+
+def test_a_folder_that_cannot_be_written_keeps_nobody_from_playing(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with kept_seat(tmp_path / "file" / "seats", "ws://a", "X", "ada") as kept:
+        assert kept is None

@@ -1,0 +1,301 @@
+"""What somebody at a window learns of pauses, absent players, lost connections and the operator.
+
+A real server, real connections, in virtual time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.support.servers import crash, raw, serving
+from tests.support.virtual_time import run
+
+from robotouille_client import Client, Game, connect
+from robotouille_client.connection import ConnectionFailedError
+from robotouille_client.window.remote import RemoteSource
+from robotouille_client.window.window import Window
+from robotouille_server import Server
+
+
+class Line:
+    """A client whose cable can be pulled, and plugged in again."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self._connect = client._connect
+
+    def pull(self) -> None:
+        async def no_way() -> Any:
+            raise ConnectionFailedError("the cable is out")
+
+        self.client._connect = no_way  # type: ignore[method-assign]
+        assert self.client._socket is not None
+        self.client._socket.transport.abort()
+
+    def plug(self) -> None:
+        self.client._connect = self._connect  # type: ignore[method-assign]
+
+
+class Table:
+    """Ada at a window, and bob, in an episode of their own."""
+
+    def __init__(self, server: Server, ada: Client, bob: Client, one: Game, two: Game) -> None:
+        self.server = server
+        self.ada, self.bob = Line(ada), Line(bob)
+        self.one, self.two = one, two
+        loop = asyncio.get_running_loop()
+        self.source = RemoteSource(one, loop.time, ada.connected.is_set)
+        self.room = server.lobby.find(one.code)
+
+
+@asynccontextmanager
+async def table(folder: Path, **options: Any) -> AsyncIterator[Table]:
+    async with serving(folder) as server:
+        async with connect(server.url, name="ada", kind="human") as ada:
+            async with connect(server.url, name="bob", kind="human") as bob:
+                created = await ada.create("multi_agent/02", **options)
+                one, two = await ada.join(created.code), await bob.join(created.code)
+                await asyncio.sleep(0.1)
+                yield Table(server, ada, bob, one, two)
+
+
+def test_a_pause_says_why_and_counts_down_without_messages(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path, absence="pause", grace=40.0) as at:
+            assert at.source.view().pause is None
+            at.bob.pull()
+            await asyncio.sleep(0.1)
+            heard = at.source.view().pause
+            assert heard is not None
+            assert heard.why == "bob's connection is lost"
+            assert heard.detail == "Waiting 40 s, then the game ends."
+            await asyncio.sleep(10.0)
+            later = at.source.view().pause
+            assert later is not None
+            assert heard.left is not None
+            assert later.left == pytest.approx(heard.left - 10.0)
+            assert later.share == pytest.approx(later.left / heard.left)
+            assert later.detail == "Waiting 30 s, then the game ends."
+            assert at.source.view().frozen
+            at.bob.plug()
+            await at.bob.client.connected.wait()
+            await asyncio.sleep(0.1)
+            view = at.source.view()
+            assert (view.pause, view.frozen, view.status) == (None, False, "")
+
+    run(main())
+
+
+def test_a_second_pause_has_a_countdown_of_its_own(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path, absence="pause", grace=40.0) as at:
+            for _ in range(2):
+                at.bob.pull()
+                await asyncio.sleep(0.1)
+                pause = at.source.view().pause
+                assert pause is not None
+                assert pause.share == pytest.approx(1.0, abs=0.01)
+                assert pause.left == pytest.approx(40.0, abs=0.2)
+                at.bob.plug()
+                await at.bob.client.connected.wait()
+                await asyncio.sleep(0.1)
+                assert at.source.view().pause is None
+
+    run(main())
+
+
+def test_while_it_is_paused_nothing_is_sent_and_afterwards_it_is(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            at.room.pause()
+            await asyncio.sleep(0.1)
+            pause = at.source.view().pause
+            assert pause is not None
+            assert (pause.why, pause.left) == ("Paused by the operator", None)
+            at.source.act(at.one.actions[0])
+            await asyncio.sleep(0.1)
+            assert at.room.episode.seats["robot1"].seq == 0
+            at.source.say("still here?")
+            await asyncio.sleep(0.1)
+            assert at.source.view().chat == (("ada", "still here?"),)
+            at.room.resume()
+            await asyncio.sleep(0.1)
+            assert at.source.view().pause is None
+            at.source.act(at.one.actions[0])
+            await asyncio.sleep(0.1)
+            assert at.room.episode.seats["robot1"].seq == 1
+
+    run(main())
+
+
+def test_seats_show_who_is_there_who_is_away_and_who_stands_in(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path / "bot", absence="bot", stand_in="random") as at:
+            assert [seat.moved_by for seat in at.source.view().seats] == ["human", "human"]
+            at.bob.pull()
+            await asyncio.sleep(0.1)
+            ada, bob = at.source.view().seats
+            assert (ada.moved_by, bob.moved_by) == ("human", "random plays for bob")
+            assert bob.plate == "random for bob"
+            at.bob.plug()
+            await at.bob.client.connected.wait()
+            await asyncio.sleep(0.1)
+            assert at.source.view().seats[1].moved_by == "human"
+        async with table(tmp_path / "wait", absence="wait", grace=5.0) as at:
+            at.bob.pull()
+            await asyncio.sleep(0.1)
+            assert at.source.view().seats[1].moved_by == "connection lost"
+            assert at.source.view().seats[1].plate == "bob · away"
+            await asyncio.sleep(6.0)
+            assert at.source.view().seats[1].moved_by == "free"
+
+    run(main())
+
+
+def test_a_lost_connection_is_told_until_it_is_back(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path, clock="realtime") as at:
+            assert at.source.view().offline is None
+            at.ada.pull()
+            await asyncio.sleep(0.1)
+            assert at.source.view().offline is not None
+            await asyncio.sleep(8.0)
+            view = at.source.view()
+            assert view.offline == pytest.approx(8.0)
+            assert view.frozen
+            assert view.status == "Connection lost"
+            at.source.act(at.one.actions[0])
+            at.ada.plug()
+            await at.ada.client.connected.wait()
+            await asyncio.sleep(0.5)
+            view = at.source.view()
+            assert (view.offline, view.farewell, view.frozen) == (None, None, False)
+            assert at.room.episode.seats["robot1"].seq == 0, "a click without a connection is void"
+            assert view.step == at.room.episode.step > 30
+
+    run(main())
+
+
+def test_a_restart_of_the_server_is_told_until_the_others_are_back(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            port = server.port
+            async with (
+                connect(server.url, name="ada") as ada,
+                connect(server.url, name="bob") as bob,
+            ):
+                created = await ada.create("multi_agent/02")
+                one, _ = await ada.join(created.code), await bob.join(created.code)
+                source = RemoteSource(one, asyncio.get_running_loop().time, ada.connected.is_set)
+                line = Line(bob)
+                line.pull()
+                await crash(server)
+                await asyncio.sleep(0.1)
+                assert source.view().offline is not None
+                async with serving(tmp_path, port=port, seed=2):
+                    await ada.connected.wait()
+                    await asyncio.sleep(0.1)
+                    view = source.view()
+                    assert view.offline is None
+                    assert view.pause is not None
+                    assert view.pause.why == "The server was restarted"
+                    assert view.pause.detail.endswith("s for bob.")
+                    line.plug()
+                    await bob.connected.wait()
+                    await asyncio.sleep(0.1)
+                    assert source.view().pause is None
+
+    run(main())
+
+
+def test_the_operators_words_are_seen_for_a_while_and_stay_in_the_chat(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            at.server.announce("lunch at noon")
+            await asyncio.sleep(0.1)
+            view = at.source.view()
+            assert view.notice == "lunch at noon"
+            assert view.chat == (("", "lunch at noon"),)
+            await asyncio.sleep(4.0)
+            assert at.source.view().notice == "lunch at noon"
+            await asyncio.sleep(10.0)
+            view = at.source.view()
+            assert view.notice == ""
+            assert view.chat == (("", "lunch at noon"),)
+
+    run(main())
+
+
+async def stays_open(source: RemoteSource) -> None:
+    """A window on this source draws on, whatever has become of the connection."""
+    loop = asyncio.get_running_loop()
+    window = Window((320, 240), headless=True, fps=20, clock=loop.time)
+    showing = asyncio.create_task(window.run(source, linger=None))
+    await asyncio.sleep(10.0)
+    assert not showing.done()
+    assert window.frames > 100
+    showing.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await showing
+
+
+def test_a_seat_that_is_played_from_elsewhere_says_so(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            resume = at.ada.client._resume
+            async with raw(at.server, hello=False) as other:
+                hello = {"type": "hello", "protocol": 1, "name": "ada", "resume": resume}
+                assert (await other.ask(hello, "welcome"))["resumed"]
+                await asyncio.sleep(0.1)
+                farewell = at.source.view().farewell
+                assert farewell is not None
+                assert "another window" in farewell.title or "elsewhere" in farewell.text
+                assert at.source.view().offline is None
+                assert at.source.finished
+                await stays_open(at.source)
+
+    run(main())
+
+
+def test_who_is_sent_out_learns_why(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            session = next(s for s in at.room.members if s.name == "ada")
+            at.room.kick(session, "removed by the operator")
+            await asyncio.sleep(0.1)
+            farewell = at.source.view().farewell
+            assert farewell is not None
+            assert farewell.text == "Removed by the operator."
+            await stays_open(at.source)
+
+    run(main())
+
+
+def test_a_server_that_stops_leaves_the_outcome_on_the_screen(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            await at.server.stop("maintenance")
+            await asyncio.sleep(3.0)
+            view = at.source.view()
+            assert view.outcome == "Stopped after 0 steps: maintenance"
+            assert (view.offline, view.farewell) == (None, None)
+            await stays_open(at.source)
+
+    run(main())
+
+
+def test_a_window_survives_a_server_that_is_away_for_minutes(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            at.ada.pull()
+            await asyncio.sleep(300.0)
+            await stays_open(at.source)
+            assert at.source.view().farewell is None
+            assert not at.source.finished
+
+    run(main())
