@@ -265,7 +265,7 @@ class Server:
             return self._metrics_page(connection, who)
         if self._stopping or len(self._open) >= self.settings.max_connections:
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the server is full\n")
-        if "websocket" not in request.headers.get("Upgrade", "").lower():
+        if "websocket" not in ",".join(request.headers.get_all("Upgrade")).lower():
             text = "This is a Robotouille server. Play: robotouille-client --url ws://…\n"
             return connection.respond(HTTPStatus.UPGRADE_REQUIRED, text)
         refusal = origin_refusal(request.headers, self._origins)

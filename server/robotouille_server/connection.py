@@ -13,6 +13,9 @@ __all__ = ["Connection", "frame_of"]
 MAX_EARLY = 16
 """Messages that may come before the handshake's end is dealt with."""
 
+MAX_PARTS = 1024
+"""Frames of one message: those without content would count for nothing else."""
+
 DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 
@@ -56,7 +59,11 @@ class Connection(ServerConnection):
         if frame.opcode is not Opcode.CONT:
             self._is_text = frame.opcode is Opcode.TEXT
         self._parts.append(bytes(frame.data))
-        if not frame.fin:
+        if len(self._parts) > MAX_PARTS:
+            self._parts.clear()
+            self.protocol.fail(1008, "a message in too many parts")
+            self.send_data()
+        if not frame.fin or not self._parts:
             return
         content = self._parts[0] if len(self._parts) == 1 else b"".join(self._parts)
         self._parts.clear()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Set
+from math import prod
 from string import Formatter
 
 from robotouille.domain.schema import (
@@ -32,6 +33,9 @@ __all__ = [
     "parameter_types",
     "placeholders",
 ]
+
+MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
+"""Facts that play can change, and ways to do one action, in a task."""
 
 
 def check_domain(domain: DomainFile) -> list[Fault]:
@@ -85,6 +89,7 @@ def check_problem(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
         *_check_goal(problem, domain),
         *_check_config(problem, domain),
         *_check_ground(problem),
+        *_check_size(problem, domain),
     ]
 
 
@@ -332,7 +337,12 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     faults = []
     predicates = {p.name: p for p in domain.predicate_defs}
     kinds = _kinds(problem, domain)
-    ids = {o.id for objects in problem.objects.values() for o in objects if o.id is not None}
+    ids = {
+        o.id: kind
+        for kind, objects in problem.objects.items()
+        for o in objects
+        if o.id is not None
+    }
     first: dict[int | str, str] = {}
     for i, term in enumerate(problem.goal):
         path = f"goal[{i}]"
@@ -358,7 +368,11 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
                 message += did_you_mean(identifier, (str(x) for x in ids))
                 faults.append(Fault(f"{path}.ids[{j}]", message))
             known = first.setdefault(identifier, kind)
-            if known != kind:
+            found = ids.get(identifier) if isinstance(identifier, str) else kinds.get(known)
+            if kind in kinds and found not in (None, kinds[kind]):
+                message = f"the object {identifier!r} is a {found}, {kind!r} is a {kinds[kind]}"
+                faults.append(Fault(f"{path}.ids[{j}]", message))
+            elif known != kind:
                 message = f"the object {identifier!r} is called {known!r} first and {kind!r} here"
                 faults.append(Fault(where, f"{message}; the first counts", "warning"))
     return faults
@@ -402,4 +416,28 @@ def _check_ground(problem: ProblemFile) -> list[Fault]:
         if len(row) != problem.width:
             message = f"{len(row)} letters on a grid {problem.width} wide"
             faults.append(Fault(f"ground[{i}]", message))
+    return faults
+
+
+def _check_size(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    """Facts and actions are listed in memory: a small file must not make that immense."""
+    count = Counter({kind: len(objects) for kind, objects in problem.objects.items()})
+    for action in domain.action_defs:
+        count.update(created.created_obj.type for created in _created(action.sfx))
+    changing = fluents(domain)
+    facts = sum(
+        prod(count[kind] for kind in predicate.param_types)
+        for predicate in domain.predicate_defs
+        if predicate.name in changing
+    )
+    faults = []
+    if facts > MAX_FACTS:
+        message = f"{facts:,} possible facts; at most {MAX_FACTS:,} are allowed"
+        faults.append(Fault("", f"too many objects: {message}"))
+    predicates = {p.name: p for p in domain.predicate_defs}
+    for action in domain.action_defs:
+        choices = prod(count[kind] for kind in parameter_types(action, predicates).values())
+        if choices > MAX_CHOICES:
+            message = f"{action.name!r} could be done in {choices:,} ways; at most {MAX_CHOICES:,}"
+            faults.append(Fault("", f"too many objects: {message} are allowed"))
     return faults

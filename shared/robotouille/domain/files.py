@@ -58,11 +58,24 @@ def parse_json(text: str, source: str) -> Any:
         _fail(source, "the file is empty; expected a JSON object")
     _check_nesting(text, source)
     try:
-        return json.loads(text, object_pairs_hook=_unique_pairs, parse_constant=_no_constant)
+        value = json.loads(text, object_pairs_hook=_unique_pairs, parse_constant=_no_constant)
     except json.JSONDecodeError as error:
         _fail(source, f"is not JSON: {error.msg} at line {error.lineno}, column {error.colno}")
     except ValueError as error:
         _fail(source, f"is not JSON: {error}")
+    _check_text(text, value, source)
+    return value
+
+
+def _check_text(text: str, value: Any, source: str | Path) -> None:
+    r"""An escape such as `\ud800` alone is half a character: it can be neither shown nor stored."""
+    if "\\ud" not in text and "\\uD" not in text:
+        return
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        half = ord(error.object[error.start])
+        _fail(source, f"has half a character, \\u{half:04x}, in a string")
 
 
 def read_model(path: Path, model: type[M]) -> M:

@@ -12,6 +12,7 @@ a step in which nobody acts. Lines that begin with `#` are comments.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -94,8 +95,8 @@ def _read_step(line: str, world: World) -> Joint:
         return ()
     joint = tuple(_read_action(part, world) for part in line.split(";"))
     actors = [action.player for action in joint if action.player is not None]
-    for player in actors:
-        if actors.count(player) > 1:
+    for player, times in Counter(actors).items():
+        if times > 1:
             raise ValueError(f"{player} acts twice in one step")
     return joint
 

@@ -70,7 +70,7 @@ class Codec:
         except ValidationError as error:
             refused = _refused(error, plain)
             ref = plain.get("ref")
-            refused.ref = ref if isinstance(ref, int) and 0 <= ref < 2**31 else None
+            refused.ref = ref if type(ref) is int and 0 <= ref < 2**31 else None
             raise refused from None
 
     def _unpack(self, payload: bytes | str, limit: int) -> Any:

@@ -66,6 +66,7 @@ PROTOCOL_VERSION = 1
 Identifier = Annotated[str, Field(min_length=1, max_length=64)]
 Line = Annotated[str, Field(max_length=500)]
 Token = Annotated[str, Field(min_length=1, max_length=2000)]
+Position = Annotated[int, Field(ge=0, le=2**53)]
 Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
@@ -84,8 +85,8 @@ class Seen(Message):
     """How much of an episode a client has: the step of its state, and its chat messages."""
 
     episode: Identifier
-    step: Annotated[int, Field(ge=0)] = 0
-    said: Annotated[int, Field(ge=0)] = 0
+    step: Annotated[int, Field(ge=0, le=2**53)] = 0
+    said: Annotated[int, Field(ge=0, le=2**53)] = 0
 
 
 class Hello(Message):
@@ -97,7 +98,7 @@ class Hello(Message):
 
     type: Literal["hello"] = "hello"
     ref: Ref | None = None
-    protocol: int
+    protocol: Annotated[int, Field(ge=0, le=2**31 - 1)]
     name: Annotated[str, Field(min_length=1, max_length=40)]
     kind: Kind = "human"
     token: Token | None = None
@@ -175,8 +176,8 @@ class Act(Message):
 
     type: Literal["act"] = "act"
     seq: Annotated[int, Field(ge=1, le=2**53)]
-    action: NamedAction | Annotated[str, Field(max_length=300)] | Annotated[int, Field(ge=0)] | None
-    basis: Annotated[int, Field(ge=0)] | None = None
+    action: NamedAction | Annotated[str, Field(max_length=300)] | Position | None
+    basis: Position | None = None
     think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = 0
     reasoning: Annotated[str, Field(max_length=8000)] | None = None
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from robotouille.errors import RecordingError
 from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import Recording
 from robotouille.world.state import State
@@ -60,4 +61,7 @@ def _step(
 
 
 def _line(row: dict[str, Any]) -> str:
-    return json.dumps(row, separators=(",", ":"), ensure_ascii=False)
+    try:
+        return json.dumps(row, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"has a value that JSON cannot carry: {error}") from None

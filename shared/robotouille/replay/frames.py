@@ -31,8 +31,10 @@ FORMAT_VERSION = 1
 MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _PREFIX = struct.Struct("<II")
-MAX_FRAME = 16 * 1024 * 1024
-MAX_FILE = 1024 * 1024 * 1024
+MAX_FRAME = 4 * 1024 * 1024
+MAX_FILE = 256 * 1024 * 1024
+MAX_LENGTH = 200_000
+"""Entries of a list or map in a frame."""
 
 
 def pack_frame(value: dict[str, Any]) -> bytes:
@@ -78,7 +80,14 @@ def read_frames(stream: bytes) -> Iterator[dict[str, Any]]:
         if zlib.crc32(payload) != checksum:
             raise RecordingError(f"damaged at byte {position}: the checksum does not match")
         try:
-            value = msgpack.unpackb(payload, strict_map_key=True, max_ext_len=0)
+            value = msgpack.unpackb(
+                payload,
+                strict_map_key=True,
+                max_ext_len=0,
+                max_bin_len=0,
+                max_array_len=MAX_LENGTH,
+                max_map_len=MAX_LENGTH,
+            )
         except (ValueError, msgpack.UnpackException) as error:
             raise RecordingError(f"damaged at byte {position}: {error}") from None
         if not isinstance(value, dict):

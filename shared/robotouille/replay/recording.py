@@ -111,6 +111,13 @@ class Recording:
 
         This needs neither this version's rules nor the domain: only the file's own tables.
         """
+        try:
+            yield from self._recorded_facts()
+        except IndexError:
+            fault = "a frame speaks of an object, predicate or fact that no table has"
+            raise RecordingError(f"{self.source}: {fault}") from None
+
+    def _recorded_facts(self) -> Iterator[tuple[int, frozenset[str]]]:
         tables = self.header["tables"]
         names = [row[0] for row in tables["objects"]]
         atoms = [_name(row, tables["predicates"], names) for row in tables["atoms"]]
