@@ -89,6 +89,7 @@ class Client:
         self._refs = 0
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self._requests: dict[int, Any] = {}
+        self._sent: set[int | None] = set()
         self._join: messages.Join | None = None
         self._rejoin: int | None = None
         self._joining: int | None = None
@@ -200,6 +201,7 @@ class Client:
         finally:
             self._answers.pop(request.ref, None)
             self._requests.pop(request.ref, None)
+            self._sent.discard(request.ref)
         if not isinstance(answer, expected):
             found = type(answer).__name__
             raise ProtocolError("message/unexpected", f"{found} in answer to {request.type}")
@@ -254,8 +256,9 @@ class Client:
         """Ask again what was not answered, and join again where the server has forgotten us."""
         if self._join is not None and not welcome.resumed:
             await self._join_again(socket, self._join)
-        for request in list(self._requests.values()):
-            await socket.send(self._codec.encode(request))
+        for ref in list(self._requests):
+            if ref in self._sent:
+                await socket.send(self._codec.encode(self._requests[ref]))
 
     async def _connect(self) -> ClientConnection:
         try:
@@ -349,6 +352,7 @@ class Client:
                 self._unsent = await self._outbox.get()
             try:
                 await socket.send(self._codec.encode(self._unsent))
+                self._sent.add(getattr(self._unsent, "ref", None))
             except ConnectionClosed:
                 return
             self._unsent = None

@@ -191,10 +191,12 @@ class Game:
 
     @property
     def seen(self) -> messages.Seen | None:
-        """What a server need not tell again; None if there is no state to go on from."""
-        if self._reader is None or self._resyncing:
+        """What a server need not tell again; None before the first picture."""
+        if self._reader is None and self.observation is None:
             return None
-        return messages.Seen(episode=self.episode, step=self.step, said=self.said)
+        return messages.Seen(
+            episode=self.episode, step=self.step, said=self.said, stale=self._resyncing
+        )
 
     @property
     def over(self) -> bool:

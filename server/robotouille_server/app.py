@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+import ssl
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
@@ -248,6 +249,11 @@ class Server:
         """Say something to everybody in every episode."""
         for room in list(self.lobby.rooms.values()):
             room.announce(text)
+
+    @property
+    def tls(self) -> ssl.SSLContext | None:
+        """What the sockets are encrypted with."""
+        return self._tls.context if self._tls is not None else None
 
     def authorize(self, token: str) -> None:
         """ProtocolError unless this is an operator's token."""

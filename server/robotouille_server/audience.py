@@ -98,9 +98,9 @@ class Audience:
     def _missed(self, session: Session, seen: messages.Seen) -> list[bytes | str] | None:
         """The payloads of the deltas after a step, ready to send; None if they are not kept."""
         step = self._episode.step
-        if session.wants_text or session.peer is None or not 0 <= seen.step <= step:
+        if seen.stale or session.wants_text or session.peer is None:
             return None
-        if self._episode.outcome is not None:
+        if not 0 <= seen.step <= step or self._episode.outcome is not None:
             return None
         payloads = [payload for number, payload in self._deltas if number > seen.step]
         if len(payloads) != step - seen.step:

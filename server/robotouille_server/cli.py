@@ -127,9 +127,14 @@ async def _operator(server: Server) -> AsyncIterator[str]:
     stack = AsyncExitStack()
     try:
         view = operator_view(
-            server, settings.operator_host, _operator_port(server), authorize=server.authorize,
+            server,
+            settings.operator_host,
+            _operator_port(server),
+            authorize=server.authorize,
             ask_token=settings.require_token,
-        )  # fmt: skip
+            allowed_hosts=[name for name in settings.operator_names.split(",") if name.strip()],
+            tls=server.tls,
+        )
         url = (await stack.enter_async_context(view)).url if settings.operator else ""
     except (CannotListenError, MissingExtraError) as error:
         if settings.operator_port is not None:

@@ -25,16 +25,22 @@ class Journal:
     """`NAME.rbt.part` while the episode runs, `NAME.rbt` when it is over.
 
     Bytes that cannot be written are kept and tried again; `problem` says why, and is empty while
-    all is well.
+    all is well. A file that was `found` has `size` bytes already.
     """
 
     def __init__(
-        self, storage: Storage, name: str, recorder: Recorder, *, found: Appender | None = None
+        self,
+        storage: Storage,
+        name: str,
+        recorder: Recorder,
+        *,
+        found: Appender | None = None,
+        size: int = 0,
     ) -> None:
         self.name = name
         self.recorder = recorder
         self.problem = ""
-        self.size = 0
+        self.size = size
         self._storage = storage
         self._file = found
         self._pending = b"" if found is not None else recorder.begin()
@@ -70,6 +76,7 @@ class Journal:
         try:
             return close_recording(self._storage, self.name)
         except OSError as error:
+            self.problem = f"the recording cannot be closed: {error.strerror or error}"
             get_logger().error("recording not closed", file=self.name, error=str(error))
             return ""
         finally:

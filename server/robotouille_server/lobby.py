@@ -143,8 +143,10 @@ class Lobby:
 
     @property
     def unrestored(self) -> dict[str, str]:
-        """Recordings that cannot be gone on with, and why."""
-        return self._recovery.unrestored if self._recovery is not None else {}
+        """Recordings that cannot be gone on with, or not yet, and why."""
+        if self._recovery is None:
+            return {}
+        return {**self._recovery.unrestored, **self._recovery.problems}
 
     def _adopt(self, found: Found) -> Room:
         """A room for an episode that began in another process."""

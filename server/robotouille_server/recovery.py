@@ -36,12 +36,16 @@ class Found:
 
 
 class Recovery:
-    """Looks for recordings that are not closed. `adopt` makes a room of one."""
+    """Looks for recordings that are not closed. `adopt` makes a room of one.
+
+    `unrestored` are files that cannot be gone on with, `problems` those that cannot yet, and why.
+    """
 
     def __init__(
         self, storage: Storage, worker: Worker, patience: float, adopt: Callable[[Found], Room]
     ) -> None:
         self.unrestored: dict[str, str] = {}
+        self.problems: dict[str, str] = {}
         self._storage = storage
         self._worker = worker
         self._patience = patience
@@ -119,15 +123,18 @@ class Recovery:
                 self._foreign[name] = self._code_of(name)
             return
         except OSError as error:
-            self._give_up(name, f"cannot be opened: {error.strerror or error}")
+            self._try_later(name, error)
             return
         self._foreign.pop(name, None)
         kept = False
         try:
             kept = self._go_on(name, file)
+            self.problems.pop(name, None)
         except FileNotFoundError:
             pass  # Whoever had it has just closed the recording.
-        except (RobotouilleError, OSError) as error:
+        except OSError as error:
+            self._try_later(name, error)
+        except RobotouilleError as error:
             self._give_up(name, str(error))
         finally:
             if not kept:
@@ -148,7 +155,8 @@ class Recovery:
             close_recording(self._storage, name)
             return False
         recorder = Recorder(restored.episode.world, recording.header)
-        journal = Journal(self._storage, name, recorder, found=file)
+        size = restored.kept + len(restored.missing)
+        journal = Journal(self._storage, name, recorder, found=file, size=size)
         room = self._adopt(Found(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():
             if seat.taken:
@@ -165,6 +173,14 @@ class Recovery:
         except (OSError, RecordingError):
             head = {}
         return str(head.get("code", ""))
+
+    def _try_later(self, name: str, error: OSError) -> None:
+        """A full disk, say: the episode waits, as if another process had it."""
+        problem = f"not restored yet: {error.strerror or error}"
+        if self.problems.get(name) != problem:
+            get_logger().error("episode not restored yet", file=name, error=problem)
+        self.problems[name] = problem
+        self._foreign[name] = self._code_of(name)
 
     def _give_up(self, name: str, reason: str) -> None:
         self.unrestored[name] = reason

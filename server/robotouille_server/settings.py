@@ -109,6 +109,9 @@ class ServerSettings(BaseSettings):
     )
     operator: bool = Field(True, description="Serve the operator's view.")
     operator_host: str = Field("127.0.0.1", description="Address of the operator's view.")
+    operator_names: str = Field(
+        "", description="Host names by which browsers may call the operator's view, with commas."
+    )
     operator_port: Annotated[int, Field(ge=0, le=65535)] | None = Field(
         None, description="Port of the operator's view (default: the one after all others)."
     )

@@ -13,7 +13,7 @@ from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Heard, connect
 from robotouille_server.storage import Appender, Folder
-from tests.support.servers import serving
+from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 
 
@@ -204,3 +204,37 @@ class TestFolder:
         for act in (Folder(tmp_path).read, Folder(tmp_path).resume, Folder(tmp_path).remove):
             with pytest.raises(OSError, match=r"."):
                 act(name)
+
+
+def test_a_full_disk_at_the_start_loses_no_episode(tmp_path: Path) -> None:
+    """What is left of a recording cannot be completed yet: its clients are asked to wait."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as first, connect(first.url, name="ada", seed=1) as ada:
+            game = await ada.join((await ada.create("synchronous/01")).code)
+            await game.act(game.actions[0])
+            port = first.port
+            await crash(first)
+            disk = StubbornDisk(tmp_path)
+            async with serving(tmp_path, seed=2, port=port, storage=disk) as second:
+                assert not second.lobby.rooms
+                assert "No space left" in next(iter(second.lobby.unrestored.values()))
+                await asyncio.sleep(10)
+                assert not game.ended
+                disk.full = False
+                assert (await game.act(None)).applied
+                assert second.lobby.unrestored == {}
+                assert game.step == 2
+
+    run(main())
+
+
+class StubbornDisk(Folder):
+    """A folder in which nothing that exists can be opened for writing, for a while."""
+
+    full = True
+
+    def resume(self, name: str) -> Appender:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().resume(name)

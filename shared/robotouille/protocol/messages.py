@@ -82,11 +82,13 @@ class Message(BaseModel):
 
 
 class Seen(Message):
-    """How much of an episode a client has: the step of its state, and its chat messages."""
+    """How much of an episode a client has: the step of its state, and its chat messages. With
+    `stale` its state is not good any more, and it needs a whole picture."""
 
     episode: Identifier
     step: Annotated[int, Field(ge=0, le=2**53)] = 0
     said: Annotated[int, Field(ge=0, le=2**53)] = 0
+    stale: bool = False
 
 
 class Hello(Message):

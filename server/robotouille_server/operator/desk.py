@@ -1,0 +1,268 @@
+"""What the operator sees of a server and may do to it, on the server's loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable, Iterable
+from http import HTTPStatus
+from importlib.metadata import version
+
+from robotouille.episode import Phase
+from robotouille.errors import ProtocolError, RecordingError
+from robotouille.replay.frames import unwrap
+from robotouille_server.app import Server
+from robotouille_server.logs import get_logger
+from robotouille_server.operator.errors import RefusedError
+from robotouille_server.operator.models import (
+    Done,
+    EpisodeCounts,
+    EpisodeDetail,
+    Fault,
+    Overview,
+    RecordingPage,
+    ServerInfo,
+    Totals,
+)
+from robotouille_server.operator.recordings import NoRecordings, Readable, Shelf
+from robotouille_server.operator.rows import (
+    PHASES,
+    Rows,
+    phase_of,
+    recording_name,
+    shown_code,
+)
+from robotouille_server.operator.totals import History, by_label, gauge
+from robotouille_server.operator.transcript import Transcript
+from robotouille_server.room import Room
+from robotouille_server.session import Session
+from robotouille_server.workers import ElsewhereError
+
+__all__ = ["Desk", "Watch"]
+
+MAX_UNRESTORED = 20
+READ_BYTES_A_SECOND = 8_000_000
+"""So fast is a growing recording read again and again for somebody who watches."""
+
+
+class Desk:
+    """One server's operator. `now` is the loop's time."""
+
+    def __init__(self, server: Server, now: Callable[[], float]) -> None:
+        self._server = server
+        self._now = now
+        self._opened = now()
+        self._version = version("robotouille")
+        self._rows = Rows(server)
+        self._history = History(server.metrics)
+        self._storage: Readable = server.storage or NoRecordings()
+        self._shelf = Shelf(self._storage)
+        self._history.sample(self._opened)
+
+    def tick(self) -> None:
+        """To be called about once a second."""
+        now = self._now()
+        self._history.sample(now)
+        self._rows.forget(now)
+
+    # Seeing
+
+    def overview(
+        self, phase: str = "", search: str = "", limit: int = 50, offset: int = 0
+    ) -> Overview:
+        """Totals, and the episodes that match: in this phase, with all these words."""
+        words = search.lower().split()
+        census = [(room, phase_of(room)) for room in self._rooms()]
+        found = [
+            (room, its)
+            for room, its in census
+            if phase in ("", its) and (not words or _matches(room, words))
+        ]
+        found.sort(key=_rank)
+        now = self._now()
+        return Overview(
+            server=ServerInfo(
+                version=self._version,
+                url=self._server.url,
+                uptime=round(now - self._opened, 1),
+            ),
+            totals=self._totals(Counter(its for _, its in census)),
+            faults=self._faults(room for room, _ in census),
+            found=len(found),
+            episodes=[self._rows.row(room, now) for room, _ in found[offset : offset + limit]],
+        )
+
+    def room(self, name: str) -> Room:
+        """The room of an id or a code; RefusedError if there is none."""
+        try:
+            return self._server.lobby.find(name)
+        except ProtocolError as error:
+            raise RefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", error.message) from None
+        except ElsewhereError as error:
+            message = f"{name} is with another worker; look at the operator's view of that one"
+            raise RefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", message) from error
+
+    async def recordings(self, search: str, limit: int, offset: int) -> RecordingPage:
+        """The list of recordings, the newest first."""
+        live = {
+            recording_name(room): room.id
+            for room in self._rooms()
+            if room.episode.phase is not Phase.OVER
+        }
+        return await asyncio.to_thread(self._shelf.page, search, limit, offset, live)
+
+    async def recording(self, name: str) -> bytes:
+        """A recording to download, up to its last whole frame."""
+        return await asyncio.to_thread(self._shelf.content, name)
+
+    def _rooms(self) -> list[Room]:
+        """The newest first."""
+        return list(self._server.lobby.rooms.values())[::-1]
+
+    def _totals(self, phases: Counter[str]) -> Totals:
+        history, metrics = self._history, self._server.metrics
+        return Totals(
+            connections=gauge(metrics.connections),
+            episodes=EpisodeCounts(**{name: phases[name] for name in PHASES}),
+            steps_per_second=history.rate(lambda s: s.steps),
+            sent_bytes_per_second=history.rate(lambda s: s.sent_bytes),
+            received_per_second=history.rate(lambda s: s.received),
+            lateness=history.lateness(),
+            history={
+                "steps": history.seconds(lambda s: s.steps),
+                "bytes": history.seconds(lambda s: s.sent_bytes),
+                "received": history.seconds(lambda s: s.received),
+            },
+            errors=by_label(metrics.errors),
+            dropped=by_label(metrics.dropped),
+        )
+
+    def _faults(self, rooms: Iterable[Room]) -> list[Fault]:
+        """Each problem once, with the first episode that has it."""
+        troubled: dict[str, list[Room]] = {}
+        for room in rooms:
+            if problem := room.problem:
+                troubled.setdefault(problem, []).append(room)
+        faults = [
+            Fault(
+                text=text, episodes=len(those), episode=those[0].id, code=shown_code(those[0].code)
+            )
+            for text, those in troubled.items()
+        ]
+        unrestored = self._server.lobby.unrestored.items()
+        return faults + [
+            Fault(text=f"{name} was not restored: {reason}", episodes=0, episode="", code="")
+            for name, reason in list(unrestored)[:MAX_UNRESTORED]
+        ]
+
+    # Doing
+
+    def pause(self, name: str) -> Done:
+        """Let an episode's time stand still until `resume`."""
+        room = self._live(name)
+        room.pause()
+        return self._done("pause", room, f"{shown_code(room.code)} stands still")
+
+    def resume(self, name: str) -> Done:
+        """Undo `pause`."""
+        room = self._live(name)
+        room.resume()
+        return self._done("resume", room, f"{shown_code(room.code)} goes on")
+
+    def end(self, name: str, reason: str) -> Done:
+        """End an episode now."""
+        room = self._live(name)
+        room.abort(reason or "ended by the operator")
+        return self._done("end", room, f"{shown_code(room.code)} is over", reason=reason)
+
+    def kick(self, name: str, session: str, reason: str) -> Done:
+        """Remove a player or a spectator from an episode."""
+        room = self.room(name)
+        who = _member(room, session)
+        room.kick(who, reason or "removed by the operator")
+        return self._done("kick", room, f"{who.name} was removed", session=session, reason=reason)
+
+    def announce(self, name: str, text: str) -> Done:
+        """Say something to everybody in an episode."""
+        room = self._live(name)
+        room.announce(text)
+        return self._done("announce", room, f"told everybody in {shown_code(room.code)}", text=text)
+
+    def announce_to_all(self, text: str) -> Done:
+        """Say something to everybody in all episodes."""
+        self._server.announce(text)
+        get_logger().info("operator: announce to all", text=text)
+        return Done(done="told everybody")
+
+    def _live(self, name: str) -> Room:
+        room = self.room(name)
+        if room.episode.phase is Phase.OVER:
+            message = f"{shown_code(room.code)} is over"
+            raise RefusedError(HTTPStatus.CONFLICT, "episode/over", message)
+        return room
+
+    def _done(self, what: str, room: Room, done: str, **details: str) -> Done:
+        get_logger().info(f"operator: {what}", episode=room.id, code=room.code, **details)
+        return Done(done=done)
+
+    def watch(self, name: str) -> Watch:
+        """Follow one episode."""
+        return Watch(self.room(name), self._storage, self._rows, self._now)
+
+
+class Watch:
+    """One episode as it goes on: its state, and what its recording says happened."""
+
+    def __init__(self, room: Room, storage: Readable, rows: Rows, now: Callable[[], float]) -> None:
+        self._room = room
+        self._storage = storage
+        self._rows = rows
+        self._now = now
+        self._transcript = Transcript(self._sentence)
+        self._read = ("", 0)
+        self._rested = 0.0
+
+    async def look(self) -> EpisodeDetail:
+        """How it stands now."""
+        await self._catch_up()
+        return self._rows.detail(self._room, self._now(), self._transcript.lines)
+
+    async def _catch_up(self) -> None:
+        """Read what is new in the recording. Where it cannot be read, the room's problem says
+        so and the lines stay as they are."""
+        room = self._room
+        name, size = recording_name(room), room.journal.size if room.journal is not None else 0
+        if not name or (name, size) == self._read or self._now() < self._rested:
+            return
+        try:
+            content = await asyncio.to_thread(self._storage.read, name)
+            self._transcript.read(unwrap(content))
+        except (OSError, RecordingError) as error:
+            get_logger().debug("recording not read", file=name, error=str(error))
+            return
+        self._read = name, size
+        self._rested = self._now() + len(content) / READ_BYTES_A_SECOND
+
+    def _sentence(self, row: list[str]) -> str:
+        return self._room.world.action(*row).sentence
+
+
+def _rank(found: tuple[Room, str]) -> tuple[bool, int]:
+    """The order of the list: trouble first, then what stands still, what is over last."""
+    room, phase = found
+    return not room.problem, PHASES.index(phase)
+
+
+def _matches(room: Room, words: list[str]) -> bool:
+    """Whether a room's code, task, id or names contain all words."""
+    names = [seat.name for seat in room.episode.seats.values()]
+    text = " ".join([room.code, shown_code(room.code), room.world.task.name, room.id, *names])
+    return all(word in text.lower() for word in words)
+
+
+def _member(room: Room, session_id: str) -> Session:
+    for session in room.members:
+        if session.id == session_id:
+            return session
+    message = f"nobody with the session {session_id!r} is in {shown_code(room.code)}"
+    raise RefusedError(HTTPStatus.NOT_FOUND, "session/unknown", message)

@@ -1,0 +1,46 @@
+// What an operator can do to an episode.
+
+import { post } from "./api.js";
+import { ask, attempt } from "./dialogs.js";
+
+const path = (row, what) => `api/episodes/${row.episode}/${what}`;
+
+export const isHeld = (row) => row.pause?.reason === "operator";
+
+export const pauseOrResume = (row) => attempt(() => post(path(row, isHeld(row) ? "resume" : "pause")));
+
+export async function end(row) {
+  const reason = await ask({
+    title: `End ${row.code}?`,
+    text: "The game is over for everybody in it. Its recording is kept.",
+    field: { label: "Reason (told to them and recorded)", max: 200 },
+    confirm: "End the episode",
+    danger: true,
+  });
+  if (reason !== null) await attempt(() => post(path(row, "end"), { reason }));
+}
+
+export async function kick(row, who) {
+  const reason = await ask({
+    title: `Remove ${who.name}?`,
+    text: who.player
+      ? `The seat ${who.player} becomes free.`
+      : "They no longer watch this episode.",
+    field: { label: "Reason (told to them)", max: 200 },
+    confirm: "Remove",
+    danger: true,
+  });
+  if (reason !== null) await attempt(() => post(path(row, "kick"), { session: who.session, reason }));
+}
+
+export const announce = (row, text) => attempt(() => post(path(row, "announce"), { text }));
+
+export async function announceToAll() {
+  const text = await ask({
+    title: "Announce to all",
+    text: "Everybody in every episode reads this.",
+    field: { label: "Text", area: true, max: 500, required: true },
+    confirm: "Announce",
+  });
+  if (text) await attempt(() => post("api/announce", { text }));
+}

@@ -1,0 +1,94 @@
+// Talking to the server: questions, requests, streams and downloads.
+
+import { askToken } from "./dialogs.js";
+
+const KEY = "robotouille-operator-token";
+let token = sessionStorage.getItem(KEY) ?? "";
+let asking = null;
+
+export class Refused extends Error {
+  constructor(status, code, message) {
+    super(message);
+    this.status = status;
+    this.code = code;
+  }
+}
+
+async function send(path, options = {}) {
+  for (;;) {
+    const used = token;
+    const headers = { ...options.headers };
+    if (used) headers.Authorization = `Bearer ${used}`;
+    const answer = await fetch(path, { ...options, headers, cache: "no-store" });
+    if (answer.ok) return answer;
+    const problem = await answer.json().catch(() => ({ code: "", message: answer.statusText }));
+    if (answer.status !== 401) throw new Refused(answer.status, problem.code, problem.message);
+    if (token === used) await renewToken(used ? problem.message : "");
+  }
+}
+
+// All who need the token wait for one dialog.
+async function renewToken(fault) {
+  asking ??= askToken(fault).then((given) => {
+    token = given;
+    sessionStorage.setItem(KEY, given);
+    asking = null;
+  });
+  await asking;
+}
+
+export const get = async (path) => (await send(path)).json();
+
+export async function post(path, body = {}) {
+  const headers = { "Content-Type": "application/json", "X-Robotouille-Operator": "1" };
+  return (await send(path, { method: "POST", headers, body: JSON.stringify(body) })).json();
+}
+
+// Links work by themselves; with a token the file is fetched first.
+export async function download(event, name) {
+  if (!token) return;
+  event.preventDefault();
+  const content = await (await send(`api/recordings/${name}`)).blob();
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(content), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+// Server-sent events that come back by themselves. `told` gets each value, `linked` whether the
+// stream is up, `gone` the refusal after which there is no coming back.
+export function follow(path, { told, linked = () => {}, gone = () => {} }) {
+  const stop = new AbortController();
+  (async () => {
+    let wait = 250;
+    while (!stop.signal.aborted) {
+      try {
+        const answer = await send(path, { signal: stop.signal });
+        linked(true);
+        wait = 250;
+        await readEvents(answer.body, told);
+      } catch (problem) {
+        if (stop.signal.aborted) return;
+        if (problem instanceof Refused && problem.status === 404) return gone(problem);
+      }
+      if (stop.signal.aborted) return;
+      linked(false);
+      await new Promise((resolve) => setTimeout(resolve, wait * (0.75 + Math.random() / 2)));
+      wait = Math.min(5000, wait * 2);
+    }
+  })();
+  return () => stop.abort();
+}
+
+async function readEvents(body, told) {
+  const reader = body.pipeThrough(new TextDecoderStream()).getReader();
+  let text = "";
+  for (;;) {
+    const { value, done } = await reader.read();
+    if (done) return;
+    text += value;
+    for (let end; (end = text.indexOf("\n\n")) >= 0; text = text.slice(end + 2)) {
+      const event = text.slice(0, end);
+      if (event.startsWith("data: ")) told(JSON.parse(event.slice(6)));
+    }
+  }
+}

@@ -1,0 +1,161 @@
+// One episode as it goes on: who is in it, what happens, what it looks like in words.
+
+import { announce, end, kick, pauseOrResume } from "./actions.js";
+import { download, follow } from "./api.js";
+import { toast } from "./dialogs.js";
+import { controllerWords, heading, phaseBadge, progress, recordingWords, setHold } from "./episodes.js";
+import { Rows, button, h, icon, latency, setAttribute, setText } from "./dom.js";
+
+function person(row, remove) {
+  let now = row;
+  const name = h("b");
+  const more = h("span", { class: "more" });
+  const out = button("away", "Remove", () => remove(now), "icon small");
+  const root = h("li", { class: "person" }, h("i"), h("div", {}, name, more), out);
+  return {
+    root,
+    update(next) {
+      now = next;
+      const seat = next.player != null;
+      setAttribute(root, "data-who", seat ? next.controller || "free" : next.present ? "watching" : "absent");
+      setText(name, next.name || next.player);
+      const words = seat
+        ? [next.player, controllerWords(next), `${next.applied} done`, next.rejected ? `${next.rejected} rejected` : ""]
+        : [next.present ? "watches" : "away", next.kind];
+      setText(more, [...words, latency(next), next.address].filter(Boolean).join(" · "));
+      setAttribute(out, "aria-label", `Remove ${next.name}`);
+      out.hidden = !next.session;
+    },
+  };
+}
+
+function line(entry, number) {
+  const reasons = entry.reasons.length ? h("em", {}, `: ${entry.reasons.join("; ")}`) : null;
+  const root = h("li", { "data-kind": entry.kind, "data-number": number },
+    h("span", { class: "step" }, entry.step),
+    entry.who ? h("b", {}, entry.who) : null,
+    h("span", {}, entry.text, reasons));
+  return { root, update: () => {} };
+}
+
+export class Watch {
+  constructor(root, opened) {
+    this.root = root;
+    this.opened = opened;
+    this.stop = () => {};
+    this.episode = "";
+  }
+
+  show(episode) {
+    this.stop();
+    this.episode = episode;
+    this.root.replaceChildren();
+    this.root.hidden = !episode;
+    this.opened(episode);
+    if (!episode) return;
+    this.build();
+    this.stop = follow(`api/episodes/${encodeURIComponent(episode)}/events`, {
+      told: (row) => this.update(row),
+      linked: (up) => this.root.classList.toggle("stale", !up),
+      gone: (problem) => {
+        toast(problem.message, true);
+        this.show("");
+      },
+    });
+  }
+
+  build() {
+    this.row = null;
+    this.heading = heading();
+    this.phase = phaseBadge();
+    this.progress = progress();
+    this.people = h("ul", { class: "people" });
+    this.peopleRows = new Rows(this.people, (row) => row.player ?? row.session, (row) => person(row, (who) => kick(this.row, who)));
+    this.log = h("ol", { class: "log", tabindex: "0", "aria-label": "What happened" });
+    this.logRows = new Rows(this.log, (entry) => entry.key, (entry) => line(entry, this.numberOf(entry.who)));
+    this.text = h("pre", { class: "state", tabindex: "0" });
+    this.problem = h("p", { class: "problem" });
+    this.hold = button("pause", "Pause", () => pauseOrResume(this.row));
+    this.over = button("stop", "End", () => end(this.row), "danger");
+    this.command = h("code");
+    this.recording = h("span");
+    this.save = h("a", { class: "button small", onclick: (event) => download(event, this.row.recording.name) }, icon("save"), h("span", {}, "Download"));
+    this.say = this.sayForm();
+    this.root.append(h("div", { class: "scroll" },
+      h("div", { class: "head" },
+        h("div", { class: "chips" }, this.heading.code, this.phase.root,
+          button("away", "Close", () => this.show(""), "icon close")),
+        this.heading.title, this.heading.about, this.progress.root, this.problem,
+        h("div", { class: "actions" }, this.hold, this.over)),
+      h("h4", {}, "Seats and spectators"), this.people,
+      h("h4", {}, "What happens"), this.log, this.say,
+      h("h4", {}, "The kitchen in words"), this.text,
+      h("h4", {}, "Elsewhere"),
+      h("div", { class: "elsewhere" },
+        h("p", {}, this.command, button("copy", "Copy", () => this.copy(), "icon small")),
+        h("p", {}, this.recording, this.save)),
+    ));
+  }
+
+  sayForm() {
+    const input = h("input", { maxlength: 500, required: true, placeholder: "Announce to this episode", "aria-label": "Announce to this episode", autocomplete: "off" });
+    return h("form", {
+      class: "say",
+      onsubmit: (event) => {
+        event.preventDefault();
+        announce(this.row, input.value.trim());
+        input.value = "";
+      },
+    }, input, h("button", { class: "button", type: "submit" }, icon("say"), h("span", {}, "Announce")));
+  }
+
+  // Which of the seats' colours somebody has.
+  numberOf(who) {
+    const index = this.row.seats.findIndex((seat) => who && (seat.player === who || seat.name === who));
+    return index < 0 ? null : String(index % 8);
+  }
+
+  update(row) {
+    this.row = row;
+    for (const part of [this.heading, this.phase, this.progress]) part.update(row);
+    this.peopleRows.update([...row.seats, ...row.audience]);
+    for (const seat of row.seats) setAttribute(this.peopleRows.rows.get(seat.player).root, "data-number", this.numberOf(seat.player));
+    this.updateLog(row);
+    setText(this.text, row.text);
+    setText(this.problem, row.problem);
+    this.problem.hidden = !row.problem;
+    setText(this.command, row.watch);
+    const over = row.phase === "over";
+    this.hold.hidden = this.over.hidden = this.say.hidden = over;
+    setHold(this.hold, row);
+    setText(this.recording, recordingWords({ ...row, problem: "" }));
+    this.save.hidden = !row.recording || (!over && !row.recording.size);
+    if (row.recording) {
+      setAttribute(this.save, "href", `api/recordings/${row.recording.name}`);
+      setAttribute(this.save, "download", row.recording.name);
+    }
+  }
+
+  // Lines come as a window of the last ones; equal ones in one step are told apart by counting.
+  updateLog(row) {
+    const atEnd = this.log.scrollHeight - this.log.scrollTop - this.log.clientHeight < 24;
+    const seen = new Map();
+    this.logRows.update(row.lines.map((entry) => {
+      const plain = JSON.stringify(entry);
+      seen.set(plain, (seen.get(plain) ?? 0) + 1);
+      return { ...entry, key: `${plain}${seen.get(plain)}` };
+    }));
+    this.log.dataset.empty = row.recording ? "Nothing has happened yet." : "What happens is told from the recording, and there is none.";
+    this.log.classList.toggle("empty", row.lines.length === 0);
+    if (atEnd) this.log.scrollTop = this.log.scrollHeight;
+  }
+
+  async copy() {
+    try {
+      await navigator.clipboard.writeText(this.row.watch);
+      toast("Copied");
+    } catch {
+      getSelection().selectAllChildren(this.command);
+    }
+  }
+}

@@ -1,0 +1,143 @@
+"""A server with its operator's view, people in it, and a client of the API."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from robotouille_client import Client, Game, connect
+from robotouille_server import Server, ServerSettings, serve
+from robotouille_server.operator import OperatorPort, operator_view
+from robotouille_server.storage import Folder, Storage
+from tests.support.servers import STAMP
+
+TASK = "multi_agent/01_lettuce_burger"
+PATIENCE = 300
+"""Seconds of virtual time after which what a test waits for has not happened."""
+CHANGE = {"X-Robotouille-Operator": "1"}
+
+
+class Api:
+    """The HTTP API over real HTTP."""
+
+    def __init__(self, http: httpx.AsyncClient) -> None:
+        self.http = http
+
+    async def get(self, path: str, **options: Any) -> Any:
+        answer = await self.http.get(path, **options)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    async def post(self, path: str, **body: Any) -> httpx.Response:
+        return await self.http.post(path, json=body, headers=CHANGE)
+
+    async def do(self, path: str, **body: Any) -> str:
+        """A request that must work; what was done."""
+        answer = await self.post(path, **body)
+        assert answer.status_code == 200, answer.text
+        done: str = answer.json()["done"]
+        return done
+
+    async def row(self, episode: str) -> Any:
+        """What the overview says of one episode."""
+        rows = (await self.get("/api/overview"))["episodes"]
+        return next(row for row in rows if row["episode"] == episode)
+
+    async def events(self, path: str) -> AsyncIterator[Any]:
+        async with self.http.stream("GET", path) as answer:
+            assert answer.status_code == 200
+            assert answer.headers["content-type"].startswith("text/event-stream")
+            async for line in answer.aiter_lines():
+                if line.startswith("data: "):
+                    yield json.loads(line[6:])
+
+
+@asynccontextmanager
+async def viewing(
+    folder: Path,
+    *,
+    storage: Storage | None = None,
+    view: dict[str, Any] | None = None,
+    **options: Any,
+) -> AsyncIterator[tuple[Server, OperatorPort, Api]]:
+    """A server on a free port, its operator's view on another, and a client of that."""
+    settings = ServerSettings(port=0, recordings=folder, **options)
+    async with AsyncExitStack() as stack:
+        serving = serve(settings, timestamp=lambda: STAMP, storage=storage)
+        server = await stack.enter_async_context(serving)
+        port = await stack.enter_async_context(operator_view(server, port=0, **view or {}))
+        http = await stack.enter_async_context(
+            httpx.AsyncClient(base_url=port.url, timeout=None, trust_env=False)
+        )
+        yield server, port, Api(http)
+
+
+class Table:
+    """Two people who play an episode together."""
+
+    def __init__(self, clients: list[Client], games: list[Game]) -> None:
+        self.clients = clients
+        self.games = games
+        self.episode = games[0].episode
+        self.code = games[0].code
+
+    async def until(self, reached: Callable[[Game], object], seat: int = 0) -> list[Any]:
+        """Take in events until something holds; those events."""
+        game, events = self.games[seat], []
+        async with asyncio.timeout(PATIENCE):
+            while not reached(game):
+                events.append(await game.next_event())
+        return events
+
+    async def hears(self, kind: type, seat: int = 0) -> Any:
+        """The next event of a kind."""
+        async with asyncio.timeout(PATIENCE):
+            while not isinstance(event := await self.games[seat].next_event(), kind):
+                pass
+        return event
+
+
+@asynccontextmanager
+async def table(
+    server: Server, task: str = TASK, names: tuple[str, ...] = ("ada", "bob"), **rules: Any
+) -> AsyncIterator[Table]:
+    """An episode that has begun."""
+    async with AsyncExitStack() as stack:
+        clients = [
+            await stack.enter_async_context(connect(server.url, name=name, kind="human"))
+            for name in names
+        ]
+        created = await clients[0].create(task, **{"clock": "realtime", **rules})
+        games = [await client.join(created.code) for client in clients]
+        yield Table(clients, games)
+
+
+class Disk(Folder):
+    """A folder on a disk that can be full."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.full = False
+
+    def create(self, name: str) -> Any:
+        return _Fillable(self, super().create(name))
+
+
+class _Fillable:
+    def __init__(self, disk: Disk, file: Any) -> None:
+        self._disk = disk
+        self._file = file
+
+    def append(self, data: bytes) -> None:
+        if self._disk.full:
+            raise OSError(28, "No space left on device")
+        self._file.append(data)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)

@@ -1,0 +1,147 @@
+"""What the operator does takes effect in the game, for those who play."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from robotouille_client import Over, connect
+from robotouille_client.game import Announced
+from tests.operator.support import table, viewing
+from tests.support.virtual_time import run
+
+
+def test_pause_stops_time_for_everybody_and_resume_lets_it_go_on(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            await play.until(lambda game: game.step >= 2)
+            await api.do(f"/api/episodes/{play.episode}/pause")
+            for seat in (0, 1):
+                await play.until(lambda game: game.phase == "paused", seat)
+                pause = play.games[seat].pause
+                assert pause is not None
+                assert (pause.reason, pause.left) == ("operator", None)
+            step = server.lobby.rooms[play.episode].episode.step
+            await asyncio.sleep(120)
+            assert server.lobby.rooms[play.episode].episode.step == step
+            assert (await api.row(play.episode))["pause"] == {"reason": "operator", "left": None}
+            await api.do(f"/api/episodes/{play.code}/resume")
+            await play.until(lambda game: game.step > step)
+            assert play.games[0].phase == "running"
+
+    run(main())
+
+
+def test_end_ends_and_the_reason_is_told_and_recorded(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            await play.until(lambda game: game.step >= 1)
+            await api.do(f"/api/episodes/{play.episode}/end", reason="the hour is over")
+            for seat in (0, 1):
+                await play.until(lambda game: game.outcome, seat)
+                outcome = play.games[seat].outcome
+                assert outcome is not None
+                assert (outcome["reason"], outcome["detail"]) == ("aborted", "the hour is over")
+            await server.lobby.closed()
+            row = (await api.get("/api/recordings"))["recordings"][0]
+            assert (row["outcome"], row["name"].endswith(".rbt")) == ("aborted", True)
+            for what in ("pause", "resume", "end"):
+                answer = await api.post(f"/api/episodes/{play.episode}/{what}")
+                assert (answer.status_code, answer.json()["code"]) == (409, "episode/over")
+
+    run(main())
+
+
+def test_a_player_who_is_sent_out_loses_the_seat_and_is_told_why(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            seats = (await api.row(play.episode))["seats"]
+            path = f"/api/episodes/{play.episode}/kick"
+            await api.do(path, session=seats[1]["session"], reason="be kind")
+            over = await play.hears(Over, seat=1)
+            assert over.reason == "be kind"
+            seats = (await api.row(play.episode))["seats"]
+            assert [seat["name"] for seat in seats] == ["ada", ""]
+            assert seats[1]["session"] is None
+
+    run(main())
+
+
+def test_a_spectator_can_be_sent_out(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            async with connect(server.url, name="eve") as eve:
+                game = await eve.join(play.code, role="spectator")
+                seen = await api.get(f"/api/episodes/{play.episode}")
+                (audience,) = seen["audience"]
+                path = f"/api/episodes/{play.episode}/kick"
+                await api.do(path, session=audience["session"])
+                while not isinstance(event := await game.next_event(), Over):
+                    pass
+                assert event.reason == "removed by the operator"
+                assert (await api.get(f"/api/episodes/{play.episode}"))["audience"] == []
+                answer = await api.post(path, session=audience["session"])
+                assert (answer.status_code, answer.json()["code"]) == (404, "session/unknown")
+
+    run(main())
+
+
+def test_an_announcement_reaches_one_episode_or_all(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api):
+            async with table(server) as here, table(server) as there:
+                await api.do(f"/api/episodes/{here.episode}/announce", text="  only here ")
+                await api.do("/api/announce", text="to all")
+                assert [(await here.hears(Announced)).text for _ in range(2)] == [
+                    "only here",
+                    "to all",
+                ]
+                assert (await there.hears(Announced)).text == "to all"
+                lines = (await api.get(f"/api/episodes/{here.episode}"))["lines"]
+                said = [line["text"] for line in lines if line["who"] == "operator"]
+                assert said == ["only here", "to all"]
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({}, "text"),
+        ({"text": ""}, "text"),
+        ({"text": "   "}, "text"),
+        ({"text": "x" * 501}, "500"),
+        ({"text": 7}, "text"),
+        ({"text": "x", "loud": True}, "loud"),
+    ],
+)
+def test_a_wrong_body_is_refused_by_name(
+    tmp_path: Path, body: dict[str, object], words: str
+) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (_, _, api):
+            answer = await api.post("/api/announce", **body)
+            assert (answer.status_code, answer.json()["code"]) == (400, "request/invalid")
+            assert words in answer.json()["message"]
+
+    run(main())
+
+
+def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (_, _, api):
+            for what in ("pause", "resume", "end", "announce", "kick"):
+                body = {"announce": {"text": "x"}, "kick": {"session": "x"}}.get(what, {})
+                answer = await api.post(f"/api/episodes/NOSUCHCODE/{what}", **body)
+                assert (answer.status_code, answer.json()["code"]) == (404, "episode/unknown")
+                assert "NOSUCHCODE" in answer.json()["message"]
+            answer = await api.http.get("/api/episodes/NOSUCHCODE/events")
+            assert answer.status_code == 404
+            answer = await api.http.get("/api/nothing")
+            assert (answer.status_code, answer.json()["code"]) == (404, "request/unknown")
+            answer = await api.http.get("/api/announce")
+            assert (answer.status_code, answer.json()["code"]) == (405, "request/method")
+
+    run(main())

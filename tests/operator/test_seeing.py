@@ -1,0 +1,320 @@
+"""What the operator is shown is what goes on."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+from robotouille.replay.recording import Recording, read_recording
+from robotouille_client import connect
+from robotouille_server import Server
+from tests.operator.support import Api, Disk, table, viewing
+from tests.support.servers import raw
+from tests.support.virtual_time import run
+
+
+def test_an_episode_with_everything_about_it(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server, step_rate=5) as play:
+            await play.until(lambda game: game.step >= 3)
+            row = await api.row(play.episode)
+            assert row["task"] == "multi_agent/01_lettuce_burger"
+            assert row["code"].replace("-", "") == play.code.replace("-", "")
+            assert (row["clock"], row["step_rate"]) == ("realtime", 5.0)
+            assert (row["phase"], row["pause"], row["outcome"]) == ("running", None, None)
+            assert row["step"] >= 3
+            assert row["max_steps"] == 500
+            assert [seat["name"] for seat in row["seats"]] == ["ada", "bob"]
+            assert {seat["controller"] for seat in row["seats"]} == {"human"}
+            assert all(seat["present"] and seat["address"] is None for seat in row["seats"])
+            name = row["recording"]["name"]
+            assert (tmp_path / name).stat().st_size >= row["recording"]["size"] > 0
+            assert row["watch"] == f"robotouille-client {row['code']} --watch --url {server.url}"
+
+    run(main())
+
+
+def test_who_is_away_and_for_how_long_they_are_waited_for(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api):
+            async with table(server, absence="pause", grace=60) as play:
+                await play.until(lambda game: game.step >= 1)
+                _drop(server, "bob")
+                await play.until(lambda game: game.pause)
+                row = await api.row(play.episode)
+                assert row["phase"] == "paused"
+                assert row["pause"]["reason"] == "absence"
+                assert 0 < row["pause"]["left"] <= 60
+                assert [s["controller"] for s in row["seats"]] == ["human", "absent"]
+
+    run(main())
+
+
+def _drop(server: Server, name: str) -> None:
+    """The line of a participant is cut and does not come back by itself for a while."""
+    for session in server.sessions.by_id.values():
+        if session.name == name and session.peer is not None:
+            session.peer.drop("cut")
+
+
+def test_latency_is_the_connections_round_trip(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            sessions = {session.name: session for session in server.sessions.by_id.values()}
+            assert sessions["ada"].peer is not None
+            sessions["ada"].peer.socket.latency = 0.0123
+            seats = (await api.row(play.episode))["seats"]
+            assert [seat["latency_ms"] for seat in seats] == [12.3, None]
+
+    run(main())
+
+
+def test_addresses_are_shown_only_where_the_server_keeps_them(tmp_path: Path) -> None:
+    async def addresses(folder: Path, keep: bool) -> list[Any]:
+        async with viewing(folder, record_addresses=keep) as (server, _, api):
+            async with table(server) as play:
+                return [seat["address"] for seat in (await api.row(play.episode))["seats"]]
+
+    assert run(addresses(tmp_path / "no", False)) == [None, None]
+    assert run(addresses(tmp_path / "yes", True)) == ["127.0.0.1", "127.0.0.1"]
+
+
+def test_totals_are_those_of_the_last_seconds(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server, step_rate=10) as play:
+            await asyncio.sleep(8)
+            await play.until(lambda game: game.step >= 60)
+            totals = (await api.get("/api/overview"))["totals"]
+            assert totals["connections"] == 2
+            assert totals["episodes"] == {"waiting": 0, "running": 1, "paused": 0, "over": 0}
+            assert 8 <= totals["steps_per_second"] <= 12
+            assert totals["sent_bytes_per_second"] > 0
+            assert totals["lateness"]["steps"] >= 50
+            assert totals["lateness"]["p50"] is not None
+            assert len(totals["history"]["steps"]) >= 7
+            row = await api.row(play.episode)
+            assert row["rates"] == {"received": None, "sent": None}
+            await asyncio.sleep(2)
+            row = await api.row(play.episode)
+            assert 15 <= row["rates"]["sent"] <= 25
+
+    run(main())
+
+
+def test_errors_are_counted_by_their_code(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), raw(server) as connection:
+            await connection.ask({"type": "join", "episode": "NOSUCHCODE"}, "error")
+            await connection.ask({"type": "zap"}, "error")
+            await connection.ask({"type": "zap"}, "error")
+            errors = (await api.get("/api/overview"))["totals"]["errors"]
+            assert errors == {"message/unknown-type": 2, "episode/unknown": 1}
+
+    run(main())
+
+
+def test_a_full_disk_is_shown_first_and_gone_when_there_is_room_again(tmp_path: Path) -> None:
+    async def main() -> None:
+        disk = Disk(tmp_path)
+        async with viewing(tmp_path, storage=disk) as (server, _, api):
+            async with table(server) as troubled, table(server) as other:
+                await troubled.until(lambda game: game.step >= 1)
+                disk.full = True
+                await other.until(lambda game: game.pause)
+                seen = await api.get("/api/overview")
+                text = "the recording cannot be written: No space left on device"
+                (fault,) = seen["faults"]
+                assert (fault["text"], fault["episodes"]) == (text, 2)
+                assert fault["episode"] in (troubled.episode, other.episode)
+                row = seen["episodes"][0]
+                assert row["problem"] == row["recording"]["problem"] == text
+                assert (row["phase"], row["pause"]["reason"]) == ("paused", "storage")
+                disk.full = False
+                await other.until(lambda game: not game.pause)
+                assert (await api.get("/api/overview"))["faults"] == []
+
+    run(main())
+
+
+def test_episodes_are_found_by_phase_and_words_and_shown_in_parts(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            async with connect(server.url, name="host") as host:
+                waiting = [(await host.create("asynchronous/06")).episode for _ in range(3)]
+
+            async def found(**asked: Any) -> list[str]:
+                seen = await api.get("/api/overview", params=asked)
+                return [row["episode"] for row in seen["episodes"]]
+
+            assert await found() == [play.episode, *waiting[::-1]]
+            assert await found(phase="running") == [play.episode]
+            assert await found(phase="over") == []
+            assert await found(search="ADA") == [play.episode]
+            assert await found(search="potato soup") == waiting[::-1]
+            assert await found(search=play.code) == [play.episode]
+            assert await found(limit=2, offset=1) == [waiting[2], waiting[1]]
+            assert (await api.get("/api/overview", params={"limit": 1}))["found"] == 4
+
+    run(main())
+
+
+def test_one_episode_can_be_watched_in_words(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            game = play.games[0]
+            action = game.state.actions("robot1")[0]
+            assert (await game.act(action)).applied
+            game.say("Hello there")
+            await play.until(lambda g: g.step >= 6)
+            room = server.lobby.rooms[play.episode]
+            room.pause()
+            seen = await api.get(f"/api/episodes/{play.episode}")
+            assert seen["text"] == room.episode.state.text(None)
+            lines = [(line["kind"], line["who"], line["text"]) for line in seen["lines"]]
+            assert ("say", "ada", "Hello there") in lines
+            assert ("seat", "robot2", "bob is here (human)") in lines
+            assert ("note", "", "all seats are taken, the game begins") in lines
+            assert ("act", "robot1", action.sentence) in lines
+
+    run(main())
+
+
+def test_a_stream_tells_what_changes(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            events = api.events(f"/api/episodes/{play.code}/events")
+            first = await anext(events)
+            later = await anext(events)
+            assert later["step"] > first["step"]
+            await events.aclose()  # type: ignore[attr-defined]
+            overviews = api.events("/api/overview/events?search=ada")
+            assert [(await anext(overviews))["found"], (await anext(overviews))["found"]] == [1, 1]
+            await overviews.aclose()  # type: ignore[attr-defined]
+
+    run(main())
+
+
+def test_spectators_are_named(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            async with connect(server.url, name="eve") as eve:
+                await eve.join(play.code, role="spectator")
+                seen = await api.get(f"/api/episodes/{play.code}")
+                assert [row["name"] for row in seen["audience"]] == ["eve"]
+                assert seen["spectators"] == 1
+
+    run(main())
+
+
+def test_a_recording_can_be_had_while_it_grows_and_when_it_is_closed(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server, max_steps=20) as play:
+            await play.until(lambda game: game.step >= 5)
+            server.lobby.rooms[play.episode].pause()
+            live = (await api.row(play.episode))["recording"]["name"]
+            whole = (tmp_path / live).read_bytes()
+            with (tmp_path / live).open("ab") as file:
+                file.write(b"\x99\x00\x00\x00torn")
+            answer = await api.http.get(f"/api/recordings/{live}")
+            assert answer.headers["content-disposition"] == f'attachment; filename="{live}"'
+            assert answer.content == whole
+            partial = Recording(answer.content)
+            assert len(partial.steps) >= 5
+            assert partial.verify().ok
+
+    run(main())
+
+    async def finished() -> None:
+        async with viewing(tmp_path / "second") as (server, _, api):
+            async with table(server, max_steps=5) as play:
+                await play.until(lambda game: game.outcome)
+                await server.lobby.closed()
+                row = (await api.get("/api/recordings"))["recordings"][0]
+                assert row["outcome"] == "step_limit"
+                assert (row["steps"], row["task"]) == (5, "multi_agent/01_lettuce_burger")
+                assert row["episode"] is None
+                answer = await api.http.get(f"/api/recordings/{row['name']}")
+                assert answer.content == (tmp_path / "second" / row["name"]).read_bytes()
+                assert row["size"] == len(answer.content)
+                assert read_recording(tmp_path / "second" / row["name"]).verify().ok
+                after = await api.row(play.episode)
+                assert after["recording"]["name"] == row["name"]
+
+    run(finished())
+
+
+def test_the_list_of_recordings_says_how_each_ended(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            await play.until(lambda game: game.step >= 1)
+            live = (await api.row(play.episode))["recording"]["name"]
+            (tmp_path / "20250101T000000Z_old_1.rbt.part").write_bytes(
+                (tmp_path / live).read_bytes()
+            )
+            (tmp_path / "20240101T000000Z_broken_2.rbt").write_bytes(b"not a recording")
+            (tmp_path / "notes.txt").write_text("no recording at all")
+            rows = (await api.get("/api/recordings"))["recordings"]
+            assert [(row["name"], row["outcome"]) for row in rows] == [
+                (live, "live"),
+                ("20250101T000000Z_old_1.rbt.part", "unfinished"),
+                ("20240101T000000Z_broken_2.rbt", "unreadable"),
+            ]
+            assert rows[0]["episode"] == play.episode
+            found = await api.get("/api/recordings", params={"search": "OLD", "limit": 5})
+            assert [row["name"] for row in found["recordings"]] == [rows[1]["name"]]
+
+    run(main())
+
+
+def test_only_names_of_the_list_are_read(tmp_path: Path) -> None:
+    async def main() -> None:
+        folder = tmp_path / "recordings"
+        (tmp_path / "secret.rbt").write_text("outside")
+        async with viewing(folder) as (_, _, api):
+            (folder / "notes.txt").write_text("inside, but no recording")
+            tried = [
+                "../secret.rbt", "..%2Fsecret.rbt", "%2e%2e%2fsecret.rbt", "notes.txt",
+                str(tmp_path / "secret.rbt").replace("/", "%2F"), "nothing.rbt", "..", "%00.rbt",
+            ]  # fmt: skip
+            for name in tried:
+                answer = await api.http.get(f"/api/recordings/{name}")
+                assert answer.status_code == 404, name
+                assert answer.json()["code"] in ("recording/unknown", "request/unknown"), name
+
+    run(main())
+
+
+def test_a_server_that_records_nothing_says_so(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path, record=False) as (server, _, api), table(server) as play:
+            assert (await api.row(play.episode))["recording"] is None
+            assert await api.get("/api/recordings") == {"found": 0, "recordings": []}
+            assert (await _lines(api, play.episode)) == []
+
+    run(main())
+
+
+async def _lines(api: Api, episode: str) -> Any:
+    return (await api.get(f"/api/episodes/{episode}"))["lines"]
+
+
+def test_an_unreadable_folder_is_an_error_the_operator_reads(tmp_path: Path) -> None:
+    class Locked(Disk):
+        def names(self) -> list[str]:
+            if self.full:
+                raise PermissionError(13, "Permission denied")
+            return super().names()
+
+    async def main() -> None:
+        disk = Locked(tmp_path)
+        async with viewing(tmp_path, storage=disk) as (_, _, api):
+            disk.full = True
+            answer = await api.http.get("/api/recordings")
+            assert answer.status_code == 503
+            assert answer.json() == {
+                "code": "recording/unreadable",
+                "message": "the recordings folder cannot be read: Permission denied",
+            }
+
+    run(main())
