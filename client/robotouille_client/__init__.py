@@ -7,11 +7,10 @@ async with connect("ws://127.0.0.1:8765", name="ada") as client:
 """
 
 from robotouille_client.connection import Client, connect
-from robotouille_client.game import (
+from robotouille_client.events import (
     ActResult,
     Announced,
     Changed,
-    Game,
     GameEvent,
     Heard,
     Observed,
@@ -19,6 +18,7 @@ from robotouille_client.game import (
     Refused,
     RosterChanged,
 )
+from robotouille_client.game import Game
 
 __all__ = [
     "ActResult",

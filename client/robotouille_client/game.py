@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
 from typing import Any
 
 from robotouille.domain.task import Task
@@ -18,19 +17,19 @@ from robotouille.protocol.states import StateReader
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World, shared_world
+from robotouille_client.events import (
+    ActResult,
+    Announced,
+    Changed,
+    GameEvent,
+    Heard,
+    Observed,
+    Over,
+    Refused,
+    RosterChanged,
+)
 
-__all__ = [
-    "ActResult",
-    "Announced",
-    "Changed",
-    "Game",
-    "GameEvent",
-    "Heard",
-    "Observed",
-    "Over",
-    "Refused",
-    "RosterChanged",
-]
+__all__ = ["Game", "Wish"]
 
 MAX_EVENTS = 10_000
 SLOW_DOWN_SECONDS = 0.25
@@ -39,89 +38,6 @@ SLOW_DOWN_SECONDS = 0.25
 Wish = GroundAction | messages.NamedAction | str | int | None
 """What one can ask to do: a ground action, a named one, its sentence, its place in the list of
 valid actions, or None for nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class Changed:
-    """The state is another: a step was taken, or (`did` empty, `previous` None) a snapshot came.
-
-    `did` are the actions of the step as `(player, action, applied)`.
-    """
-
-    step: int
-    state: State
-    previous: State | None = None
-    did: tuple[tuple[str, GroundAction, bool], ...] = ()
-    turn: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Observed:
-    """The state in words, with the seat's valid actions (text view)."""
-
-    step: int
-    text: str
-    actions: tuple[str, ...]
-    turn: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """An action of this seat was not taken, and why."""
-
-    seq: int
-    step: int
-    action: str
-    reasons: tuple[str, ...]
-    code: str
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """Somebody said something."""
-
-    name: str
-    seat: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Announced:
-    """The server's operator said something."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class RosterChanged:
-    """Who plays, whether all seats are taken, and why the game stands still if it does."""
-
-    phase: str
-    seats: tuple[messages.SeatInfo, ...]
-    pause: messages.Pause | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Over:
-    """The episode is over, or (`outcome` empty) the participant is out of it: `code` is that of
-    the server's `bye`, if there was one."""
-
-    outcome: dict[str, Any]
-    reason: str = ""
-    code: str = ""
-
-
-GameEvent = Changed | Observed | Refused | Heard | Announced | RosterChanged | Over
-
-
-@dataclass(frozen=True, slots=True)
-class ActResult:
-    """What became of an action."""
-
-    applied: bool
-    step: int
-    reasons: tuple[str, ...] = ()
-    code: str = ""
 
 
 class Game:

@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from robotouille.episode import (
     Absence,
@@ -34,6 +33,7 @@ from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.session import Session
 from robotouille_server.stand_in import StandIn
+from robotouille_server.wishes import ground, in_words
 
 __all__ = ["Room", "RoomHost"]
 
@@ -208,7 +208,7 @@ class Room:
             if request.seq == self.episode.seat(session.player).seq:
                 self._answer_again(session, request)
                 return
-            action = self._action(session.player, request)
+            action = ground(self.episode, session.player, request)
             self.episode.submit(
                 session.player,
                 request.seq,
@@ -232,31 +232,10 @@ class Room:
         rejected = messages.Rejected(
             seq=answer.seq,
             step=answer.step,
-            action=_said_action(request),
+            action=in_words(request),
             reasons=list(answer.reasons),
         )
         self._confirm(session, partial(self.audience.send, session, rejected))
-
-    def _action(self, player: str, request: messages.Act) -> GroundAction | None:
-        wanted = request.action
-        state = self.episode.state
-        if wanted is None:
-            return None
-        if isinstance(wanted, int):
-            if request.basis != self.episode.step:
-                message = f"step {request.basis} is past; it is step {self.episode.step}"
-                raise ProtocolError("action/stale", message, "basis")
-            actions = state.actions(player)
-            if wanted >= len(actions):
-                message = f"there are {len(actions)} valid actions, found {wanted}"
-                raise ProtocolError("action/unknown", message, "action")
-            return actions[wanted]
-        try:
-            if isinstance(wanted, str):
-                return self.world.parse(state, player, wanted)
-            return self.world.action(wanted.name, *wanted.args)
-        except KeyError as error:
-            raise ProtocolError("action/unknown", str(error.args[0]), "action") from None
 
     def _refuse(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
         self._metrics.errors.labels(error.code).inc()
@@ -264,7 +243,7 @@ class Room:
         rejected = messages.Rejected(
             seq=request.seq,
             step=self.episode.step,
-            action=_said_action(request),
+            action=in_words(request),
             reasons=[error.message],
             code=error.code,
         )
@@ -485,10 +464,3 @@ class Room:
             reason=outcome.reason.value if outcome else "",
             steps=self.episode.step,
         )
-
-
-def _said_action(request: messages.Act) -> str:
-    wanted: Any = request.action
-    if isinstance(wanted, messages.NamedAction):
-        return f"{wanted.name}({', '.join(wanted.args)})"
-    return "nothing" if wanted is None else str(wanted)

@@ -19,7 +19,7 @@ from robotouille.episode import (
     Started,
     Stepped,
 )
-from robotouille.episode.episode import LOBBY_SECONDS
+from robotouille.episode.presence import LOBBY_SECONDS
 from tests.support.games import play_through, random_choice
 
 TWO = World("multi_agent/01")

@@ -10,7 +10,8 @@ from robotouille.planning.policies import Policy
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
-from robotouille_client.game import Changed, Game, GameEvent
+from robotouille_client.events import Changed, GameEvent
+from robotouille_client.game import Game
 
 __all__ = ["MakePolicy", "play"]
 

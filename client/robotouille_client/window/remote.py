@@ -9,7 +9,8 @@ from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
-from robotouille_client.game import Announced, Changed, Game, Heard, Over, Refused
+from robotouille_client.events import Announced, Changed, Heard, Over, Refused
+from robotouille_client.game import Game
 from robotouille_client.window.reasons import clock_words, farewell, outcome_words, pause_words
 from robotouille_client.window.sources import GLIDE_SECONDS
 from robotouille_client.window.talk import Talk

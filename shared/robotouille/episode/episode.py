@@ -29,6 +29,7 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.holds import Hold, Holds
+from robotouille.episode.presence import Presence
 from robotouille.episode.rules import Absence, Clock, Rules
 from robotouille.episode.seats import Answer, Controller, Pending, Seat
 from robotouille.errors import ProtocolError
@@ -41,8 +42,6 @@ __all__ = ["Episode", "Phase"]
 MAX_CATCH_UP = 10
 MAX_STEPS_AT_ONCE = 50
 """Steps taken for one message; what is left is taken when time is told next."""
-LOBBY_SECONDS = 600.0
-"""For how long an episode that has not begun waits for somebody to come."""
 
 
 class Phase(Enum):
@@ -74,20 +73,18 @@ class Episode:
         self.seats = {p: Seat(p, tally=SeatTally(p)) for p in world.players}
         self.said = 0
         self.used = False
-        self.holds = Holds()
+        self._presence = Presence(self.seats, rules)
         self._turn = 0
         self._arrivals = 0
         self._started = 0.0
         self._deadline: float | None = None
         self._next_step = 0.0
         self._backlog: float | None = None
-        self._expected: set[str] = set()
-        self._all_present = False
         self._scheduled = rules.scheduled
         self._by_turns = rules.clock is Clock.TURN
         self._events: list[Event] = []
         self._told_holds: tuple[str, ...] = ()
-        self._watch_absence(now)
+        self._presence.watch(now, running=False)
 
     # Who plays
 
@@ -186,28 +183,23 @@ class Episode:
 
     # Who is missing
 
+    @property
+    def holds(self) -> Holds:
+        """The reasons for which time stands still at present."""
+        return self._presence.holds
+
+    @property
+    def paused(self) -> bool:
+        """Whether the game has begun, is not over, and stands still."""
+        return self.phase is Phase.RUNNING and bool(self.holds)
+
+    @property
+    def _running(self) -> bool:
+        return self.phase is Phase.RUNNING
+
     def _attend(self, now: float) -> None:
-        """Somebody came or went: who is waited for now?"""
-        self._watch_absence(now)
-        self._expected = {p for p in self._expected if not self.seats[p].present}
-        if not self._expected:
-            self.holds.until.pop(Hold.RESTART, None)
+        self._presence.watch(now, running=self._running)
         self._reckon(now)
-
-    def _watch_absence(self, now: float) -> None:
-        here = [seat.present for seat in self.seats.values()]
-        self._all_present = all(here)
-        waiting = self.phase is Phase.WAITING
-        patience = max(self.rules.grace, LOBBY_SECONDS) if waiting else self.rules.grace
-        self._set(Hold.DESERTED, not any(here), now + patience)
-        pausing = self.phase is Phase.RUNNING and self.rules.absence is Absence.PAUSE
-        self._set(Hold.ABSENCE, pausing and not all(here), now + self.rules.grace)
-
-    def _set(self, why: Hold, holds: bool, until: float | None) -> None:
-        if not holds:
-            self.holds.until.pop(why, None)
-        elif why not in self.holds:
-            self.holds.until[why] = until
 
     def hold(self, why: Hold, now: float, until: float | None = None) -> None:
         """Let time stand still, until it is released or the time `until` has come."""
@@ -218,19 +210,8 @@ class Episode:
     def release(self, why: Hold, now: float) -> None:
         """Let time run again, as far as this reason goes."""
         if why in self.holds:
-            del self.holds.until[why]
-            if not self.holds.outer:
-                self._grant_grace(now)
+            self._presence.lift(why, now, running=self._running)
             self._reckon(now)
-
-    def _grant_grace(self, now: float) -> None:
-        """Whoever is absent has its whole grace before it from now on."""
-        for why in (Hold.DESERTED, Hold.ABSENCE):
-            self.holds.until.pop(why, None)
-        for seat in self.seats.values():
-            if not seat.present:
-                seat.away = now
-        self._watch_absence(now)
 
     def _reckon(self, now: float) -> None:
         """The reasons to stand still may have changed."""
@@ -244,11 +225,6 @@ class Episode:
                 self._ask(now)
             self._emit(Paused(holds, self._elapsed(now)) if holds else Resumed(self._elapsed(now)))
         self._advance(now)
-
-    @property
-    def paused(self) -> bool:
-        """Whether the game has begun, is not over, and stands still."""
-        return self.phase is Phase.RUNNING and bool(self.holds)
 
     # What they do
 
@@ -366,11 +342,11 @@ class Episode:
         """When `tick` has something to do; None while only messages can move the episode."""
         if self.phase is Phase.OVER:
             return None
-        if self._all_present and not self.holds.until:
+        if self._presence.complete and not self.holds.until:
             return self._clock_due()
         clock = None if self.holds else self._clock_due()
-        times = (clock, self.holds.due(), self._seat_due())
-        return min((time for time in times if time is not None), default=None)
+        absence = self._presence.due(running=self._running)
+        return min((time for time in (clock, absence) if time is not None), default=None)
 
     def _clock_due(self) -> float | None:
         if self.phase is not Phase.RUNNING:
@@ -379,18 +355,9 @@ class Episode:
             return self._backlog
         return self._next_step if self._scheduled else self._deadline
 
-    def _seat_due(self) -> float | None:
-        """When the next absent participant loses the seat, or ends the game."""
-        if Hold.DESERTED in self.holds or self.holds.outer:
-            return None
-        if self.phase is Phase.RUNNING and self.rules.absence in (Absence.PAUSE, Absence.BOT):
-            return None
-        away = [seat.away for seat in self.seats.values() if seat.taken and not seat.present]
-        return min(away) + self.rules.grace if away else None
-
     def tick(self, now: float) -> None:
         """Let time pass: take the steps that are due, give up what has been waited for enough."""
-        if self.holds.until or not self._all_present:
+        if self.holds.until or not self._presence.complete:
             self._tick_absence(now)
         if self.phase is not Phase.RUNNING or self.holds.until:
             return
@@ -403,27 +370,14 @@ class Episode:
             self._advance(now)
 
     def _tick_absence(self, now: float) -> None:
+        """Give up what has been waited for long enough."""
         for why in self.holds.expired(now):
             if why in (Hold.DESERTED, Hold.ABSENCE):
-                self._end(Reason.ABANDONED, now, self._whom_we_miss())
+                self._end(Reason.ABANDONED, now, self._presence.missing())
                 return
-            self._expected.clear()
             self.release(why, now)
-        due = self._seat_due()
-        if due is not None and now >= due:
-            self._give_up_seats(now)
-
-    def _whom_we_miss(self) -> str:
-        if Hold.DESERTED in self.holds:
-            return "everybody left"
-        missing = [seat.name or seat.player for seat in self.seats.values() if not seat.present]
-        return f"{' and '.join(missing)} did not come back"
-
-    def _give_up_seats(self, now: float) -> None:
-        """The grace of absent participants is over."""
-        for seat in self.seats.values():
-            if seat.taken and not seat.present and now >= seat.away + self.rules.grace:
-                self.leave(seat.player, now)
+        for seat in self._presence.overdue(now, running=self._running):
+            self.leave(seat.player, now)
 
     def abort(self, now: float, detail: str) -> None:
         """End the episode from outside, e.g. because the server shuts down."""
@@ -595,10 +549,9 @@ class Episode:
         for seat in present:
             self._roster(seat, now)
         self.holds.until.clear()
-        if begun and present:
-            self._expected = {seat.player for seat in present}
-            self.holds.until[Hold.RESTART] = now + patience
-        self._watch_absence(now)
+        if begun:
+            self._presence.expect([seat.player for seat in present], now + patience)
+        self._presence.watch(now, running=begun)
         if begun and self._finished(now):
             return
         self._reckon(now)

@@ -1,0 +1,97 @@
+"""Who is there, who is missing, and what waits for whom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from robotouille.episode.holds import Hold, Holds
+from robotouille.episode.rules import Absence, Rules
+from robotouille.episode.seats import Seat
+
+__all__ = ["LOBBY_SECONDS", "Presence"]
+
+LOBBY_SECONDS = 600.0
+"""For how long an episode that has not begun waits for somebody to come."""
+
+
+class Presence:
+    """The absence policy of an episode. `running` says whether the game has begun.
+
+    `holds` are the reasons for which time stands still at present.
+    """
+
+    def __init__(self, seats: Mapping[str, Seat], rules: Rules) -> None:
+        self.holds = Holds()
+        self.complete = False
+        self._seats = seats
+        self._rules = rules
+        self._expected: set[str] = set()
+
+    def watch(self, now: float, *, running: bool) -> None:
+        """Somebody came or went: who is waited for, and until when?"""
+        here = [seat.present for seat in self._seats.values()]
+        self.complete = all(here)
+        grace = self._rules.grace
+        patience = grace if running else max(grace, LOBBY_SECONDS)
+        self._set(Hold.DESERTED, not any(here), now + patience)
+        pausing = running and self._rules.absence is Absence.PAUSE
+        self._set(Hold.ABSENCE, pausing and not self.complete, now + grace)
+        self._expected = {p for p in self._expected if not self._seats[p].present}
+        if not self._expected:
+            self.holds.until.pop(Hold.RESTART, None)
+
+    def _set(self, why: Hold, holds: bool, until: float) -> None:
+        if not holds:
+            self.holds.until.pop(why, None)
+        elif why not in self.holds:
+            self.holds.until[why] = until
+
+    def expect(self, players: Iterable[str], until: float) -> None:
+        """After a restart: let time stand still until these are back, or that time has come."""
+        self._expected = set(players)
+        if self._expected:
+            self.holds.until[Hold.RESTART] = until
+
+    def lift(self, why: Hold, now: float, *, running: bool) -> None:
+        """A reason does not hold any more; whoever is absent has its whole grace before it."""
+        self.holds.until.pop(why, None)
+        if why is Hold.RESTART:
+            self._expected.clear()
+        if self.holds.outer:
+            return
+        for absence in (Hold.DESERTED, Hold.ABSENCE):
+            self.holds.until.pop(absence, None)
+        for seat in self._seats.values():
+            if not seat.present:
+                seat.away = now
+        self.watch(now, running=running)
+
+    def due(self, *, running: bool) -> float | None:
+        """When the next hold ends by itself, or the next absent participant loses the seat."""
+        times = (self.holds.due(), self._seat_due(running))
+        return min((time for time in times if time is not None), default=None)
+
+    def _seat_due(self, running: bool) -> float | None:
+        away = [seat.away for seat in self._seats.values() if self._may_lose(seat, running)]
+        return min(away) + self._rules.grace if away else None
+
+    def overdue(self, now: float, *, running: bool) -> list[Seat]:
+        """The absent whose grace is over."""
+        grace = self._rules.grace
+        return [
+            seat
+            for seat in self._seats.values()
+            if self._may_lose(seat, running) and now >= seat.away + grace
+        ]
+
+    def _may_lose(self, seat: Seat, running: bool) -> bool:
+        if seat.present or not seat.taken or Hold.DESERTED in self.holds or self.holds.outer:
+            return False
+        return not running or self._rules.absence in (Absence.WAIT, Absence.END)
+
+    def missing(self) -> str:
+        """Whom we miss, in words."""
+        if Hold.DESERTED in self.holds:
+            return "everybody left"
+        names = [seat.name or seat.player for seat in self._seats.values() if not seat.present]
+        return f"{' and '.join(names)} did not come back"
