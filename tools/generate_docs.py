@@ -3,9 +3,9 @@
     python tools/generate_docs.py            write them
     python tools/generate_docs.py --check    exit status 1 if one is out of date
 
-Message tables, settings, command-line options, the AsyncAPI page and the JSON Schemas come from
-the code; meanings and examples of messages from docs/messages.json; tables of plan lengths from
-the shipped certificates. In pages, the generated part lies between
+Message tables, settings, command-line options, limits, the AsyncAPI and OpenAPI documents and the
+JSON Schemas come from the code; meanings and examples of messages from docs/messages.json; tables
+of plan lengths from the shipped certificates. In pages, the generated part lies between
 `<!-- begin generated: NAME -->` and `<!-- end generated: NAME -->`.
 """
 
@@ -17,17 +17,19 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import plan_lengths
 import typer
-from pydantic import BaseModel
+from pydantic import BaseModel, SecretStr
 from pydantic.json_schema import models_json_schema
 
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.protocol import messages
 from robotouille.protocol.codec import SUBPROTOCOLS
+from robotouille_server.limit_table import limits_page
+from robotouille_server.operator import openapi
 from robotouille_server.settings import ServerSettings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -246,26 +248,39 @@ def settings_table() -> str:
         "| --- | --- | --- | --- | --- |",
     ]
     for name, field in ServerSettings.model_fields.items():
-        flag = f"--{name.replace('_', '-')}"
-        flags = f"`{flag}`, `--no-{name}`" if field.annotation is bool else f"`{flag}`"
         schema = named_enums(properties[name], definitions)
         choices = [s["enum"] for s in [schema, *schema.get("anyOf", ())] if "enum" in s]
         limits = [", ".join(f"`{v}`" for v in values) for values in choices]
         limits += list(limit_words(schema))
         rows.append(
-            f"| {flags} | `ROBOTOUILLE_{name.upper()}`, `{name}` | {shown(field.default)} "
-            f"| {', '.join(limits)} | {cell(field.description or '')} |"
+            f"| {setting_flags(name, field.annotation)} | `ROBOTOUILLE_{name.upper()}`, `{name}` "
+            f"| {shown(field.default)} | {', '.join(limits)} | {cell(field.description or '')} |"
         )
     return "\n".join(rows)
+
+
+def setting_flags(name: str, annotation: Any) -> str:
+    """The flags of a setting; a secret has none, since everybody can read a command line."""
+    flag = name.replace("_", "-")
+    if annotation is SecretStr or SecretStr in get_args(annotation):
+        return "none"
+    return f"`--{flag}`, `--no-{flag}`" if annotation is bool else f"`--{flag}`"
 
 
 def commands() -> dict[str, typer.Typer]:
     """The Typer applications that are documented."""
     modules = {
         name: importlib.import_module(f"robotouille_client.{path}.cli")
-        for name, path in [("robotouille-client", "window"), ("robotouille-bot", "bots")]
+        for name, path in [
+            ("robotouille-client", "window"),
+            ("robotouille-bot", "bots"),
+            ("robotouille-loadtest", "load"),
+        ]
     }
-    applications = {"robotouille": importlib.import_module("robotouille_client.cli.main").app}
+    applications = {
+        "robotouille": importlib.import_module("robotouille_client.cli.main").app,
+        "robotouille-token": importlib.import_module("robotouille_server.token_cli").token_app(),
+    }
     for name, module in modules.items():
         applications[name] = typer.Typer(add_completion=False)
         applications[name].command()(module.command)
@@ -303,8 +318,14 @@ def option_table(command: Any) -> list[str]:
         default = "required" if parameter.required else shown(parameter.default)
         if parameter.default is False:
             default = "off"
-        rows.append(f"| {flags} | {default} | {cell(parameter.help or '')} |")
+        rows.append(f"| {flags} | {default} | {cell(parameter_words(parameter))} |")
     return rows
+
+
+def parameter_words(parameter: Any) -> str:
+    """What a parameter means, and the variable that can take its place."""
+    variable = f" Or the variable `{parameter.envvar}`." if parameter.envvar else ""
+    return f"{parameter.help or ''}{variable}"
 
 
 # Pages and files
@@ -350,6 +371,8 @@ def outputs() -> Iterator[tuple[Path, str]]:
     yield DOCS / "protocol.md", page(DOCS / "protocol.md", {"messages": message_reference})
     parts = {"settings": settings_table, "options": command_options}
     yield DOCS / "settings.md", page(DOCS / "settings.md", parts)
+    limits = {"limits": lambda: limits_page().rstrip()}
+    yield DOCS / "limits.md", page(DOCS / "limits.md", limits)
     parts = {
         "default tasks": plan_lengths.default_table,
         "generated totals": plan_lengths.generated_totals,
@@ -357,6 +380,7 @@ def outputs() -> Iterator[tuple[Path, str]]:
     }
     yield DOCS / "plan_lengths.md", page(DOCS / "plan_lengths.md", parts)
     yield DOCS / "asyncapi.json", as_json(asyncapi())
+    yield DOCS / "openapi.json", as_json(openapi())
     for name, model in FILES.items():
         yield DOCS / "schemas" / f"{name}.json", as_json(file_schema(name, model))
 

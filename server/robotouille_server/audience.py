@@ -10,7 +10,7 @@ from typing import Any
 import msgpack
 from pydantic import BaseModel
 
-from robotouille.episode import Answer, Episode, Rejected, Said, Stepped
+from robotouille.episode import Answer, Episode, Outcome, Rejected, Said, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
 from robotouille.protocol.states import StateWriter
@@ -226,6 +226,15 @@ class Audience:
                 session.player, episode.state, episode.step, episode.on_turn, self.phase
             )
             self.send(session, observation)
+            if not session.wants_state and episode.outcome is not None:
+                self.send(session, self.ended(episode.outcome))
+
+    def ended(self, outcome: Outcome) -> messages.Ended:
+        """How the game ended."""
+        episode = self._episode
+        return messages.Ended(
+            step=episode.step, outcome=outcome.to_json(), hash=episode.state.digest
+        )
 
     def _snapshot(self, session: Session) -> messages.Snapshot:
         episode, state = self._episode, self._episode.state

@@ -178,6 +178,9 @@ class Conversation:
         self.session = session
         session.visitor = self._visitor
         self._server.expect(session)
+        if self._server.settings.record_addresses:
+            address = self._visitor.address
+            get_logger().info("participant connected", session=session.id, address=address)
         if old is not None:
             old.part("session/elsewhere", "the connection was resumed elsewhere")
 

@@ -10,10 +10,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from robotouille.domain.files import MAX_NESTING
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, MAX_DEPTH, MAX_SERVER_BYTES
 from robotouille_server.access import WRONG_CODES_A_MINUTE
-from robotouille_server.connection import MAX_EARLY
+from robotouille_server.connection import MAX_EARLY, MAX_PARTS
 from robotouille_server.conversation import COSTS, MAX_REFUSED
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
@@ -68,7 +69,12 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "nesting of a message",
             "refused",
             "message/malformed",
-            value=f"{MAX_DEPTH} levels",
+            value=f"{MAX_DEPTH} levels (MessagePack), {MAX_NESTING} (JSON)",
+        ),
+        Limit(
+            "frames of one message",
+            "the connection is closed with status 1008",
+            value=f"{MAX_PARTS:,}",
         ),
         Limit(
             "messages a second and connection",

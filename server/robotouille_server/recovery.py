@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille.errors import RecordingError, RobotouilleError
-from robotouille.replay.frames import MAGIC, read_frames, unwrap
+from robotouille.replay.frames import MAGIC, intact, read_frames, unwrap
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
@@ -51,6 +51,7 @@ class Recovery:
         self._patience = patience
         self._adopt = adopt
         self._foreign: dict[str, str] = {}
+        self._closed: dict[str, str] = {}
         self._seated: dict[str, Room] = {}
         self._looking: asyncio.TimerHandle | None = None
 
@@ -59,6 +60,7 @@ class Recovery:
         are taken over when it lets go. `known` are the episodes that are here already."""
         names = self._storage.names()
         self._foreign = {name: code for name, code in self._foreign.items() if name in names}
+        self._list_closed(names)
         for name in names:
             episode = _episode_of(name)
             mine = name.endswith(OPEN) and self._worker.owns(episode)
@@ -94,17 +96,22 @@ class Recovery:
 
     def ended(self, episode: str) -> Room | None:
         """The room of an episode that is over, for those who have missed its end."""
-        ending = f"_{episode}{CLOSED}"
+        if episode not in self._closed:
+            self._list_closed(self._storage.names())
+        name = self._closed.get(episode)
+        if name is None:
+            return None
         try:
-            for name in self._storage.names():
-                if name.endswith(ending):
-                    recording = Recording(unwrap(self._storage.read(name)), name)
-                    restored = self._restored(recording)
-                    recorder = Recorder(restored.episode.world, recording.header)
-                    return self._adopt(Found(recording.header, restored, recorder, None))
+            recording = Recording(unwrap(self._storage.read(name)), name)
+            restored = self._restored(recording)
         except (RobotouilleError, OSError) as error:
-            get_logger().error("recording not read", episode=episode, error=str(error))
-        return None
+            get_logger().error("recording not read", file=name, error=str(error))
+            return None
+        recorder = Recorder(restored.episode.world, recording.header)
+        return self._adopt(Found(recording.header, restored, recorder, None))
+
+    def _list_closed(self, names: list[str]) -> None:
+        self._closed = {_episode_of(name): name for name in names if name.endswith(CLOSED)}
 
     def forget(self, room: Room) -> None:
         """A room is closed."""
@@ -146,13 +153,13 @@ class Recovery:
         if MAGIC.startswith(content[: len(MAGIC)]) and not any(read_frames(content)):
             self._storage.remove(name)  # Cut off in its header: nobody was told of it.
             return False
-        recording = Recording(content, name)
+        recording = Recording(_without_zeros(content), name)
         restored = self._restored(recording)
         file.cut(restored.kept)
         if restored.missing:
             file.append(restored.missing)
         if restored.complete:
-            close_recording(self._storage, name)
+            self._closed[_episode_of(name)] = close_recording(self._storage, name)
             return False
         recorder = Recorder(restored.episode.world, recording.header)
         size = restored.kept + len(restored.missing)
@@ -187,6 +194,12 @@ class Recovery:
         get_logger().error("episode not restored", file=name, error=reason)
 
 
+def _without_zeros(content: bytes) -> bytes:
+    """A file without the zeros that a power cut may leave behind its last frame."""
+    end = intact(content)
+    return content if content[end:].strip(b"\0") else content[:end]
+
+
 def _episode_of(name: str) -> str:
     """The episode's id in a recording's name."""
-    return name.removesuffix(OPEN).rpartition("_")[2]
+    return name.removesuffix(OPEN).removesuffix(CLOSED).rpartition("_")[2]

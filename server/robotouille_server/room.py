@@ -429,12 +429,7 @@ class Room:
 
     def _tell_end(self, event: Ended) -> None:
         self._metrics.outcomes.labels(event.outcome.reason.value).inc()
-        ended = messages.Ended(
-            step=self.episode.step,
-            outcome=event.outcome.to_json(),
-            hash=self.episode.state.digest,
-        )
-        self.audience.send_all(ended)
+        self.audience.send_all(self.audience.ended(event.outcome))
 
     # The end
 

@@ -50,7 +50,7 @@ class Sessions:
 
         ProtocolError `auth/expired` where the session or the token has had its day.
         """
-        session = self.by_id.get(grant.session) or self._from_seat(grant, room)
+        session = self.by_id.get(grant.session) or self._from_before(grant, room)
         if session is None:
             message = "this connection cannot be resumed any more; say hello without 'resume'"
             raise ProtocolError("auth/expired", message, "resume")
@@ -60,21 +60,24 @@ class Sessions:
         session.generation = grant.generation
         return session
 
-    def _from_seat(self, grant: ResumeGrant, room: Room | None) -> Session | None:
-        player = None if room is None else room.holds_seat(grant.session)
-        if room is None or player is None:
+    def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session | None:
+        """A session of a process before this one: whoever has a seat, or watched."""
+        if room is None:
             return None
-        seat = room.episode.seats[player]
+        player = room.holds_seat(grant.session)
+        if player is None and (grant.seat or grant.episode != room.id):
+            return None
+        seat = room.episode.seats[player] if player is not None else None
         session = Session(
             grant.session,
-            name=seat.name,
-            kind=seat.kind,
+            name=grant.name,
+            kind=grant.kind,
             role=grant.role,
-            participant=seat.participant,
+            participant=seat.participant if seat is not None else "",
             only_episode=grant.only_episode,
             only_seat=grant.only_seat,
         )
-        session.generation = seat.generation
+        session.generation = seat.generation if seat is not None else grant.generation
         session.view = grant.view
         session.room, session.player = room, player
         room.members.append(session)

@@ -7,15 +7,18 @@ import os
 import threading
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from robotouille.episode import Controller, Episode, Phase, Stepped
 from robotouille.episode.rules import StandIn as Kind
-from robotouille.planning.policies import Policy, RandomPolicy
-from robotouille.planning.script import Did
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_server.logs import get_logger
+
+if TYPE_CHECKING:
+    from robotouille.planning.policies import Policy
+    from robotouille.planning.script import Did
 
 __all__ = ["StandIn"]
 
@@ -133,6 +136,8 @@ class _Mind:
         return self._made
 
     def _make(self, world: World) -> Policy:
+        from robotouille.planning.policies import RandomPolicy
+
         if self._kind == "random":
             return RandomPolicy(self._player, self._seed)
         # Compiling the planner would take longer than any seat can wait.

@@ -81,6 +81,7 @@ class Folder:
             file.flush()
             os.fsync(file.fileno())
         new.replace(path)
+        _sync(self.path)
 
     def remove(self, name: str) -> None:
         self._file(name).unlink()
@@ -130,6 +131,9 @@ if sys.platform == "win32":
         os.lseek(descriptor, offset, os.SEEK_SET)
         return os.write(descriptor, data)
 
+    def _sync(folder: Path) -> None:
+        pass  # Folders cannot be opened there.
+
     def _lock(descriptor: int) -> None:
         import msvcrt
 
@@ -141,6 +145,13 @@ else:
 
     def _write_at(descriptor: int, data: bytes, offset: int) -> int:
         return os.pwrite(descriptor, data, offset)
+
+    def _sync(folder: Path) -> None:
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
     def _lock(descriptor: int) -> None:
         import fcntl

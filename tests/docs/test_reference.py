@@ -1,20 +1,32 @@
 """The reference pages are current and complete."""
 
+import ast
+import importlib
 import json
 import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
+from enum import StrEnum
 from pathlib import Path
 
 import pytest
+import typer
+from pydantic import SecretStr
 
+from robotouille.episode import Absence, Controller, Hold
 from robotouille.errors import ProtocolError
 from robotouille.planning.certifying import BUDGET
 from robotouille.protocol import codec, messages
-from robotouille_server import ServerSettings, peer
+from robotouille_client import connection as client
+from robotouille_server import ServerSettings, audience, conversation, lobby, peer
+from robotouille_server.access import WRONG_CODES_A_MINUTE
+from robotouille_server.cli import SECRET
+from robotouille_server.limit_table import LIMITS, shown_value
 from robotouille_server.metrics import Metrics
-from tests.docs.pages import DOCS, PAGES, ROOT, anchors, links, read, table, titled
+from robotouille_server.roles import Role
+from tests.docs.pages import DOCS, PAGES, ROOT, anchors, links, prose, read, table, titled
 
 MEANINGS = json.loads(read("messages.json"))
 MODELS = {
@@ -53,14 +65,67 @@ def test_examples_are_messages(name: str) -> None:
     assert json.loads(codec.JSON.encode(message)) == json.loads(payload)
 
 
-def test_every_error_code_is_documented() -> None:
-    raised = {messages.Rejected.model_fields["code"].default}
+FAMILIES = "action|auth|episode|message|protocol|rate|seat|server|session|state|task"
+NO_CODES = {"robotouille/role", "robotouille/resume"}
+OPERATORS = ROOT / "server/robotouille_server/operator"
+"""Its HTTP API has codes of its own, in docs/operator.md."""
+
+
+def strings(path: Path) -> Iterable[str]:
+    """All string literals of a file."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def codes_in_the_sources() -> set[str]:
+    """What looks like a code, and whatever is given to those who send one."""
+    found = set()
     for path in SOURCES:
+        if path.is_relative_to(OPERATORS):
+            continue
+        found.update(s for s in strings(path) if re.fullmatch(rf"({FAMILIES})/[a-z-]+", s))
         text = path.read_text(encoding="utf-8")
-        raised.update(re.findall(r"ProtocolError\(\s*\"([a-z]+/[a-z-]+)\"", text))
-        raised.update(re.findall(r"(?:code|_code)=\"([a-z]+/[a-z-]+)\"", text))
+        found.update(re.findall(r"(?:ProtocolError|part)\(\s*\"([a-z]+/[a-z-]+)\"", text))
+        found.update(re.findall(r"code(?:: str)? ?= ?\"([a-z]+/[a-z-]+)\"", text))
+    return found - NO_CODES
+
+
+def test_every_error_code_is_documented() -> None:
     documented = [row[0] for row in table("protocol.md", "Errors")]
-    assert sorted(documented) == sorted(raised)
+    assert sorted(documented) == sorted(codes_in_the_sources())
+
+
+def test_every_farewell_is_documented() -> None:
+    """The codes of `bye`, and whether one may come back."""
+    texts = [p.read_text(encoding="utf-8") for p in SOURCES if "robotouille_server" in p.parts]
+    given = {code for text in texts for code in re.findall(r"part\(\s*\"([a-z/-]+)\"", text)}
+    app = strings(ROOT / "server/robotouille_server/app.py")
+    given |= {text for text in app if re.fullmatch(r"server/[a-z-]+", text)}
+    rows = {row[0]: row[2] for row in table("protocol.md", "When the server closes")}
+    assert rows.keys() == given
+    assert {code for code, retry in rows.items() if retry} == {"server/restart"}
+
+
+@pytest.mark.parametrize(
+    ("heading", "values"),
+    [("Absence", Absence), ("Pauses", Hold)],
+)
+def test_every_rule_and_reason_is_documented(heading: str, values: type[StrEnum]) -> None:
+    rows = [row[0] for row in table("protocol.md", heading)]
+    assert [value.value for value in values] == rows[: len(values)]
+
+
+def test_every_controller_is_documented() -> None:
+    section = read("protocol.md").split("\n| `controller` |")[1].split("\n\n")[0]
+    named = set(re.findall(r"`([a-z-]+)`", section)) | {""}
+    assert named == {controller.value for controller in Controller}
+    assert "| empty |" in section
+
+
+def test_every_role_is_documented() -> None:
+    section = read("protocol.md").split("\n## Roles and tokens\n")[1].split("\n## ")[0]
+    assert set(re.findall(r"`([a-z]+)`", section)) >= {role.value for role in Role}
 
 
 def test_an_error_carries_its_code() -> None:
@@ -69,16 +134,36 @@ def test_an_error_carries_its_code() -> None:
     assert caught.value.code == "message/unknown-type"
 
 
-def test_limits_are_those_of_the_code() -> None:
-    limits = {row[0]: row[1] for row in table("protocol.md", "Limits")}
-    kib = 1024
-    assert limits["a client's message"] == f"{codec.MAX_CLIENT_BYTES // kib} KiB"
-    assert limits["a server's message"] == f"{codec.MAX_SERVER_BYTES // kib**2} MiB"
-    assert limits["unread bytes"] == f"{peer.MAX_UNSENT // kib} KiB"
-    assert f"{peer.MAX_HELD // kib**2} MiB" in " ".join(limits)
-    defaults = ServerSettings()
-    assert limits["connections (`max_connections`)"] == f"{defaults.max_connections:,}"
-    assert str(int(defaults.messages_per_second)) in " ".join(limits.values())
+def test_every_limit_is_on_its_page() -> None:
+    rows = [row for title in LIMITS for row in table("limits.md", title)]
+    assert [(row[0], row[1]) for row in rows] == [
+        (limit.what.strip(" `"), shown_value(limit))
+        for limits in LIMITS.values()
+        for limit in limits
+    ]
+
+
+def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
+    page = " ".join(read("protocol.md").split())
+    defaults, kib = ServerSettings(), 1024
+    rate = defaults.messages_per_second
+    create, listing = (conversation.COSTS[m] for m in (messages.Create, messages.ListEpisodes))
+    assert f"at most {codec.MAX_CLIENT_BYTES // kib} KiB" in page
+    assert f"{rate:g} messages a second, in bursts of {2 * rate:g}" in page
+    assert f"`create` counts as {create}, `list` as {listing}" in page
+    assert f"after {conversation.MAX_REFUSED} of them the connection is closed" in page
+    assert f"From {peer.MAX_UNSENT // kib} KiB of unread bytes" in page
+    assert f"from {peer.MAX_UNSENT // kib} KiB of unsent bytes" in page
+    assert f"more than {peer.MAX_HELD // kib**2} MiB unsent" in page
+    assert f"After {defaults.stall_seconds:g} seconds behind" in page
+    assert f"more than {audience.KEPT_DELTAS}, or" in page
+    assert f"of the last {audience.KEPT_SAID};" in page
+    first, longest = client.FIRST_DELAY * 1000, client.LONGEST_DELAY
+    assert f"After {first:g} ms, then after pauses that double up to {longest:g} s" in page
+    words = {120: "two minutes", 10: "ten letters", 20: "Twenty wrong codes a minute"}
+    assert words[int(lobby.LINGER_SECONDS)] in page
+    assert words[lobby.CODE_LENGTH] in page
+    assert words[WRONG_CODES_A_MINUTE] in page
 
 
 def test_budgets_are_those_of_the_code() -> None:
@@ -100,10 +185,47 @@ def test_every_page_is_listed() -> None:
     assert {path.name for path in DOCS.glob("*.md")} - {"README.md"} <= listed
 
 
-def test_every_command_is_documented() -> None:
+def entry_points() -> dict[str, str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    for name in project["project"]["scripts"]:
+    return dict(project["project"]["scripts"])
+
+
+def test_every_command_is_documented() -> None:
+    for name, target in entry_points().items():
+        module, _, function = target.partition(":")
+        assert callable(getattr(importlib.import_module(module), function))
         assert f"`{name}" in read("settings.md")
+        if name != "robotouille-server":
+            assert f"\n### `{name}" in read("settings.md")
+
+
+def test_flags_of_the_server_are_those_of_the_table() -> None:
+    app = typer.Typer(add_completion=False)
+    module = importlib.import_module("robotouille_server.cli")
+    app.command()(module._flags(ServerSettings, module.run))
+    options = typer.main.get_command(app).params
+    flags = {flag for o in options for flag in (*o.opts, *o.secondary_opts)} - {"--help"}
+    documented = [row for row in table("settings.md", "The server") if len(row) == 5]
+    assert {flag for row in documented for flag in re.findall(r"--[a-z-]+", row[0])} == flags
+    assert [row[1].split("`")[-1] for row in documented] == list(ServerSettings.model_fields)
+
+
+def test_secrets_are_no_flags() -> None:
+    fields = ServerSettings.model_fields
+    secrets = {name for name in fields if SecretStr in SECRET and fields[name].annotation in SECRET}
+    assert secrets == {"signing_keys"}
+    for row in table("settings.md", "The server"):
+        assert (row[0] == "none") == (row[1].split("`")[-1] in secrets)
+
+
+def test_every_setting_that_is_explained_exists() -> None:
+    """What the page says below its tables is about settings that there are."""
+    text = prose(DOCS / "settings.md").split("<!-- end generated: settings -->")[1]
+    text = text.split("## Metrics")[0]
+    named = set(re.findall(r"^\* ((?:`[a-z_]+`(?:, | and )?)+)", text, re.MULTILINE))
+    settings = {name for words in named for name in re.findall(r"`([a-z_]+)`", words)}
+    assert len(settings) > 15
+    assert settings <= set(ServerSettings.model_fields)
 
 
 def test_every_metric_is_documented() -> None:
@@ -113,6 +235,29 @@ def test_every_metric_is_documented() -> None:
         for family in Metrics().registry.collect()
     }
     assert documented == exposed
+
+
+def test_every_reason_to_drop_a_connection_is_documented() -> None:
+    texts = [p.read_text(encoding="utf-8") for p in SOURCES if "robotouille_server" in p.parts]
+    pattern = r"(?:dropped\.labels|\.drop)\(\"([a-z]+)\"\)"
+    reasons = {reason for text in texts for reason in re.findall(pattern, text)}
+    rows = {row[0]: row[1] for row in table("settings.md", "Metrics")}
+    words = rows["robotouille_dropped_connections_total"]
+    assert set(re.findall(r"`([a-z]+)` \(", words)) == reasons
+
+
+def test_every_signal_is_documented() -> None:
+    rows = [row[0] for row in table("settings.md", "Signals")]
+    text = (ROOT / "server/robotouille_server/cli.py").read_text(encoding="utf-8")
+    assert set(re.findall(r"SIG(?:INT|TERM)", text)) <= set(re.findall(r"SIG[A-Z]+", str(rows)))
+
+
+def test_every_module_of_the_server_is_on_the_map() -> None:
+    rows = [row[0] for row in table("architecture.md", "The server")]
+    named = set(re.findall(r"[a-z_]+", " ".join(rows)))
+    folder = ROOT / "server/robotouille_server"
+    modules = {p.stem for p in folder.glob("*.py")} | {"operator"}
+    assert named == {name for name in modules if not name.startswith("__")}
 
 
 def test_the_settings_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,3 +188,13 @@ def test_a_recording_that_does_not_resimulate_is_refused() -> None:
     forged = MAGIC + b"".join(pack_frame(frame) for frame in frames)
     with pytest.raises(RecordingError, match="step"):
         restored(forged)
+
+
+def test_zeros_behind_the_last_frame_are_cut_off_and_other_damage_is_not() -> None:
+    from robotouille.replay.frames import intact
+
+    stream = Game().play(5).bytes
+    assert intact(stream) == intact(stream + b"\0" * 5000) == len(stream)
+    assert intact(stream[:-1]) < len(stream) - 1
+    with pytest.raises(RecordingError, match="damaged"):
+        restored(stream + b"\xff\x00\x00\x00 not a frame " + b"x" * 300)

@@ -341,3 +341,24 @@ def test_a_seat_whose_answer_was_lost_in_the_crash_is_not_lost(tmp_path: Path) -
             assert (await bob.expect("joined"))["seat"] == "robot1"
 
     run(main())
+
+
+def test_somebody_who_watched_goes_on_watching(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as first, connect(first.url, name="ada", seed=1) as ada:
+            async with connect(first.url, name="eve", seed=2) as eve:
+                one = await ada.join((await ada.create("synchronous/01")).code)
+                other = await eve.join(one.code, role="spectator")
+                await one.act(one.actions[0])
+                port = first.port
+                await crash(first)
+                async with serving(tmp_path, seed=2, port=port) as second:
+                    await asyncio.sleep(3)
+                    await one.act(one.actions[0])
+                    await asyncio.sleep(0.1)
+                    assert other.state == one.state
+                    room = second.lobby.find(one.code)
+                    assert room.spectators == 1
+                    assert not other.ended
+
+    run(main())

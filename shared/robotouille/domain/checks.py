@@ -338,10 +338,7 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     predicates = {p.name: p for p in domain.predicate_defs}
     kinds = _kinds(problem, domain)
     ids = {
-        o.id: kind
-        for kind, objects in problem.objects.items()
-        for o in objects
-        if o.id is not None
+        o.id: kind for kind, objects in problem.objects.items() for o in objects if o.id is not None
     }
     first: dict[int | str, str] = {}
     for i, term in enumerate(problem.goal):

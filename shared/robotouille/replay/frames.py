@@ -25,7 +25,7 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-__all__ = ["FORMAT_VERSION", "MAGIC", "compress", "pack_frame", "read_frames", "unwrap"]
+__all__ = ["FORMAT_VERSION", "MAGIC", "compress", "intact", "pack_frame", "read_frames", "unwrap"]
 
 FORMAT_VERSION = 1
 MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
@@ -64,6 +64,17 @@ def unwrap(content: bytes) -> bytes:
         found = content[4]
         raise RecordingError(f"format version {found}; this software reads {FORMAT_VERSION}")
     return content
+
+
+def intact(stream: bytes) -> int:
+    """The length of a plain stream up to the end of its last whole frame before any damage."""
+    end = len(MAGIC)
+    try:
+        for frame in read_frames(stream):
+            end += len(pack_frame(frame))
+    except RecordingError:
+        pass
+    return end
 
 
 def read_frames(stream: bytes) -> Iterator[dict[str, Any]]:
