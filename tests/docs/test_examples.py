@@ -1,6 +1,7 @@
 """What the pages show, done."""
 
 import json
+import random
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ def test_the_json_bot_plays(mode: str, seats: int) -> None:
     assert "robotouille" not in source.replace("robotouille.v1.json", "")
     names: dict[str, Any] = {"__name__": "random_bot"}
     exec(compile(source, "random_bot.py", "exec"), names)
+    random.seed(seats)
     task = ["synchronous/01", "multi_agent/01@2"][seats - 1]
 
     async def game() -> list[dict[str, Any]]:
