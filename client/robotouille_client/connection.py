@@ -254,8 +254,9 @@ class Client:
 
     async def _take_up(self, socket: ClientConnection, welcome: messages.Welcome) -> None:
         """Ask again what was not answered, and join again where the server has forgotten us."""
-        if self._join is not None and not welcome.resumed:
-            await self._join_again(socket, self._join)
+        join = self._join or self._joined_without_asking()
+        if join is not None and not welcome.resumed:
+            await self._join_again(socket, join)
         for ref in list(self._requests):
             if ref in self._sent:
                 await socket.send(self._codec.encode(self._requests[ref]))
@@ -310,6 +311,15 @@ class Client:
 
     async def _first_answer(self, socket: ClientConnection) -> messages.ServerMessage:
         return self._codec.decode_server(await socket.recv())
+
+    def _joined_without_asking(self) -> messages.Join | None:
+        """What would bring us into a game that a resume token alone has brought us into."""
+        game = self.game
+        if game is None or game.ended:
+            return None
+        role: Literal["player", "spectator"] = "player" if game.seat else "spectator"
+        view: messages.View = "state" if game.has_state else "text"
+        return messages.Join(episode=game.episode, role=role, seat=game.seat, view=view)
 
     async def _join_again(self, socket: ClientConnection, join: messages.Join) -> None:
         """The server forgot us: take the same seat as a newcomer."""

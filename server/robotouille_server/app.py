@@ -187,7 +187,7 @@ class Server:
         An episode that somebody's connection is lost from is left to the next process at once:
         only there can they come back.
         """
-        self.lobby.draining = True
+        self.lobby.drain()
         for socket in self._sockets:
             socket.close(close_connections=False)
         for room in list(self.lobby.rooms.values()):
@@ -213,7 +213,7 @@ class Server:
         self._stopping = True
         hand_over = hand_over and self.storage is not None
         self.farewell = Farewell(reason, hand_over)
-        self.lobby.draining = True
+        self.lobby.drain()
         for room in list(self.lobby.rooms.values()):
             if hand_over and room.episode.phase is not Phase.OVER:
                 self.lobby.suspend(room)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Conversation"]
 
+SOFTWARE = f"robotouille {version('robotouille')}"
 COSTS: dict[type[messages.Message], float] = {messages.Create: 10, messages.ListEpisodes: 3}
 """What a message takes of a connection's budget, where that is not one."""
 MAX_REFUSED = 200
@@ -147,7 +148,7 @@ class Conversation:
         welcome = messages.Welcome(
             ref=message.ref,
             protocol=messages.PROTOCOL_VERSION,
-            server=f"robotouille {version('robotouille')}",
+            server=SOFTWARE,
             session=session.id,
             resume=server.sessions.resume_token(session),
             resumed=resumed,

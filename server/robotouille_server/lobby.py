@@ -49,7 +49,7 @@ class Lobby:
         vacated: Callable[[Session], None],
     ) -> None:
         self.rooms: dict[str, Room] = {}
-        self.draining = False
+        self._draining = False
         self._codes: dict[str, Room] = {}
         self._settings = settings
         self._metrics = metrics
@@ -138,8 +138,19 @@ class Lobby:
 
     def recover(self) -> None:
         """Go on with the episodes that another process has left."""
-        if self._recovery is not None and not self.draining:
+        if self._recovery is not None:
             self._recovery.look(self.rooms)
+
+    @property
+    def draining(self) -> bool:
+        """Whether this process leaves its episodes to the next one."""
+        return self._draining
+
+    def drain(self) -> None:
+        """Open no more episodes, and take none over."""
+        self._draining = True
+        if self._recovery is not None:
+            self._recovery.stop()
 
     @property
     def unrestored(self) -> dict[str, str]:
@@ -243,8 +254,6 @@ class Lobby:
 
     def stop(self) -> None:
         """Look after nothing any more."""
-        if self._recovery is not None:
-            self._recovery.stop()
         for timer in self._lingering.values():
             timer.cancel()
         self._lingering.clear()

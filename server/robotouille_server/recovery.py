@@ -54,10 +54,13 @@ class Recovery:
         self._closed: dict[str, str] = {}
         self._seated: dict[str, Room] = {}
         self._looking: asyncio.TimerHandle | None = None
+        self._stopped = False
 
     def look(self, known: Container[str]) -> None:
         """Go on with every recording that is not closed; those that another process still writes
         are taken over when it lets go. `known` are the episodes that are here already."""
+        if self._stopped:
+            return
         names = self._storage.names()
         self._foreign = {name: code for name, code in self._foreign.items() if name in names}
         self._list_closed(names)
@@ -76,6 +79,7 @@ class Recovery:
 
     def stop(self) -> None:
         """Look no more."""
+        self._stopped = True
         if self._looking is not None:
             self._looking.cancel()
 

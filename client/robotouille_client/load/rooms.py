@@ -82,14 +82,14 @@ class Room:
 
     async def storm(self, player: Player, cut_at: float) -> None:
         """A player whose connection was cut at that time comes back; it is noted how soon."""
-        measured = self._environment.measured
         try:
             await player.return_to_seat()
         except ProtocolError as error:
-            measured.count(f"not returned: {error.code}")
-            measured.count("lost in the storm")
+            self._environment.measured.count(f"not returned: {error.code}")
+            self._environment.measured.count("lost in the storm")
         else:
-            measured.took("return", asyncio.get_running_loop().time() - cut_at)
+            took = asyncio.get_running_loop().time() - cut_at
+            self._environment.measured.took("return", took)
 
     def close(self) -> None:
         for task in self._tasks:

@@ -34,6 +34,7 @@ from robotouille.world.world import Attempt, World
 
 __all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "step_frames"]
 
+SOFTWARE = version("robotouille")
 HASH_EVERY = 10
 SNAPSHOT_EVERY = 100
 
@@ -52,7 +53,7 @@ def header(
     what one joins with, `owner` the pseudonym of who opened the episode."""
     return {
         "kind": "header",
-        "software": version("robotouille"),
+        "software": SOFTWARE,
         "episode": episode,
         "created": created,
         "task": task.to_json(),
