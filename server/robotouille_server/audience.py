@@ -117,14 +117,17 @@ class Audience:
         delta = self._delta(event)
         payload = MSGPACK.pack(delta)
         self._deltas.append((event.step, payload))  # type: ignore[arg-type]
-        frames: dict[Codec, bytes] = {MSGPACK: frame_of(payload)}
+        packed = frame_of(payload)
+        frames: dict[Codec, bytes] = {}
         texts: dict[str | None, messages.Observation] = {}
         for session in self.members:
             peer = session.peer
-            if peer is None or not peer.keeps_up(partial(self.send_picture, session)):
+            if peer is None:
+                continue
+            if peer.behind and not peer.keeps_up(partial(self.send_picture, session)):
                 continue
             if session.wants_state:
-                frame = frames.get(peer.codec)
+                frame = packed if peer.codec is MSGPACK else frames.get(peer.codec)
                 if frame is None:
                     frame = frames[peer.codec] = frame_of(peer.codec.pack(delta))
                 peer.send_frame(frame)
@@ -141,13 +144,12 @@ class Audience:
                 for m in event.moves
             ]
             delta["seq"] = [move.seq for move in event.moves]
-        unmet = {
-            str(i): list(attempt.unmet)
-            for i, attempt in enumerate(event.attempts)
-            if not attempt.applied
-        }
-        if unmet:
-            delta["unmet"] = unmet
+        if any(not attempt.applied for attempt in event.attempts):
+            delta["unmet"] = {
+                str(i): list(attempt.unmet)
+                for i, attempt in enumerate(event.attempts)
+                if not attempt.applied
+            }
         if event.turn is not None:
             delta["turn"] = event.turn
         if event.step % HASH_EVERY == 0:

@@ -87,11 +87,6 @@ class Metrics(Collector):
         )
         self.registry.register(self)
 
-    def sent(self, size: int) -> None:
-        """A message of so many bytes was handed to the network."""
-        self.sent_messages += 1
-        self.sent_bytes += size
-
     def collect(self) -> Iterator[Metric]:
         """The plain numbers as metrics."""
         yield CounterMetricFamily("robotouille_steps", "Steps taken", value=self.steps)

@@ -70,8 +70,15 @@ class Peer:
             self.drop("stalled")
             return
         self.sent += 1
-        self._metrics.sent(len(frame))
+        metrics = self._metrics
+        metrics.sent_messages += 1
+        metrics.sent_bytes += len(frame)
         self.socket.transport.write(frame)
+
+    @property
+    def behind(self) -> bool:
+        """Whether anything waits to be taken by the network, or did a moment ago."""
+        return bool(self._when_caught_up) or self.unsent > 0
 
     def keeps_up(self, catch_up: Callable[[], None]) -> bool:
         """Whether the client may be sent deltas.

@@ -301,21 +301,18 @@ class Room:
         self._timer = None
         now = self._now()
         episode = self.episode
-        if episode.rules.scheduled and episode.phase is Phase.RUNNING and not episode.holds:
+        if episode.scheduled and episode.phase is Phase.RUNNING and not episode.holds.until:
             self._metrics.lateness.observe(max(0.0, now - due))
-        self._guarded(partial(self._tick, max(now, due)))
-
-    def _tick(self, now: float) -> None:
-        self.episode.tick(now)
-        self.flush()
-
-    def _guarded(self, act: Callable[[], None]) -> None:
-        """A fault in one episode ends that one only."""
         try:
-            act()
+            episode.tick(max(now, due))
+            self.flush()
         except Exception:
-            get_logger().exception("the episode failed", episode=self.id)
-            self.abort("internal error")
+            self._fail()
+
+    def _fail(self) -> None:
+        """A fault in one episode ends that one only."""
+        get_logger().exception("the episode failed", episode=self.id)
+        self.abort("internal error")
 
     # Telling
 
@@ -377,7 +374,10 @@ class Room:
 
     def _write_again(self) -> None:
         self._retry = None
-        self._guarded(self.flush)
+        try:
+            self.flush()
+        except Exception:
+            self._fail()
 
     def _confirm(self, session: Session, tell: Callable[[], None]) -> None:
         """Tell what a session sees, at once or, while the recording fails, when it is written."""

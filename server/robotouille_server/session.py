@@ -49,9 +49,12 @@ class Session:
         self.known: set[str] = set()
 
     @property
-    def wants_state(self) -> bool:
-        return self.view in ("state", "both")
+    def view(self) -> str:
+        """How the session wants to see the game: `state`, `text` or `both`."""
+        return self._view
 
-    @property
-    def wants_text(self) -> bool:
-        return self.view in ("text", "both")
+    @view.setter
+    def view(self, view: str) -> None:
+        self._view = view
+        self.wants_state = view in ("state", "both")
+        self.wants_text = view in ("text", "both")

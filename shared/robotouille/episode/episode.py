@@ -80,7 +80,7 @@ class Episode:
         self._deadline: float | None = None
         self._next_step = 0.0
         self._backlog: float | None = None
-        self._scheduled = rules.scheduled
+        self.scheduled = rules.scheduled
         self._by_turns = rules.clock is Clock.TURN
         self._events: list[Event] = []
         self._told_holds: tuple[str, ...] = ()
@@ -353,7 +353,7 @@ class Episode:
             return None
         if self._backlog is not None:
             return self._backlog
-        return self._next_step if self._scheduled else self._deadline
+        return self._next_step if self.scheduled else self._deadline
 
     def tick(self, now: float) -> None:
         """Let time pass: take the steps that are due, give up what has been waited for enough."""
@@ -361,7 +361,7 @@ class Episode:
             self._tick_absence(now)
         if self.phase is not Phase.RUNNING or self.holds.until:
             return
-        if self._scheduled:
+        if self.scheduled:
             self._take_scheduled(now)
         elif self._backlog is not None:
             self._advance(now)
@@ -418,7 +418,7 @@ class Episode:
     def _advance(self, now: float) -> None:
         """Take steps for as long as nobody needs to be waited for."""
         self._backlog = None
-        if self._scheduled:
+        if self.scheduled:
             return
         for _ in range(MAX_STEPS_AT_ONCE):
             if self.phase is not Phase.RUNNING or self.holds:
@@ -458,11 +458,13 @@ class Episode:
         result = before.step([move.action for move in moves])
         self.step += 1
         self.state = result.state
+        acted = {}
         for move, attempt in zip(moves, result.attempts, strict=True):
+            acted[move.player] = attempt.applied
             if move.seq > 0:
                 reasons = () if attempt.applied else attempt.unmet
                 self.seats[move.player].answer = Answer(move.seq, self.step, reasons)
-        self._count(moves, [attempt.applied for attempt in result.attempts])
+        self._count(acted)
         self._turn = (self._turn + 1) % len(self.world.players)
         turn = self.on_turn
         self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn))
@@ -486,12 +488,11 @@ class Episode:
                         pending.reasoning,
                     )
                     ready.append((pending.order, move))
-        if self._scheduled and len(ready) > 1:
+        if self.scheduled and len(ready) > 1:
             ready.sort(key=lambda pair: pair[0])
         return tuple([move for _, move in ready])
 
-    def _count(self, moves: tuple[Move, ...], applied: list[bool]) -> None:
-        acted = {move.player: ok for move, ok in zip(moves, applied, strict=True)}
+    def _count(self, acted: dict[str, bool]) -> None:
         turn = self.on_turn
         for seat in self.seats.values():
             ok = acted.get(seat.player)

@@ -27,6 +27,9 @@ MAX_SERVER_BYTES = 8 * 1024 * 1024
 MAX_DEPTH = 16
 
 
+_pack = msgpack.Packer(autoreset=True).pack
+
+
 class Codec:
     """One encoding of the protocol's messages; `text` says which kind of frame carries it."""
 
@@ -47,7 +50,7 @@ class Codec:
         """Plain values as a frame's payload."""
         if self.text:
             return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
-        packed: bytes = msgpack.packb(plain)
+        packed: bytes = _pack(plain)
         return packed
 
     def decode_client(self, payload: bytes | str) -> ClientMessage:

@@ -37,9 +37,12 @@ MAX_LENGTH = 200_000
 """Entries of a list or map in a frame."""
 
 
+_pack = msgpack.Packer(autoreset=True).pack
+
+
 def pack_frame(value: dict[str, Any]) -> bytes:
     """One frame with its length and checksum."""
-    payload: bytes = msgpack.packb(value)
+    payload: bytes = _pack(value)
     return _PREFIX.pack(len(payload), zlib.crc32(payload)) + payload
 
 

@@ -132,9 +132,8 @@ def step_frames(
     `rows` holds what re-simulation cannot know: `t` and `moves`.
     """
     frame = {"kind": "step", "step": step, **rows}
-    unmet = {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
-    if unmet:
-        frame["unmet"] = unmet
+    if any(not attempt.applied for attempt in attempts):
+        frame["unmet"] = {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
     frame |= writer.changes(before, after)
     if step % HASH_EVERY == 0:
         frame["hash"] = writer.digest(after)

@@ -13,7 +13,7 @@ from itertools import product
 
 from robotouille.domain.checks import fluents
 from robotouille.domain.schema import DomainFile
-from robotouille.world.objects import Atom, Object
+from robotouille.world.objects import Atom, Object, atom_name
 
 __all__ = ["EXISTS", "USED", "AtomTable", "bits_of"]
 
@@ -42,6 +42,8 @@ class AtomTable:
         self.static = frozenset(atom for atom in static if atom[0] not in changing)
         self.static_predicates = frozenset(self.types) - changing
         self.transient = transient
+        self._names: list[str] = []
+        self._static_names = [(atom, atom_name(atom)) for atom in self.static]
         self.atoms: list[Atom] = []
         self.bit: dict[Atom, int] = {}
         self.by_type: dict[str, list[str]] = {kind: [] for kind in domain.object_types}
@@ -124,6 +126,13 @@ class AtomTable:
         """Every atom that holds, static ones included, in no particular order."""
         atoms = [self.atoms[i] for i in bits_of(facts & ~self.internal)]
         return atoms + [atom for atom in self.static if self._exists(atom, facts)]
+
+    def true_names(self, facts: int) -> list[str]:
+        """The names of `true_atoms`."""
+        names = self._names
+        names += map(atom_name, self.atoms[len(names) :])
+        found = [names[i] for i in bits_of(facts & ~self.internal)]
+        return found + [name for atom, name in self._static_names if self._exists(atom, facts)]
 
     def _exists(self, atom: Atom, facts: int) -> bool:
         return all(

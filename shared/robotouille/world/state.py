@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from robotouille.world.objects import Atom, atom_name
+from robotouille.world.objects import Atom
 
 if TYPE_CHECKING:
     from robotouille.world.actions import GroundAction
@@ -102,7 +102,7 @@ class State:
 
     def fact_names(self) -> list[str]:
         """Every true fact as `predicate(argument, …)`, sorted."""
-        return sorted(map(atom_name, self.world.table.true_atoms(self.facts)))
+        return sorted(self.world.table.true_names(self.facts))
 
     def actions(self, player: str) -> tuple[GroundAction, ...]:
         """The valid actions of a player in a stable order: as in the domain, then by object."""

@@ -493,7 +493,11 @@ def shared_world(task: Task) -> World:
 def _in_order(
     actions: GroundAction | Sequence[GroundAction | None] | Mapping[str, GroundAction],
 ) -> Iterator[tuple[str | None, GroundAction]]:
-    if isinstance(actions, GroundAction):
+    if isinstance(actions, list):
+        for action in actions:
+            if action is not None:
+                yield None, action
+    elif isinstance(actions, GroundAction):
         yield None, actions
     elif isinstance(actions, Mapping):
         yield from actions.items()
