@@ -1,0 +1,105 @@
+"""Whatever a file holds, it is read or refused with an error of the project that says why."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille import RecordingError, RobotouilleError
+from robotouille.replay.frames import MAGIC, read_frames, unwrap
+from robotouille.replay.recording import Recording, read_recording
+from tests.fuzz.corpus import FILE_KINDS
+from tests.fuzz.forgery import framed
+from tests.fuzz.hostility import Adversary
+from tests.fuzz.offerings import OFFERINGS
+from tests.fuzz.specimens import files, recordings
+from tests.fuzz.targets import file_targets
+from tests.fuzz.thorough import thorough
+
+KINDS = ("recording", *FILE_KINDS)
+
+
+def valid(kind: str) -> tuple[bytes, ...]:
+    return recordings() if kind == "recording" else files(kind)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_valid_files_are_read(tmp_path: Path, kind: str) -> None:
+    outcomes = [file_targets(tmp_path)[kind](content) for content in valid(kind)]
+    # A plan of another task is refused by its header.
+    assert outcomes.count("read") == len(outcomes) - (kind == "plan")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@thorough(150)
+@given(chance=st.randoms())
+def test_files_with_something_wrong(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, chance: random.Random
+) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    file_targets(folder)[kind](OFFERINGS[kind](Adversary(chance)))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_offered_is_partly_read_and_partly_refused(tmp_path: Path, kind: str) -> None:
+    adversary, read = Adversary(3), file_targets(tmp_path)[kind]
+    met = Counter(read(OFFERINGS[kind](adversary)) for _ in range(200))
+    assert len(met) >= 2, met
+    assert met["read"] >= 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@thorough(80)
+@given(data=st.binary(max_size=200))
+def test_any_bytes(tmp_path_factory: pytest.TempPathFactory, kind: str, data: bytes) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    assert file_targets(folder)[kind](data) != "read" or kind == "plan"
+
+
+@thorough(60)
+@given(one=st.integers(0, 3), other=st.integers(0, 3), at=st.integers(0, 2000))
+def test_two_recordings_in_one_never_verify(one: int, other: int, at: int) -> None:
+    """The frames of a game, from somewhere on those of another."""
+    first, second = (list(read_frames(unwrap(recordings()[i]))) for i in (one, other))
+    if first == second:
+        return
+    import msgpack
+
+    place = 1 + at % (len(first) - 1)
+    mixed = first[:place] + second[place:]
+    stream = MAGIC + b"".join(framed(msgpack.packb(frame)) for frame in mixed)
+    try:
+        result = Recording(stream).verify()
+    except RobotouilleError:
+        return
+    assert not result.ok or result.steps == sum(f["kind"] == "step" for f in first[:place])
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        {"kind": "notes", "notes": [], "more": b"\x00"},
+        {"kind": "notes", "notes": [], "more": float("nan")},
+        {"kind": "footer", "outcome": {"reason": "goal", "steps": 1, "seconds": 1.0, "x": b"y"}},
+        {"kind": "state", "step": 0, "hash": "", "facts": [10**6], "timers": [], "busy": {}},
+    ],
+    ids=["bytes", "nan", "bytes-in-outcome", "unknown-fact"],
+)
+def test_frames_of_the_right_form_with_something_strange(tmp_path: Path, frame: object) -> None:
+    import msgpack
+
+    whole = unwrap(recordings()[0])
+    outcome = file_targets(tmp_path)["recording"](whole + framed(msgpack.packb(frame)))
+    assert outcome in ("read", "RecordingError")
+
+
+def test_a_refused_recording_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "strange.rbt"
+    path.write_bytes(MAGIC + framed(b"\xc1"))
+    with pytest.raises(RecordingError, match=r"strange\.rbt: damaged at byte 5"):
+        read_recording(path)
