@@ -254,6 +254,7 @@ class Client:
 
     async def _take_up(self, socket: ClientConnection, welcome: messages.Welcome) -> None:
         """Ask again what was not answered, and join again where the server has forgotten us."""
+        self._rejoin = None
         join = self._join or self._joined_without_asking()
         if join is not None and not welcome.resumed:
             await self._join_again(socket, join)
@@ -360,12 +361,19 @@ class Client:
         while True:
             if self._unsent is None:
                 self._unsent = await self._outbox.get()
+            if isinstance(self._unsent, messages.Act) and not self._awaited(self._unsent):
+                self._unsent = None
+                continue
             try:
                 await socket.send(self._codec.encode(self._unsent))
                 self._sent.add(getattr(self._unsent, "ref", None))
             except ConnectionClosed:
                 return
             self._unsent = None
+
+    def _awaited(self, act: messages.Act) -> bool:
+        """Whether an action is still wanted: its game, and our seat in it, may be lost."""
+        return self._rejoin is None and self.game is not None and self.game.awaits(act)
 
     async def _come_back(self) -> None:
         """Reconnect with growing pauses (100 ms to 5 s, with jitter)."""
@@ -411,6 +419,7 @@ class Client:
             self.game = Game(self._send, message)
         else:
             self.game.rejoined(message, anew=message.ref is not None)
+        self._rejoin = None
         self._pending_join = message
 
     def _settle(self, message: messages.ServerMessage) -> None:
@@ -421,7 +430,7 @@ class Client:
             message = self._done_before(message)
             done = isinstance(message, messages.Joined) and self._painted
         if isinstance(message, messages.Error) and ref is not None and ref == self._rejoin:
-            self._join = None
+            self._join = self._rejoin = None
             if self.game is not None:
                 lost = messages.Left(episode=self.game.episode, reason=message.message)
                 self.game.receive(lost, 0.0)

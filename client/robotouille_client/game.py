@@ -58,7 +58,7 @@ class Game:
         self.step_time = 0.0
         self.left: float | None = None
         self.pause: messages.Pause | None = None
-        self.said = 0
+        self.said = joined.said
         self._send = send
         self._reader: StateReader | None = None
         self._seq = joined.seq
@@ -252,6 +252,10 @@ class Game:
         """The server had had enough messages for a while."""
         if seq in self._unanswered and not self.ended:
             self._send(self._unanswered[seq])
+
+    def awaits(self, act: messages.Act) -> bool:
+        """Whether an action has no answer yet."""
+        return self._unanswered.get(act.seq) is act
 
     def repeat(self, before: float) -> None:
         """Send again what was sent before a time and has no answer; it acts once all the same."""

@@ -28,7 +28,10 @@ KEPT_SAID = 200
 
 
 class Audience:
-    """The sessions in a room. Each message is made and encoded once for all of them."""
+    """The sessions in a room. Each message is made and encoded once for all of them.
+
+    `paint` sends somebody who has caught up a picture, when the room may show one.
+    """
 
     def __init__(
         self,
@@ -40,6 +43,7 @@ class Audience:
         now: Callable[[], float],
     ) -> None:
         self.members: list[Session] = []
+        self.paint: Callable[[Session], None] = self.send_picture
         self._id = episode_id
         self._code = code
         self._episode = episode
@@ -91,7 +95,8 @@ class Audience:
         role = "player" if session.player else "spectator"
         joined = messages.Joined(
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
-            seq=self._seq(session), step=self._episode.step, resume=resume,
+            seq=self._seq(session), step=self._episode.step, said=self._episode.said,
+            resume=resume,
         )  # fmt: skip
         self.send(session, joined)
 
@@ -124,7 +129,7 @@ class Audience:
             peer = session.peer
             if peer is None:
                 continue
-            if peer.behind and not peer.keeps_up(partial(self.send_picture, session)):
+            if peer.behind and not peer.keeps_up(partial(self.paint, session)):
                 continue
             if session.wants_state:
                 frame = packed if peer.codec is MSGPACK else frames.get(peer.codec)

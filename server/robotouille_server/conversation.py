@@ -160,6 +160,9 @@ class Conversation:
             server.metrics.resumed.inc()
             if room is not None:
                 room.connection_back(session, message.seen)
+            elif message.seen is not None:
+                reason = "you are no longer in this episode"
+                self.peer.send(messages.Left(episode=message.seen.episode, reason=reason))
 
     def _session(self, hello: messages.Hello) -> tuple[Session, bool]:
         """A newcomer's session, or that of a connection which was lost."""

@@ -86,6 +86,8 @@ class Journal:
         """Delete the file: nobody ever took part."""
         try:
             self._storage.remove(self.name)
+        except FileNotFoundError:
+            pass
         except OSError as error:
             get_logger().error("recording not deleted", file=self.name, error=str(error))
         finally:

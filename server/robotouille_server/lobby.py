@@ -100,6 +100,7 @@ class Lobby:
         if self._storage is not None:
             journal = Journal(self._storage, file_name(created, task.name, episode_id), recorder)
             if not journal.write():
+                journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
         episode = Episode(world, rules, asyncio.get_running_loop().time())
         room = self._room(episode_id, code, owner, episode, recorder, journal)

@@ -61,7 +61,12 @@ class Recovery:
         are taken over when it lets go. `known` are the episodes that are here already."""
         if self._stopped:
             return
-        names = self._storage.names()
+        try:
+            names = self._storage.names()
+        except OSError as error:
+            get_logger().error("recordings not listed", error=str(error))
+            self._again(known)
+            return
         self._foreign = {name: code for name, code in self._foreign.items() if name in names}
         self._list_closed(names)
         for name in names:
@@ -69,7 +74,11 @@ class Recovery:
             mine = name.endswith(OPEN) and self._worker.owns(episode)
             if mine and name not in self.unrestored and episode not in known:
                 self._take_over(name)
-        if self._foreign and self._looking is None:
+        if self._foreign:
+            self._again(known)
+
+    def _again(self, known: Container[str]) -> None:
+        if self._looking is None:
             loop = asyncio.get_running_loop()
             self._looking = loop.call_later(LOOK_AGAIN_SECONDS, self._look_again, known)
 
@@ -147,6 +156,10 @@ class Recovery:
             self._try_later(name, error)
         except RobotouilleError as error:
             self._give_up(name, str(error))
+        except Exception as error:
+            # A fault in one recording must not keep the others from going on.
+            get_logger().exception("episode not restored", file=name)
+            self._give_up(name, f"internal error: {error!r}")
         finally:
             if not kept:
                 file.close()

@@ -88,6 +88,7 @@ class Room:
         self._stand_ins: dict[str, StandIn] = {}
         self._failing = False
         self._open = True
+        audience.paint = self.send_picture
         if episode.rules.absence is Absence.BOT:
             self._stand_ins = {
                 player: StandIn(episode, player, episode.rules.stand_in, self._substitute)
@@ -112,9 +113,8 @@ class Room:
 
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
         """Take a seat or watch; the session gets `joined` and a first picture."""
-        if self.problem:
-            raise ProtocolError("server/recording", f"{self.problem}; try again later")
-        if session.participant in self.banned:
+        self._check_recording()
+        if not self.banned.isdisjoint((session.participant, session.id)):
             raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
         if request.role == "player":
             session.player = self.episode.join(
@@ -186,8 +186,10 @@ class Room:
 
     def kick(self, session: Session, reason: str) -> None:
         """Send somebody out, and do not let them in again."""
-        self.banned.add(session.participant)
+        self.banned |= {session.participant, session.id}
         self.leave(session)
+        if session.peer is None:
+            self._host.vacated(session)
         self.audience.send(session, messages.Left(episode=self.id, reason=reason))
 
     def dismiss(self) -> None:
@@ -205,6 +207,8 @@ class Room:
         try:
             if session.player is None:
                 raise ProtocolError("seat/none", "spectators do not act", "type")
+            if self._failing:
+                return  # It is sent again; what is held back must not grow.
             if request.seq == self.episode.seat(session.player).seq:
                 self._answer_again(session, request)
                 return
@@ -251,7 +255,12 @@ class Room:
         if error.code == "action/stale":
             self.send_picture(session)
 
+    def _check_recording(self) -> None:
+        if self._failing:
+            raise ProtocolError("server/recording", f"{self.problem}; try again later")
+
     def say(self, session: Session, text: str) -> None:
+        self._check_recording()
         self.episode.say(session.name, session.player or "", text, self._now())
         self.flush()
 
@@ -352,6 +361,8 @@ class Room:
 
     def _written(self) -> bool:
         """Write; where that fails the game stands still, and it is tried again in a while."""
+        if self._failing and self._retry is not None:
+            return False
         if self.journal is None or self.journal.write():
             if self._failing:
                 self._failing = False
@@ -381,7 +392,7 @@ class Room:
 
     def _confirm(self, session: Session, tell: Callable[[], None]) -> None:
         """Tell what a session sees, at once or, while the recording fails, when it is written."""
-        if self.problem:
+        if self._failing:
             self._unpainted[session] = tell
         else:
             tell()

@@ -62,7 +62,7 @@ class Sessions:
 
     def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session | None:
         """A session of a process before this one: whoever has a seat, or watched."""
-        if room is None:
+        if room is None or grant.session in room.banned:
             return None
         player = room.holds_seat(grant.session)
         if player is None and (grant.seat or grant.episode != room.id):
@@ -73,7 +73,7 @@ class Sessions:
             name=grant.name,
             kind=grant.kind,
             role=grant.role,
-            participant=seat.participant if seat is not None else "",
+            participant=seat.participant if seat is not None else grant.participant,
             only_episode=grant.only_episode,
             only_seat=grant.only_seat,
         )
@@ -98,6 +98,7 @@ class Sessions:
             only_episode=session.only_episode,
             only_seat=session.only_seat,
             view=session.view,
+            participant=session.participant if session.participant != session.id else "",
         )
 
     def forget(self, session: Session) -> None:

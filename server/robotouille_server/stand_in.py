@@ -45,7 +45,6 @@ class StandIn:
         self._observed: list[Did] = []
         self._mind: _Mind | None = None
         self._thought: asyncio.Future[GroundAction | None] | None = None
-        self._decided = -1
         self._stopped = False
 
     def warm(self) -> None:
@@ -90,7 +89,6 @@ class StandIn:
             and not episode.paused
             and seat.controller is Controller.STAND_IN
             and seat.pending is None
-            and self._decided < episode.step
             and episode.on_turn in (None, self._player)
             and episode.state.busy_steps(self._player) == 0
         )
@@ -107,7 +105,6 @@ class StandIn:
             action = episode.world.action(found.name, *found.arguments)
         in_time = episode.step == step
         if in_time or (action is not None and episode.world.applicable(episode.state, action)):
-            self._decided = episode.step
             self._decide(self._player, action)
         else:
             self.consider()

@@ -65,6 +65,7 @@ class ResumeGrant:
     only_episode: str = ""
     only_seat: str = ""
     view: str = "state"
+    participant: str = ""
 
 
 _Text = Annotated[str, Field(max_length=64)]
@@ -96,6 +97,7 @@ class _ResumeClaims(_Claims):
     oe: _Text = ""
     os: _Text = ""
     view: Annotated[str, Field(max_length=16)] = "state"
+    pa: _Text = ""
 
 
 _C = TypeVar("_C", bound=_Claims)
@@ -183,13 +185,19 @@ class Tokens:
         only_episode: str = "",
         only_seat: str = "",
         view: str = "state",
+        participant: str = "",
     ) -> str:
         """A resume token of a session that is good for `seconds` from now."""
         claims = {
             "sub": session, "ep": episode, "seat": seat, "gen": generation, "name": name,
             "kind": kind, "role": role.value, "exp": math.ceil(self._wall() + seconds),
         }  # fmt: skip
-        limits = {"oe": only_episode, "os": only_seat, "view": view if view != "state" else ""}
+        limits = {
+            "oe": only_episode,
+            "os": only_seat,
+            "view": view if view != "state" else "",
+            "pa": participant,
+        }
         claims |= {key: value for key, value in limits.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
 
@@ -211,6 +219,7 @@ class Tokens:
             only_episode=claims.oe,
             only_seat=claims.os,
             view=claims.view,
+            participant=claims.pa,
         )
 
     # Both

@@ -6,7 +6,7 @@ same course alone or beside a hundred others, in real or in simulated time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from enum import Enum
 from math import ceil
@@ -444,15 +444,17 @@ class Episode:
         self._deadline = now + budget if budget is not None else None
 
     def _take_step(self, now: float) -> None:
-        moves = self._moves()
-        if self._transition(moves, self._elapsed(now)):
+        moves, idle = self._moves()
+        if self._transition(moves, idle, self._elapsed(now)):
             self._end(Reason.GOAL, now)
         elif self.step >= self.rules.max_steps:
             self._end(Reason.STEP_LIMIT, now)
         else:
             self._ask(now)
 
-    def _transition(self, moves: tuple[Move, ...], time: float) -> bool:
+    def _transition(
+        self, moves: tuple[Move, ...], idle: tuple[tuple[str, int], ...], time: float
+    ) -> bool:
         """Take a joint action; whether it reaches the goal."""
         before = self.state
         result = before.step([move.action for move in moves])
@@ -467,11 +469,13 @@ class Episode:
         self._count(acted)
         self._turn = (self._turn + 1) % len(self.world.players)
         turn = self.on_turn
-        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn))
+        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn, idle))
         return result.goal_reached
 
-    def _moves(self) -> tuple[Move, ...]:
-        """The joint action: in order of arrival where the wall clock rules, else in seat order."""
+    def _moves(self) -> tuple[tuple[Move, ...], tuple[tuple[str, int], ...]]:
+        """The joint action: in order of arrival where the wall clock rules, else in seat order;
+        and the decisions to do nothing, as seats with their sequence numbers."""
+        idle = []
         ready = []
         for seat in self.seats.values():
             pending = seat.pending
@@ -479,6 +483,8 @@ class Episode:
                 seat.pending = None
                 if pending.seq > 0:
                     seat.answer = Answer(pending.seq, self.step + 1)
+                    if pending.action is None:
+                        idle.append((seat.player, pending.seq))
                 if pending.action is not None:
                     move = Move(
                         seat.player,
@@ -490,7 +496,7 @@ class Episode:
                     ready.append((pending.order, move))
         if self.scheduled and len(ready) > 1:
             ready.sort(key=lambda pair: pair[0])
-        return tuple([move for _, move in ready])
+        return tuple([move for _, move in ready]), tuple(idle)
 
     def _count(self, acted: dict[str, bool]) -> None:
         turn = self.on_turn
@@ -528,17 +534,28 @@ class Episode:
         """Begin again, as recorded; nothing is reported."""
         self._to(Phase.RUNNING)
 
-    def retrace(self, moves: Iterable[Move]) -> None:
+    def retrace(self, moves: Iterable[Move], idle: Iterable[tuple[str, int]] = ()) -> None:
         """Take a recorded step again; nothing is reported."""
         moves = tuple(moves)
-        for move in moves:
-            seat = self.seats[move.player]
-            seat.seq = max(seat.seq, move.seq)
-        self._transition(moves, 0.0)
+        for player, seq in [*((move.player, move.seq) for move in moves), *idle]:
+            seat = self.seats[player]
+            seat.seq = max(seat.seq, seq)
+        for player, seq in idle:
+            self.seats[player].answer = Answer(seq, self.step + 1)
+        self._transition(moves, tuple(idle), 0.0)
         self._events.clear()
 
-    def go_on(self, now: float, *, elapsed: float, patience: float) -> None:
-        """After a restart: everybody who was present is waited for, for `patience` seconds."""
+    def go_on(
+        self,
+        now: float,
+        *,
+        elapsed: float,
+        patience: float,
+        expected: Collection[str] = (),
+        held: bool = False,
+    ) -> None:
+        """After a restart: everybody who was present, and whoever else is `expected`, is waited
+        for, for `patience` seconds. `held` is a pause of the operator that goes on."""
         begun = self.phase is Phase.RUNNING
         self._started = now - elapsed
         self._next_step = now + self.rules.period
@@ -551,7 +568,10 @@ class Episode:
             self._roster(seat, now)
         self.holds.until.clear()
         if begun:
-            self._presence.expect([seat.player for seat in present], now + patience)
+            waited = {seat.player for seat in present} | set(expected)
+            self._presence.expect(waited, now + patience)
+        if held:
+            self.holds.until[Hold.OPERATOR] = None
         self._presence.watch(now, running=begun)
         if begun and self._finished(now):
             return

@@ -185,7 +185,8 @@ class Restarted:
 class Stepped:
     """A step was taken: `moves` with their `attempts`, in the order in which they applied.
 
-    `turn` is whose turn it is after it, with the turn clock.
+    `turn` is whose turn it is after it, with the turn clock; `idle` are the seats that decided to
+    do nothing, with the sequence numbers of these decisions.
     """
 
     step: int
@@ -195,6 +196,7 @@ class Stepped:
     before: State
     state: State
     turn: str | None = None
+    idle: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

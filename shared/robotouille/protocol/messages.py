@@ -275,9 +275,12 @@ class Created(Message):
 
 class Joined(Message):
     """The answer to `join`; a `snapshot` (or `observation`) follows, or, in a connection that was
-    resumed, what was missed up to `step` and a `roster`. `seq` is the seat's last sequence
-    number: the next action's is higher. `resume` takes the place of that of `welcome`: it brings
-    one back into this seat even if the server is started anew meanwhile."""
+    resumed, what was missed up to `step` and a `roster`.
+
+    `seq` is the seat's last sequence number: the next action's is higher. `said` is the number of
+    chat messages so far. `resume` takes the place of that of `welcome`: it brings one back into
+    this seat even if the server is started anew meanwhile.
+    """
 
     type: Literal["joined"] = "joined"
     ref: Ref | None = None
@@ -287,6 +290,7 @@ class Joined(Message):
     seat: str | None = None
     seq: int = 0
     step: int = 0
+    said: int = 0
     resume: Token | None = None
 
 

@@ -96,7 +96,9 @@ class Recorder:
         return b"".join(frames + _notes_frame(notes))
 
     def _step(self, event: Stepped) -> bytes:
-        rows = {"t": _ms(event.time), "moves": [_move(move) for move in event.moves]}
+        rows: dict[str, Any] = {"t": _ms(event.time), "moves": [_move(m) for m in event.moves]}
+        if event.idle:
+            rows["idle"] = [[player, seq] for player, seq in event.idle]
         return step_frames(self.writer, event.step, rows, event.attempts, event.before, event.state)
 
 
@@ -129,7 +131,7 @@ def step_frames(
 ) -> bytes:
     """The frame of a step, and the keyframe after it where one is due.
 
-    `rows` holds what re-simulation cannot know: `t` and `moves`.
+    `rows` holds what re-simulation cannot know: `t`, `moves` and `idle`.
     """
     frame = {"kind": "step", "step": step, **rows}
     if any(not attempt.applied for attempt in attempts):

@@ -22,6 +22,10 @@ from robotouille.world.world import World
 __all__ = ["Recording", "Verification", "read_recording"]
 
 
+GIVEN = ("t", "moves", "idle")
+"""The fields of a step that re-simulation cannot know."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verification:
     """The result of re-simulating a recording.
@@ -194,7 +198,7 @@ class Recording:
             if frame["kind"] == "step":
                 before, result = state, state.step(self.actions(frame))
                 state = result.state
-                rows = {"t": frame["t"], "moves": frame["moves"]}
+                rows = {key: value for key, value in frame.items() if key in GIVEN}
                 output += step_frames(writer, frame["step"], rows, result.attempts, before, state)
             elif frame["kind"] in ("footer", "notes"):
                 output += pack_frame(frame)

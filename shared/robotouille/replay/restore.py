@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from robotouille.domain.task import Task
-from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Rules, Seat
+from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
 from robotouille.errors import RecordingError
 from robotouille.replay.frames import MAGIC, pack_frame
 from robotouille.replay.recording import Recording
@@ -60,7 +60,13 @@ def restore(
     if outcome is not None:
         episode.conclude(_outcome(recording, outcome))
     else:
-        episode.go_on(now, elapsed=retraced.milliseconds / 1000, patience=patience)
+        episode.go_on(
+            now,
+            elapsed=retraced.milliseconds / 1000,
+            patience=patience,
+            expected=retraced.expected,
+            held="operator" in retraced.holds,
+        )
     return Restored(episode, whole, missing, tuple(retraced.said), outcome is not None)
 
 
@@ -87,15 +93,19 @@ class _Retraced:
         self.episode = episode
         self.milliseconds = 0
         self.said: list[dict[str, Any]] = []
+        self.holds: list[str] = []
+        self.expected: set[str] = set()
 
     def frame(self, recording: Recording, frame: dict[str, Any]) -> None:
         if frame["kind"] == "step":
             actions = recording.actions(frame)
             self.milliseconds = max(self.milliseconds, frame["t"])
-            self.episode.retrace(
+            self._check_players(frame)
+            moves = [
                 Move(row["player"], action, row["seq"], row["ms"] / 1000, row.get("reasoning", ""))
                 for row, action in zip(frame["moves"], actions, strict=True)
-            )
+            ]
+            self.episode.retrace(moves, [(str(p), int(seq)) for p, seq in frame.get("idle", ())])
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])
@@ -106,6 +116,8 @@ class _Retraced:
             case "roster":
                 self.episode.used = True
                 _sit(self._seat(note), note)
+                if note["present"] or not note.get("taken", True):
+                    self.expected.discard(note["player"])
             case "rejected":
                 seat = self._seat(note)
                 seat.seq = max(seat.seq, note["seq"])
@@ -116,8 +128,22 @@ class _Retraced:
                 self.episode.said += 1
                 if note["player"]:
                     self._seat(note).tally.said += 1
-            case "started":
+            case "paused":
+                self.holds = note["holds"]
+            case "resumed":
+                self.holds = []
+            case "restarted":
+                seats = self.episode.seats.values()
+                self.expected |= {seat.player for seat in seats if seat.present}
+            case "started" if self.episode.phase is Phase.WAITING:
                 self.episode.retrace_start()
+
+    def _check_players(self, frame: dict[str, Any]) -> None:
+        players = [row["player"] for row in frame["moves"]]
+        players += [player for player, _ in frame.get("idle", ())]
+        for player in players:
+            if player not in self.episode.seats:
+                raise RecordingError(f"step {frame['step']} speaks of a seat {player!r}")
 
     def _seat(self, note: dict[str, Any]) -> Seat:
         try:
@@ -137,4 +163,7 @@ def _sit(seat: Seat, note: dict[str, Any]) -> None:
         seat.present = note["present"]
     else:
         seat.free()
-    seat.controller = Controller(note.get("controller", ""))
+    try:
+        seat.controller = Controller(note.get("controller", ""))
+    except ValueError as error:
+        raise RecordingError(str(error)) from None

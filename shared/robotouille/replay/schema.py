@@ -143,6 +143,7 @@ class StepFrame(Frame):
     step: Annotated[int, Field(ge=1)]
     t: int
     moves: list[RecordedMove]
+    idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = []
     unmet: dict[str, list[str]] = {}
     add: list[Index] = []
     remove: list[Index] = []

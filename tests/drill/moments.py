@@ -1,0 +1,56 @@
+"""When the server is killed: at random, and where it hurts."""
+
+from __future__ import annotations
+
+import random
+import signal
+from dataclasses import dataclass
+from enum import StrEnum
+
+__all__ = ["Kill", "When", "draw_kills"]
+
+MAX_IN_ROW = 2
+"""Kills in a row before the server listens: clients give up a request after 15 s."""
+
+
+class When(StrEnum):
+    """What the server is doing."""
+
+    STARTING = "starting"
+    RETURNING = "returning"
+    PLAYING = "playing"
+    EVENT = "event"
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """`delay` seconds after the process start (`starting`), after it listens (`returning`), after
+    most players are back (`playing`), or after the next game begins or ends (`event`)."""
+
+    when: When
+    delay: float
+    signal: signal.Signals
+
+
+WEIGHTS = {When.STARTING: 20, When.RETURNING: 20, When.PLAYING: 45, When.EVENT: 15}
+DELAYS = {
+    When.STARTING: (0.0, 3.0),
+    When.RETURNING: (0.0, 1.5),
+    When.PLAYING: (0.0, 4.0),
+    When.EVENT: (0.0, 0.02),
+}
+
+
+def draw_kills(seed: int, count: int) -> list[Kill]:
+    """As many kills, from a seed; one in ten is a SIGTERM without time to drain."""
+    chance = random.Random(f"kills {seed}")
+    kills: list[Kill] = []
+    while len(kills) < count:
+        (when,) = chance.choices(list(WEIGHTS), list(WEIGHTS.values()))
+        last = kills[-MAX_IN_ROW:]
+        if when is When.STARTING and sum(k.when is When.STARTING for k in last) == MAX_IN_ROW:
+            when = When.PLAYING
+        term = when is not When.STARTING and chance.random() < 0.1
+        number = signal.SIGTERM if term else signal.SIGKILL
+        kills.append(Kill(when, chance.uniform(*DELAYS[when]), number))
+    return kills

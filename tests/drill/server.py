@@ -1,0 +1,120 @@
+"""The real server as a process that is killed and started again on the same port and folder."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+__all__ = ["ServerProcess", "free_port"]
+
+COMMAND = (sys.executable, "-c", "from robotouille_server.cli import main; main()")
+STOP_SECONDS = 30.0
+
+
+def free_port() -> int:
+    """A TCP port that nobody uses, with an unused one after it."""
+    while True:
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("127.0.0.1", 0))
+            port: int = first.getsockname()[1]
+            try:
+                second.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+
+
+class ServerProcess:
+    """One life of the server after another. `faults` are the errors in its logs, and lives that
+    ended by themselves or in a wrong way."""
+
+    def __init__(self, folder: Path, port: int, faults: list[str], *flags: str) -> None:
+        self.url = f"ws://127.0.0.1:{port}"
+        self.folder = folder
+        self.lives = 0
+        self.started = 0.0
+        self.listening = asyncio.Event()
+        self.start_seconds: list[float] = []
+        self.stop_seconds: list[float] = []
+        self.restored: list[int] = []
+        self.faults = faults
+        recordings = str(folder / "recordings")
+        self._arguments = (*COMMAND, "--port", str(port), "--recordings", recordings,
+                           "--log-format", "json", "--drain-seconds", "0", *flags)  # fmt: skip
+        self._process: asyncio.subprocess.Process | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._ending = False
+
+    async def start(self) -> None:
+        """Begin another life; `listening` is set once it takes connections."""
+        self.lives += 1
+        self.listening = asyncio.Event()
+        self._ending = False
+        self.restored.append(0)
+        self.started = time.monotonic()
+        self._process = await asyncio.create_subprocess_exec(
+            *self._arguments,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+            env={**os.environ, "ROBOTOUILLE_COMPILE": "0"},
+        )
+        self._reading = asyncio.create_task(self._read(self._process))
+
+    async def kill(self, number: signal.Signals = signal.SIGKILL) -> None:
+        """End this life, and see that it has ended the way it should."""
+        process, reading = self._process, self._reading
+        if process is None or reading is None:
+            return
+        self._ending = True
+        begun = time.monotonic()
+        polite = number is not signal.SIGKILL and self.listening.is_set()
+        process.send_signal(number)
+        try:
+            async with asyncio.timeout(STOP_SECONDS):
+                status = await process.wait()
+        except TimeoutError:
+            self.faults.append(
+                f"life {self.lives} did not end within {STOP_SECONDS} s of {number!r}"
+            )
+            process.kill()
+            status = await process.wait()
+        await reading
+        if polite:
+            self.stop_seconds.append(time.monotonic() - begun)
+            if status != 0:
+                self.faults.append(f"life {self.lives} ended with status {status} after {number!r}")
+
+    async def _read(self, process: asyncio.subprocess.Process) -> None:
+        life, others = self.lives, list[bytes]()
+        assert process.stderr is not None
+        with (self.folder / f"server-{life:04}.log").open("wb") as log:
+            async for line in process.stderr:
+                log.write(line)
+                log.flush()
+                if line.startswith(b"{"):
+                    self._heed(life, json.loads(line))
+                elif line.strip():
+                    others.append(line)
+        await process.wait()
+        if others:
+            last = b"".join(others[-3:]).decode(errors="replace")
+            self.faults.append(f"life {life} wrote {len(others)} lines, the last of them: {last}")
+        if not self._ending:
+            self.faults.append(f"life {life} ended by itself with status {process.returncode}")
+
+    def _heed(self, life: int, row: dict[str, Any]) -> None:
+        match row.get("event"):
+            case "listening":
+                self.start_seconds.append(time.monotonic() - self.started)
+                self.listening.set()
+            case "episode restored":
+                self.restored[-1] += 1
+        if row.get("level") in ("error", "critical"):
+            self.faults.append(f"life {life}: {json.dumps(row)[:2000]}")

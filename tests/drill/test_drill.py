@@ -1,0 +1,46 @@
+"""A small drill: a real server is killed a few times while bots, and a person, play."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.drill.drill import Plan, run_drill
+from tests.drill.report import table, write_json
+
+SMALL = Plan(kills=5, games=6, processes=2, seed=7, steps=(15, 40), patience=150.0)
+
+
+def test_games_go_on_through_five_kills(tmp_path: Path) -> None:
+    result = asyncio.run(run_drill(SMALL, tmp_path / "drill", print))
+    assert result.ok, table(result)
+    write_json(result, tmp_path / "figures.json")
+    figures = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    assert figures["verdict"]["outcomes"] == result.verdict.outcomes
+    assert figures["plan"]["kills"] == 5
+    assert sum(result.kills.values()) == 5
+    assert result.lives == 6
+    assert sum(result.restored) >= 6
+    assert result.verdict.games >= 6
+    assert result.verdict.verified >= result.verdict.games
+    assert set(result.verdict.outcomes) <= {"goal", "step_limit"}
+    assert max(result.verdict.restarts) >= 2
+    assert result.verdict.actions > 50
+    assert result.verdict.chat > 0
+
+
+@pytest.mark.skipif(
+    not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
+)
+def test_a_persons_window_goes_on_through_kills(tmp_path: Path) -> None:
+    pytest.importorskip("pygame")
+    plan = Plan(kills=3, games=1, windows=1, seed=3, steps=(20, 60), patience=150.0)
+    result = asyncio.run(run_drill(plan, tmp_path / "drill", print))
+    assert result.ok, table(result)
+    assert result.pictures >= 1
+    assert result.clicks >= 1
+    assert result.verdict.controllers["human"] >= 2

@@ -1,0 +1,74 @@
+"""Whether a picture shows a game: the drill must not take any window for a living one."""
+
+from __future__ import annotations
+
+import os
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from robotouille import State, World, load_task
+from robotouille.protocol.messages import SeatInfo
+
+PLAYER = "robot1"
+
+
+@pytest.fixture(autouse=True)
+def _display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(os.environ, "SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setitem(os.environ, "PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    pygame = pytest.importorskip("pygame")
+    pygame.display.init()
+    pygame.font.init()
+    pygame.display.set_mode((1, 1))
+
+
+@pytest.fixture
+def start() -> State:
+    return World(load_task("multi_agent/01_lettuce_burger", seats=2)).initial
+
+
+def recognized(picture: Any, state: State) -> bool:
+    """Whether a picture is taken for that of a game in this state."""
+    from robotouille_client.window.painter import Painter
+    from tests.drill.screens import likeness
+
+    seats = [SeatInfo(player=player, name=player, present=True) for player in state.world.players]
+    game: Any = SimpleNamespace(
+        world=state.world, state=state, step=3, clock={"step_rate": 5.0}, seats=seats, code="AB"
+    )
+    return likeness(picture, Painter(), game, PLAYER).good
+
+
+def window(state: State | None, **changes: Any) -> Any:
+    """A picture of a window at a state; black without one."""
+    import pygame
+
+    from robotouille_client.window.painter import Painter
+    from robotouille_client.window.view import SeatView, View
+    from tests.drill.screens import SIZE
+
+    surface = pygame.Surface(SIZE, depth=24)
+    if state is not None:
+        seats = tuple(SeatView(player, player) for player in state.world.players)
+        view = View(state.world, state, step=3, me=PLAYER, seats=seats, **changes)
+        Painter().paint(surface, view)
+    return surface
+
+
+def test_the_same_state_is_recognized(start: State) -> None:
+    assert recognized(window(start), start)
+
+
+def test_a_window_that_stands_at_an_earlier_state_is_not(start: State) -> None:
+    action = next(a for a in start.actions(PLAYER) if a.name == "move")
+    assert not recognized(window(start), start.step(action).state)
+
+
+def test_a_window_without_a_connection_is_not(start: State) -> None:
+    assert not recognized(window(start, offline=5.0), start)
+
+
+def test_a_black_window_is_not(start: State) -> None:
+    assert not recognized(window(None), start)

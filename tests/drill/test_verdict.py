@@ -1,0 +1,133 @@
+"""Whether the drill would notice what it looks for: evidence and recordings that were altered."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import State
+from robotouille_client import connect
+from robotouille_client.bots import RandomPolicy, play
+from tests.drill.verdict import judge
+from tests.drill.witness import Witness
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+
+Rows = list[list[Any]]
+ADA, BOB = "ada", "bob"
+
+
+def bot(_: State, player: str) -> RandomPolicy:
+    return RandomPolicy(player, 1)
+
+
+async def play_with_witnesses(folder: Path) -> None:
+    """Two bots play a game, and what they are told is written down."""
+    (folder / "told").mkdir()
+    task = "multi_agent/01_lettuce_burger"
+    async with (
+        serving(folder / "recordings", task=task, max_steps=25) as server,
+        connect(server.url, name=ADA) as one,
+        connect(server.url, name=BOB) as other,
+    ):
+        created = await one.create(task)
+        witnesses = []
+        for client in (one, other):
+            game = await client.join(created.code)
+            witnesses.append(Witness(game, client.name, folder / "told"))
+        async with asyncio.TaskGroup() as group:
+            for witness in witnesses:
+                group.create_task(play(witness.game, bot, threaded=False))
+        for witness in witnesses:
+            await witness.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    run(play_with_witnesses(tmp_path))
+    return tmp_path
+
+
+def faults(folder: Path) -> list[str]:
+    return judge(folder / "recordings", folder / "told").faults
+
+
+def change(folder: Path, alter: Callable[[Rows], Any], name: str = ADA) -> None:
+    """Alter what somebody has written down."""
+    (path,) = (folder / "told").glob(f"*-{name}.jsonl")
+    rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    alter(rows)
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+
+
+def first(rows: Rows, kind: str) -> list[Any]:
+    """The first row of a kind; of actions, the first that applied."""
+    return next(r for r in rows if r[0] == kind and (kind != "act" or (r[2] and r[3])))
+
+
+def test_nothing_is_found_where_all_is_well(folder: Path) -> None:
+    verdict = judge(folder / "recordings", folder / "told")
+    assert verdict.faults == []
+    assert (verdict.games, verdict.verified, verdict.steps) == (1, 1, 25)
+    assert verdict.deltas == 50
+    assert verdict.states > 50
+    assert verdict.actions > 20
+    assert verdict.chat == 12, "three things said by each, heard by both"
+    assert verdict.unheard == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value", "fault"),
+    [
+        ("state", 2, "0" * 32, "had hash"),
+        ("delta", 2, [[0, "dance"]], "did [[0, 'dance']]"),
+        ("delta", 1, 9999, "step 9999 is lost: the recording ends at 25"),
+        ("delta", 3, [77, 78], "other sequence numbers"),
+        ("delta", 4, [0], "rejected [0]"),
+        ("said", 1, 999, "is lost"),
+        ("said", 4, "something else", "recorded"),
+        ("act", 4, 24, "applied in step"),
+        ("act", 1, 10_000, "applied in step"),
+        ("act", 2, ["dance"], "applied in step"),
+        ("act", 3, False, "was refused"),
+        ("over", 1, {"reason": "goal"}, "ended with"),
+    ],
+)
+def test_a_difference_is_found(
+    folder: Path, kind: str, field: int, value: object, fault: str
+) -> None:
+    change(folder, lambda rows: first(rows, kind).__setitem__(field, value))
+    found = faults(folder)
+    assert len(found) == 1
+    assert fault in found[0]
+    assert ADA in found[0]
+
+
+def test_whoever_never_saw_the_end_is_found(folder: Path) -> None:
+    change(folder, lambda rows: rows.pop(), BOB)
+    (found,) = faults(folder)
+    assert "the client never saw the end" in found
+
+
+def test_a_missing_recording_is_found(folder: Path) -> None:
+    next((folder / "recordings").iterdir()).unlink()
+    (found,) = faults(folder)
+    assert "has no recording" in found
+
+
+def test_a_recording_that_was_not_closed_is_found(folder: Path) -> None:
+    (recording,) = (folder / "recordings").iterdir()
+    recording.rename(recording.with_name(f"{recording.name}.part"))
+    assert any("is left behind" in found for found in faults(folder))
+
+
+def test_a_damaged_recording_is_found(folder: Path) -> None:
+    (recording,) = (folder / "recordings").iterdir()
+    recording.write_bytes(recording.read_bytes()[:-20])
+    (found,) = faults(folder)
+    assert recording.name in found

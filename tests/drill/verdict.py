@@ -1,0 +1,225 @@
+"""Holds the recordings against what the clients were told."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robotouille.errors import RobotouilleError
+from robotouille.replay.recording import Recording, read_recording
+
+__all__ = ["Verdict", "judge"]
+
+LOST = ("seat/lost", "episode/over")
+"""Codes of answers that say nothing of what became of an action."""
+FINISHED = ("goal", "step_limit")
+
+Row = list[Any]
+
+
+@dataclass(slots=True)
+class Verdict:
+    """What was found. `faults` is empty where all is well.
+
+    `unheard` counts what was said into a connection that was lost just then, `unaware` spectators
+    who came back after the end: neither has been promised anything.
+    """
+
+    games: int = 0
+    others: int = 0
+    steps: int = 0
+    verified: int = 0
+    states: int = 0
+    deltas: int = 0
+    actions: int = 0
+    chat: int = 0
+    unheard: int = 0
+    unaware: int = 0
+    outcomes: Counter[str] = field(default_factory=Counter)
+    controllers: Counter[str] = field(default_factory=Counter)
+    restarts: Counter[int] = field(default_factory=Counter)
+    faults: list[str] = field(default_factory=list)
+
+
+def judge(recordings: Path, evidence: Path) -> Verdict:
+    """Check every recording, and every line that a client has written against it."""
+    verdict = Verdict()
+    told: dict[str, list[Path]] = {}
+    for path in sorted(evidence.glob("*.jsonl")):
+        told.setdefault(path.name.split("-")[0], []).append(path)
+    for path in sorted(recordings.glob("*")):
+        if path.suffix != ".rbt":
+            verdict.faults.append(f"{path.name} is left behind")
+            continue
+        episode = path.stem.rpartition("_")[2]
+        _judge_game(verdict, path, told.pop(episode, []))
+    for episode, paths in told.items():
+        names = ", ".join(path.name for path in paths)
+        verdict.faults.append(f"episode {episode} has no recording; it was seen by {names}")
+    return verdict
+
+
+def _judge_game(verdict: Verdict, path: Path, told: list[Path]) -> None:
+    try:
+        recording = read_recording(path)
+        found = recording.verify()
+    except RobotouilleError as error:
+        verdict.faults.append(f"{path.name}: {error}")
+        return
+    if not (found.ok and found.complete):
+        verdict.faults.append(f"{path.name}: {found}")
+        return
+    verdict.verified += 1
+    verdict.steps += found.steps
+    if not told:
+        verdict.others += 1
+        return
+    verdict.games += 1
+    record = _Record(recording)
+    verdict.outcomes[record.outcome["reason"]] += 1
+    verdict.controllers.update(record.controllers)
+    verdict.restarts[record.restarts] += 1
+    if record.outcome["reason"] not in FINISHED:
+        verdict.faults.append(f"{path.name}: ended with {record.outcome}")
+    verdict.faults += [f"{path.name}: {fault}" for fault in record.doubles()]
+    for witness in told:
+        rows = [json.loads(line) for line in witness.read_text(encoding="utf-8").splitlines()]
+        faults = _Trial(record, rows, verdict).faults()
+        verdict.faults += [f"{witness.name}: {fault}" for fault in faults]
+
+
+class _Record:
+    """A recording, laid out for comparison."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.players = recording.world.players
+        self.outcome: dict[str, Any] = recording.outcome or {}
+        self.digests = {step: state.digest for step, state in recording.states()}
+        self.moves = {frame["step"]: frame["moves"] for frame in recording.steps}
+        self.unmet = {
+            frame["step"]: sorted(int(row) for row in frame.get("unmet", {}))
+            for frame in recording.steps
+        }
+        notes = list(recording.notes())
+        self.said = [note for note in notes if note["note"] == "said"]
+        self.restarts = sum(note["note"] == "restarted" for note in notes)
+        self.controllers = Counter(
+            note["controller"] or "free" for note in notes if note["note"] == "roster"
+        )
+        self.acted: dict[tuple[str, str, int], list[tuple[int, Row, bool]]] = {}
+        self._lay_out_actions(recording)
+
+    def _lay_out_actions(self, recording: Recording) -> None:
+        """Each action by the name of who held the seat, the seat, and its sequence number."""
+        holder = dict.fromkeys(self.players, "")
+        for frame in recording.frames:
+            if frame["kind"] == "notes":
+                for note in frame["notes"]:
+                    if note["note"] == "roster":
+                        holder[note["player"]] = note["name"]
+            elif frame["kind"] == "step":
+                for number, move in enumerate(frame["moves"]):
+                    key = (holder[move["player"]], move["player"], move["seq"])
+                    applied = number not in self.unmet[frame["step"]]
+                    row = (frame["step"], move["action"], applied)
+                    self.acted.setdefault(key, []).append(row)
+
+    def doubles(self) -> Iterable[str]:
+        """Actions that were taken into more than one step, and chat that came twice."""
+        for (name, player, seq), rows in self.acted.items():
+            if seq > 0 and len(rows) > 1:
+                yield f"action {seq} of {name} at {player} was taken {len(rows)} times: {rows}"
+        texts = Counter(note["text"] for note in self.said)
+        for text, count in texts.items():
+            if count > 1:
+                yield f"{text!r} is in the recording {count} times"
+
+
+class _Trial:
+    """One client's evidence against a recording."""
+
+    def __init__(self, record: _Record, rows: list[Row], verdict: Verdict) -> None:
+        self._record = record
+        self._rows = rows
+        self._verdict = verdict
+        self._seat = rows[0][2]
+        self._name = rows[0][3]
+        self._heard: set[str] = set()
+
+    def faults(self) -> Iterable[str]:
+        """Whatever the client was told and the recording does not have so."""
+        checks = {
+            "state": self._state, "delta": self._delta, "said": self._said, "act": self._act,
+            "over": self._over, "game": lambda _: "", "says": lambda _: "",
+        }  # fmt: skip
+        for row in self._rows:
+            fault = checks[row[0]](row)
+            if fault:
+                yield fault
+        if self._rows[-1][0] != "over":
+            yield "the client never saw the end"
+        says = {row[1] for row in self._rows if row[0] == "says"}
+        self._verdict.unheard += len(says - self._heard)
+
+    def _state(self, row: Row) -> str:
+        _, step, digest = row
+        self._verdict.states += 1
+        recorded = self._record.digests.get(step)
+        return "" if recorded == digest else f"step {step} had hash {digest}, recorded {recorded}"
+
+    def _delta(self, row: Row) -> str:
+        _, step, did, seqs, unmet = row
+        self._verdict.deltas += 1
+        if step not in self._record.moves:
+            return f"step {step} is lost: the recording ends at {max(self._record.digests)}"
+        recorded = [
+            [self._record.players.index(move["player"]), *move["action"]]
+            for move in self._record.moves[step]
+        ]
+        if recorded != did:
+            return f"step {step} did {did}, recorded {recorded}"
+        if [move["seq"] for move in self._record.moves[step]] != seqs:
+            return f"step {step} has other sequence numbers than {seqs}"
+        if self._record.unmet[step] != unmet:
+            return f"step {step} rejected {unmet}, recorded {self._record.unmet[step]}"
+        return ""
+
+    def _said(self, row: Row) -> str:
+        _, number, name, seat, text = row
+        self._verdict.chat += 1
+        self._heard.add(text)
+        said = self._record.said
+        if not 1 <= number <= len(said):
+            return f"chat {number} ({text!r}) is lost: {len(said)} are recorded"
+        note = said[number - 1]
+        if (note["name"], note["player"], note["text"]) != (name, seat, text):
+            return f"chat {number} was {text!r} of {name}, recorded {note['text']!r}"
+        return ""
+
+    def _act(self, row: Row) -> str:
+        _, seq, action, applied, step, code = row
+        self._verdict.actions += 1
+        found = self._record.acted.get((self._name, self._seat, seq), [])
+        if action is None:
+            return f"action {seq} was nothing, recorded {found}" if found else ""
+        if applied:
+            if [(at, what) for at, what, ok in found if ok] != [(step, action)]:
+                return f"action {seq} {action} applied in step {step}, recorded {found}"
+        elif code not in LOST and any(ok for _, _, ok in found):
+            return f"action {seq} {action} was refused ({code}), recorded {found}"
+        return ""
+
+    def _over(self, row: Row) -> str:
+        _, outcome, why = row
+        if why and self._seat is None:
+            self._verdict.unaware += 1
+            return ""
+        if why:
+            return why
+        if outcome != self._record.outcome:
+            return f"ended with {outcome}, recorded {self._record.outcome}"
+        return ""

@@ -1,0 +1,95 @@
+"""What one client was told, written down as it comes: the evidence against a server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from robotouille.protocol import messages
+from robotouille.world.actions import GroundAction
+from robotouille_client import ActResult, Game
+
+__all__ = ["Witness"]
+
+CHAT_EVERY = 11
+"""Steps between two things that a bot says."""
+
+
+class Witness:
+    """Stands between a connection and its `Game`, and writes one JSON line for each message.
+
+    `heard` is called with every message; the bot itself notices nothing.
+    """
+
+    def __init__(
+        self, game: Game, name: str, folder: Path, heard: Callable[[], None] | None = None
+    ) -> None:
+        self.game = game
+        self.name = name
+        self._heard = heard
+        self._farewell = ""
+        self._receive, self._submit = game.receive, game.submit
+        path = folder / f"{game.episode}-{game.seat or 'eye'}-{name}.jsonl"
+        self._file = path.open("w", encoding="utf-8")
+        self._write("game", game.episode, game.seat, name)
+        self._write("state", game.step, game.state.digest)
+        game.receive = self.receive  # type: ignore[method-assign]
+        game.submit = self.submit  # type: ignore[method-assign]
+
+    def receive(self, message: messages.ServerMessage, now: float) -> None:
+        """Take a message down as the server sent it, then what the client made of it."""
+        if self._heard is not None:
+            self._heard()
+        before = self.game.step
+        self._receive(message, now)
+        match message:
+            case messages.Delta():
+                unmet = sorted(int(row) for row in message.unmet)
+                self._write("delta", message.step, message.did, message.seq, unmet)
+                if self.game.step == message.step > before:
+                    self._write("state", message.step, self.game.state.digest)
+                    self._chat(message.step)
+            case messages.Snapshot():
+                self._write("state", message.step, message.hash)
+            case messages.Said():
+                self._write("said", message.number, message.name, message.seat, message.text)
+            case messages.Ended():
+                self._write("state", message.step, message.hash)
+            case messages.Left() | messages.Bye():
+                self._farewell = message.reason
+
+    def _chat(self, step: int) -> None:
+        if step % CHAT_EVERY == 1 and self.game.seat is not None:
+            text = f"{self.name} at step {step}"
+            self._write("says", text)
+            self.game.say(text)
+
+    def submit(self, wish: Any, **options: Any) -> asyncio.Future[ActResult]:
+        """Note what becomes of an action."""
+        future = self._submit(wish, **options)
+        action = [wish.name, *wish.arguments] if isinstance(wish, GroundAction) else None
+        future.add_done_callback(partial(self._answered, self.game._seq, action))
+        return future
+
+    def _answered(
+        self, seq: int, action: list[str] | None, done: asyncio.Future[ActResult]
+    ) -> None:
+        if not done.cancelled():
+            result = done.result()
+            self._write("act", seq, action, result.applied, result.step, result.code)
+
+    async def close(self) -> None:
+        """Write how it ended for this client."""
+        await asyncio.sleep(0)
+        outcome = self.game.outcome
+        why = f"the client was told no outcome: {self._farewell or 'no reason'}"
+        self._write("over", outcome, "" if outcome else why)
+        self._file.close()
+
+    def _write(self, *row: Any) -> None:
+        if not self._file.closed:
+            self._file.write(json.dumps(row, separators=(",", ":")) + "\n")

@@ -1,0 +1,307 @@
+"""What the recordings say, read as they are written: the truth that clients are compared with.
+
+Each byte that reaches the disk is decoded at once and re-simulated in a world of its own. So a
+client can be checked in the moment in which it is told something: whatever it is told must have
+been recorded before.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import msgpack
+
+from robotouille.domain.task import Task
+from robotouille.replay.frames import MAGIC, unwrap
+from robotouille.replay.recording import Recording
+from robotouille.world.state import State
+from robotouille.world.world import World
+from robotouille_client import Game
+
+__all__ = ["EpisodeTruth", "Oracle", "RecordedMove"]
+
+PREFIX = struct.Struct("<II")
+
+Fail = Callable[[str], None]
+
+
+class RecordedMove(NamedTuple):
+    """A move of a step, and the tenure (the participant's stay in the seat) it was made in."""
+
+    player: str
+    action: tuple[str, ...]
+    seq: int
+    tenure: str
+    applied: bool
+
+
+class EpisodeTruth:
+    """One episode as its recording has it so far."""
+
+    def __init__(self, name: str, fail: Fail, worlds: dict[str, World]) -> None:
+        self.name = name
+        self.header: dict[str, Any] = {}
+        self.states: list[State] = []
+        self.moves: list[tuple[RecordedMove, ...]] = [()]
+        self.said: list[dict[str, Any]] = []
+        self.notes: list[dict[str, Any]] = []
+        self.outcome: dict[str, Any] | None = None
+        self.seen = -1
+        self.content = bytearray()
+        self.closed = False
+        self.discarded = False
+        self._tenures: dict[str, tuple[str, int]] = {}
+        self._acted: set[tuple[str, str, int]] = set()
+        self._digests: dict[int, str] = {}
+        self._parsed = 0
+        self._fail = fail
+        self._worlds = worlds
+
+    @property
+    def episode(self) -> str:
+        return str(self.header.get("episode", ""))
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has an end, or nobody ever took part."""
+        return self.outcome is not None or self.discarded
+
+    @property
+    def begun(self) -> bool:
+        return any(note["note"] == "started" for note in self.notes)
+
+    @property
+    def step(self) -> int:
+        """The last recorded step."""
+        return len(self.states) - 1
+
+    def digest(self, step: int) -> str:
+        """The hash of the state at a step."""
+        if step not in self._digests:
+            self._digests[step] = self.states[step].digest
+        return self._digests[step]
+
+    def append(self, at: int, data: bytes) -> None:
+        if at != len(self.content):
+            self._fail(f"{self.name}: written at byte {at}, the file has {len(self.content)}")
+        self.content += data
+        self._parse()
+
+    def cut(self, size: int) -> None:
+        """The end was cut off by a server that goes on with the file; only torn frames may go."""
+        if size < self._parsed:
+            lost = self._parsed - size
+            self._fail(
+                f"{self.name}: {lost} bytes of whole frames were cut off (step {self.step}, "
+                f"clients have seen {self.seen})"
+            )
+        del self.content[size:]
+
+    def _parse(self) -> None:
+        if not self._parsed:
+            if len(self.content) < len(MAGIC):
+                return
+            self._parsed = len(MAGIC)
+        while len(self.content) >= self._parsed + PREFIX.size:
+            length, _ = PREFIX.unpack_from(self.content, self._parsed)
+            start = self._parsed + PREFIX.size
+            if len(self.content) < start + length:
+                return
+            self._frame(msgpack.unpackb(bytes(self.content[start : start + length])))
+            self._parsed = start + length
+
+    def _frame(self, frame: dict[str, Any]) -> None:
+        if self.outcome is not None:
+            self._fail(f"{self.name}: a frame after the end: {frame['kind']}")
+        match frame["kind"]:
+            case "header":
+                self._begin(frame)
+            case "step":
+                self._step(frame)
+            case "notes":
+                for note in frame["notes"]:
+                    self._note(note)
+            case "footer":
+                self.outcome = frame["outcome"]
+            case "state":
+                if frame["hash"] != self.digest(frame["step"]):
+                    self._fail(f"{self.name}: keyframe {frame['step']} has another hash")
+
+    def _begin(self, frame: dict[str, Any]) -> None:
+        self.header = frame
+        world = self._worlds.get(frame["digest"])
+        if world is None:
+            task = Task.from_json(frame["task"], self.name)
+            world = self._worlds[frame["digest"]] = World(task)
+        self.states.append(world.initial)
+
+    def _step(self, frame: dict[str, Any]) -> None:
+        if frame["step"] != self.step + 1:
+            self._fail(f"{self.name}: step {frame['step']} follows step {self.step}")
+            return
+        state = self.states[-1]
+        actions = [state.world.action(*move["action"]) for move in frame["moves"]]
+        result = state.step(actions)
+        self.states.append(result.state)
+        moves = tuple(
+            RecordedMove(
+                move["player"],
+                tuple(move["action"]),
+                move["seq"],
+                self.tenure(move["player"]),
+                attempt.applied,
+            )
+            for move, attempt in zip(frame["moves"], result.attempts, strict=True)
+        )
+        self.moves.append(moves)
+        for move in moves:
+            self._check_once(move)
+        if frame.get("hash") and frame["hash"] != self.digest(self.step):
+            self._fail(f"{self.name}: step {self.step} is recorded with another hash")
+
+    def _check_once(self, move: RecordedMove) -> None:
+        """No action acts twice; stand-ins number theirs 0."""
+        key = (move.player, move.tenure, move.seq)
+        if move.seq and key in self._acted:
+            self._fail(f"{self.name}: {move.player} acted twice with number {move.seq}")
+        self._acted.add(key)
+
+    def tenure(self, player: str) -> str:
+        """Who sits in a seat, and for the how manieth time somebody has taken it."""
+        who, count = self._tenures.get(player, ("", 0))
+        return f"{who}#{count}"
+
+    def check_end(self) -> None:
+        """The recording is whole and verifies."""
+        if self.discarded:
+            return
+        if self.outcome is None:
+            self._fail(f"{self.name}: the recording has no end (step {self.step})")
+            return
+        verification = Recording(bytes(self.content), self.name).verify()
+        if not (verification.ok and verification.complete):
+            self._fail(f"{self.name}: does not verify: {verification}")
+
+    def _note(self, note: dict[str, Any]) -> None:
+        self.notes.append({"step": self.step, **note})
+        if note["note"] == "said":
+            self.said.append(note)
+        if note["note"] == "roster":
+            who, count = self._tenures.get(note["player"], ("", 0))
+            taken = note.get("taken", True)
+            sitting = (note.get("session") or note["name"]) if taken else ""
+            if sitting != who:
+                self._tenures[note["player"]] = (sitting, count + 1)
+
+
+class Oracle:
+    """All episodes of a simulation."""
+
+    def __init__(self, fail: Fail) -> None:
+        self.files: dict[str, EpisodeTruth] = {}
+        self.counts: Counter[str] = Counter()
+        self._by_id: dict[str, EpisodeTruth] = {}
+        self._fail = fail
+        self._worlds: dict[str, World] = {}
+
+    # What the disk reports
+
+    def appended(self, name: str, at: int, data: bytes) -> None:
+        truth = self.files.get(name)
+        if truth is None:
+            truth = self.files[name] = EpisodeTruth(name, self._fail, self._worlds)
+        truth.append(at, data)
+
+    def cut(self, name: str, size: int) -> None:
+        truth = self.files.get(name)
+        if truth is not None:
+            truth.cut(size)
+
+    def replaced(self, name: str, content: bytes) -> None:
+        """A recording got its final form: it must be what was appended."""
+        truth = self.files.get(f"{name}.part")
+        if truth is None:
+            return
+        truth.closed = True
+        if unwrap(content) != bytes(truth.content):
+            self._fail(f"{name}: the closed file is not what was appended")
+        if truth.outcome is None:
+            self._fail(f"{name}: closed without an outcome")
+
+    def removed(self, name: str) -> None:
+        """A file is gone: its closed form is there, or nobody ever took part."""
+        truth = self.files.get(name)
+        if truth is None or truth.closed:
+            return
+        truth.discarded = True
+        if truth.seen >= 0 or any(note["note"] == "roster" for note in truth.notes):
+            self._fail(f"{name}: deleted, although somebody took part")
+
+    # What is asked
+
+    def of_code(self, code: str | None) -> EpisodeTruth | None:
+        """The episode that one joins with a code."""
+        return next((t for t in self.files.values() if t.header.get("code") == code), None)
+
+    def find(self, episode: str) -> EpisodeTruth | None:
+        truth = self._by_id.get(episode)
+        if truth is None:
+            truth = next((t for t in self.files.values() if t.episode == episode), None)
+            if truth is not None:
+                self._by_id[episode] = truth
+        return truth
+
+    def forget(self, truth: EpisodeTruth) -> None:
+        """An episode that is over and checked."""
+        self.files.pop(truth.name, None)
+        self._by_id.pop(truth.episode, None)
+
+    def check_state(self, who: str, episode: str, step: int, digest: str) -> None:
+        """A client shows this state at this step."""
+        self.counts["states"] += 1
+        truth = self.find(episode)
+        if truth is None:
+            self._fail(f"{who}: sees episode {episode}, of which nothing is recorded")
+        elif step > truth.step:
+            self._fail(f"{who}: sees step {step} of {episode}, recorded are {truth.step}")
+        elif truth.digest(step) != digest:
+            self._fail(f"{who}: step {step} of {episode} is another state than the recorded one")
+        else:
+            truth.seen = max(truth.seen, step)
+
+    def said_since(self, episode: str, number: int) -> int:
+        """How many chat messages there are after one."""
+        truth = self.find(episode)
+        return len(truth.said) - number if truth is not None else 0
+
+    def check_said(self, who: str, episode: str, text: str) -> None:
+        """A client has heard this."""
+        self.counts["heard"] += 1
+        truth = self.find(episode)
+        recorded = [note["text"] for note in truth.said] if truth else []
+        if recorded.count(text) != 1:
+            self._fail(f"{who}: heard {text!r}, recorded {recorded.count(text)} times")
+
+    def check_applied(
+        self, who: str, game: Game, seq: int, step: int, action: Any, *, exactly: bool
+    ) -> None:
+        """A client was told that its action was applied in a step (None: it did nothing).
+
+        One that has only words may learn it later: of a step before, where it was away.
+        """
+        self.counts["applied"] += 1
+        truth = self.find(game.episode)
+        if truth is None or step > truth.step:
+            self._fail(f"{who}: action {seq} applied in step {step}, which is not recorded")
+            return
+        steps = truth.moves[step : step + 1] if exactly else truth.moves[: step + 1]
+        applied = [m for moves in steps for m in moves if m.applied]
+        found = any(m.player == game.seat and m.seq == seq for m in applied)
+        if found != (action is not None):
+            self._fail(
+                f"{who}: action {seq} ({action}) is said to have applied in step {step} of "
+                f"{game.episode}, recorded are {truth.moves[step]}"
+            )
