@@ -34,6 +34,7 @@ MAX_MOVES = 4
 
 LOST_TOKEN = ("auth/expired", "auth/invalid")
 TRY_AGAIN = "server/handover"
+TEMPORARY = (TRY_AGAIN, "server/recording", "rate/limited")
 
 T = TypeVar("T", bound=messages.Message)
 
@@ -92,6 +93,8 @@ class Client:
         self._sent: set[int | None] = set()
         self._join: messages.Join | None = None
         self._rejoin: int | None = None
+        self._again: messages.Join | None = None
+        self._moved: asyncio.Task[None] | None = None
         self._joining: int | None = None
         self._pending_join: messages.Joined | None = None
         self._painted = False
@@ -101,6 +104,7 @@ class Client:
         self._repeater: asyncio.TimerHandle | None = None
         self._up_since = 0.0
         self._closing = False
+        self._moving = False
         self.farewell = ""
 
     @property
@@ -183,9 +187,16 @@ class Client:
         """Go to the process that has the episode."""
         self.url, self._resume = _moved_url(self.url, moved), None
         self.connected.clear()
+        self._moving = True
         if self._socket is not None:
             await self._socket.close()
-        await self.connected.wait()
+        arrived = asyncio.ensure_future(self.connected.wait())
+        waiting = {arrived, self._reader} if self._reader is not None else {arrived}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        arrived.cancel()
+        if not self.connected.is_set():
+            reason = self.farewell or "it cannot be reached"
+            raise ConnectionFailedError(f"{self.url}, where the episode is: {reason}")
 
     def _next_ref(self) -> int:
         self._refs += 1
@@ -326,17 +337,18 @@ class Client:
         """The server forgot us: take the same seat as a newcomer."""
         seat = self.game.seat if self.game else join.seat
         self._rejoin = self._next_ref()
-        again = join.model_copy(update={"ref": self._rejoin, "seat": seat})
-        await socket.send(self._codec.encode(again))
+        self._again = join.model_copy(update={"ref": self._rejoin, "seat": seat})
+        await socket.send(self._codec.encode(self._again))
 
     async def _run(self) -> None:
         try:
             while not self._closing:
                 await self._converse()
                 self.connected.clear()
-                if self._closing or not self._reconnect or self.farewell:
+                if self._closing or self.farewell or not (self._reconnect or self._moving):
                     break
                 await self._come_back()
+                self._moving = False
         except RobotouilleError as error:
             self.farewell = f"the server's messages cannot be read: {error}"
         finally:
@@ -383,7 +395,10 @@ class Client:
             delay = min(LONGEST_DELAY, delay * 2)
             try:
                 await self._open_somewhere()
-            except ConnectionFailedError:
+            except ConnectionFailedError as error:
+                if not self._reconnect:
+                    self.farewell = str(error)
+                    return
                 continue
             except (ProtocolError, ConnectionClosed) as error:
                 self.farewell = str(error)
@@ -415,10 +430,11 @@ class Client:
     def _joined(self, message: messages.Joined) -> None:
         if message.resume is not None:
             self._resume = message.resume
-        if self.game is None or self.game.episode != message.episode:
+        game, asked = self.game, message.ref is not None and message.ref != self._rejoin
+        if game is None or game.episode != message.episode or game.ended or asked:
             self.game = Game(self._send, message)
         else:
-            self.game.rejoined(message, anew=message.ref is not None)
+            game.rejoined(message, anew=message.ref is not None)
         self._rejoin = None
         self._pending_join = message
 
@@ -429,11 +445,8 @@ class Client:
         if isinstance(message, messages.Error):
             message = self._done_before(message)
             done = isinstance(message, messages.Joined) and self._painted
-        if isinstance(message, messages.Error) and ref is not None and ref == self._rejoin:
-            self._join = self._rejoin = None
-            if self.game is not None:
-                lost = messages.Left(episode=self.game.episode, reason=message.message)
-                self.game.receive(lost, 0.0)
+        if ref is not None and ref == self._rejoin:
+            self._rejoining(message)
         if isinstance(message, messages.Joined) and not done:
             self._painted = False
             self._joining = ref if ref is not None else self._asked(messages.Join)
@@ -454,6 +467,24 @@ class Client:
             future.set_exception(MovedError(message))
         else:
             future.set_result(message)
+
+    def _rejoining(self, answer: messages.ServerMessage) -> None:
+        """Our place was lost, and it is not simply given back."""
+        if isinstance(answer, messages.Moved) and self._socket is not None:
+            self.url, self._resume, self._moving = _moved_url(self.url, answer), None, True
+            self._moved = asyncio.create_task(self._socket.close())
+        elif isinstance(answer, messages.Error) and answer.code in TEMPORARY:
+            again = asyncio.get_running_loop().call_later
+            again(AGAIN_SECONDS, self._join_once_more, self._rejoin)
+        elif isinstance(answer, messages.Error):
+            self._join = self._rejoin = None
+            if self.game is not None:
+                lost = messages.Left(episode=self.game.episode, reason=answer.message)
+                self.game.receive(lost, 0.0)
+
+    def _join_once_more(self, ref: int | None) -> None:
+        if ref is not None and ref == self._rejoin and self._again is not None:
+            self._send(self._again)
 
     def _ask_again(self, ref: int) -> None:
         """The server could not answer in that moment, but another process soon can."""

@@ -136,6 +136,7 @@ class Server:
         await self._listen(self.settings.port, shared=shared)
         if shared:
             await self._listen(self.worker.first_port + self.worker.index, shared=False)
+        self.lobby.opened()
         get_logger().info("listening", url=self.url)
 
     async def _listen(self, port: int, *, shared: bool) -> None:

@@ -142,6 +142,13 @@ class Lobby:
         if self._recovery is not None:
             self._recovery.look(self.rooms)
 
+    def opened(self) -> None:
+        """The server can be reached now: only from here on is anybody late."""
+        now = asyncio.get_running_loop().time()
+        for room in self.rooms.values():
+            room.episode.await_anew(now, self._settings.recovery_seconds)
+            room.flush()
+
     @property
     def draining(self) -> bool:
         """Whether this process leaves its episodes to the next one."""

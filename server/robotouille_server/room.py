@@ -37,6 +37,8 @@ from robotouille_server.wishes import ground, in_words
 
 __all__ = ["Room", "RoomHost"]
 
+MAX_WAITING = 4
+"""Answers to one session that wait for its recording; more are asked for again."""
 RETRY_SECONDS = 1.0
 """Between two attempts to write what could not be written."""
 
@@ -84,7 +86,7 @@ class Room:
         self._timer: asyncio.TimerHandle | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []
-        self._unpainted: dict[Session, Callable[[], None]] = {}
+        self._unpainted: dict[Session, list[Callable[[], None]]] = {}
         self._stand_ins: dict[str, StandIn] = {}
         self._failing = False
         self._open = True
@@ -392,15 +394,16 @@ class Room:
 
     def _confirm(self, session: Session, tell: Callable[[], None]) -> None:
         """Tell what a session sees, at once or, while the recording fails, when it is written."""
-        if self._failing:
-            self._unpainted[session] = tell
-        else:
+        if not self._failing:
             tell()
+        elif len(waiting := self._unpainted.setdefault(session, [])) < MAX_WAITING:
+            waiting.append(tell)
 
     def _paint(self) -> None:
         unpainted, self._unpainted = self._unpainted, {}
-        for tell in unpainted.values():
-            tell()
+        for waiting in unpainted.values():
+            for tell in waiting:
+                tell()
 
     def _tell(self, event: Event) -> None:
         match event:

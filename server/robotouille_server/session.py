@@ -19,7 +19,7 @@ class Session:
 
     `participant` is the pseudonym under which they are recorded, `generation` that of the resume
     token which was used last; `only_episode` and `only_seat` are what their role token is
-    limited to.
+    limited to, `role_expires` until when it is good (0: for ever).
     """
 
     def __init__(
@@ -32,6 +32,7 @@ class Session:
         participant: str = "",
         only_episode: str = "",
         only_seat: str = "",
+        role_expires: float = 0.0,
     ) -> None:
         self.id = session_id
         self.name = name
@@ -40,6 +41,7 @@ class Session:
         self.participant = participant or session_id
         self.only_episode = only_episode
         self.only_seat = only_seat
+        self.role_expires = role_expires
         self.generation = 0
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None

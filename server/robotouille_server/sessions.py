@@ -41,6 +41,7 @@ class Sessions:
             participant=grant.subject if grant is not None else "",
             only_episode=grant.episode if grant is not None else "",
             only_seat=grant.seat if grant is not None else "",
+            role_expires=grant.expires if grant is not None else 0.0,
         )
         self.by_id[session.id] = session
         return session
@@ -58,6 +59,8 @@ class Sessions:
             message = "this token was used before, and replaced; say hello without 'resume'"
             raise ProtocolError("auth/expired", message, "resume")
         session.generation = grant.generation
+        if self._tokens.past(session.role_expires) and session.role.includes(Role.PLAYER):
+            session.role = Role.PLAYER  # It keeps its seat, not what else the token allowed.
         return session
 
     def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session | None:
@@ -76,6 +79,7 @@ class Sessions:
             participant=seat.participant if seat is not None else grant.participant,
             only_episode=grant.only_episode,
             only_seat=grant.only_seat,
+            role_expires=grant.role_expires,
         )
         session.generation = seat.generation if seat is not None else grant.generation
         session.view = grant.view
@@ -98,6 +102,7 @@ class Sessions:
             only_episode=session.only_episode,
             only_seat=session.only_seat,
             view=session.view,
+            role_expires=session.role_expires,
             participant=session.participant if session.participant != session.id else "",
         )
 

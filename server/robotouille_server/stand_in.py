@@ -6,7 +6,8 @@ import asyncio
 import os
 import threading
 from collections.abc import Callable
-from functools import partial
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from robotouille.episode import Controller, Episode, Phase, Stepped
@@ -24,6 +25,7 @@ __all__ = ["StandIn"]
 
 MAX_OBSERVED = 64
 """Steps that are kept for a policy until it is asked; one that has missed more begins anew."""
+MAX_THREADS = 2
 
 
 class StandIn:
@@ -51,7 +53,7 @@ class StandIn:
         """Get ready while the participant still plays."""
         if self._mind is None and not self._stopped:
             self._mind = _Mind(self._episode, self._player, self._kind)
-            self._loop.run_in_executor(None, self._mind.wake)
+            self._loop.run_in_executor(_threads(), self._mind.wake)
 
     def observe(self, event: Stepped) -> None:
         """What everybody did in a step."""
@@ -62,7 +64,9 @@ class StandIn:
         self._observed.append(did)
         if len(self._observed) > MAX_OBSERVED:
             self._observed.clear()
-            self._mind = None
+            if self._mind is not None and self._mind.played:
+                self._mind = None
+                self.warm()
 
     def consider(self) -> None:
         """Think about the present step, if the seat is the bot's and has to decide."""
@@ -74,7 +78,7 @@ class StandIn:
         observed, self._observed = self._observed, []
         state, step = self._episode.state, self._episode.step
         think = partial(self._mind.think, state.facts, state.timer_rows(), state.timers.busy)
-        self._thought = self._loop.run_in_executor(None, think, observed)
+        self._thought = self._loop.run_in_executor(_threads(), think, observed)
         self._thought.add_done_callback(partial(self._thought_over, step))
 
     def stop(self) -> None:
@@ -110,6 +114,12 @@ class StandIn:
             self.consider()
 
 
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """Few, so that thoughts take little from the steps of all other games."""
+    return ThreadPoolExecutor(MAX_THREADS, "stand-in")
+
+
 class _Mind:
     """The policy and its own world, for one thread at a time."""
 
@@ -120,11 +130,15 @@ class _Mind:
         self._seed = episode.step
         self._awake = threading.Lock()
         self._made: tuple[World, Policy] | None = None
+        self.played = False
 
     def wake(self) -> None:
-        """Make the world and the policy."""
+        """Make the world and the policy, and let it think once: the first time takes longest."""
         with self._awake:
-            self._ready()
+            world, policy = self._ready()
+            if not self.played:
+                policy.act(world.initial)
+                self._made = world, self._make(world)
 
     def _ready(self) -> tuple[World, Policy]:
         if self._made is None:
@@ -150,6 +164,8 @@ class _Mind:
         with self._awake:
             world, policy = self._ready()
             state: State = world.restore(facts, timers, busy)  # type: ignore[arg-type]
-            for did in observed:
-                policy.observe(did)
+            if self.played:
+                for did in observed:
+                    policy.observe(did)
+            self.played = True
             return policy.act(state)

@@ -66,6 +66,7 @@ class ResumeGrant:
     only_seat: str = ""
     view: str = "state"
     participant: str = ""
+    role_expires: float = 0.0
 
 
 _Text = Annotated[str, Field(max_length=64)]
@@ -98,6 +99,7 @@ class _ResumeClaims(_Claims):
     os: _Text = ""
     view: Annotated[str, Field(max_length=16)] = "state"
     pa: _Text = ""
+    rx: _Time = 0.0
 
 
 _C = TypeVar("_C", bound=_Claims)
@@ -130,6 +132,10 @@ class Tokens:
                 "verify_nbf": False,
             }
         )
+
+    def past(self, expires: float) -> bool:
+        """Whether a time of expiry has come; 0 is none."""
+        return 0 < expires <= self._wall()
 
     # Role tokens
 
@@ -186,6 +192,7 @@ class Tokens:
         only_seat: str = "",
         view: str = "state",
         participant: str = "",
+        role_expires: float = 0.0,
     ) -> str:
         """A resume token of a session that is good for `seconds` from now."""
         claims = {
@@ -197,6 +204,7 @@ class Tokens:
             "os": only_seat,
             "view": view if view != "state" else "",
             "pa": participant,
+            "rx": role_expires,
         }
         claims |= {key: value for key, value in limits.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
@@ -220,6 +228,7 @@ class Tokens:
             only_seat=claims.os,
             view=claims.view,
             participant=claims.pa,
+            role_expires=claims.rx,
         )
 
     # Both

@@ -181,12 +181,12 @@ class TestStandIn:
             async with serving(tmp_path, grace=600) as server:
                 async with connect(server.url, name="eve") as eve:
                     async with raw(server) as ada:
-                        options = {"absence": "bot", "clock": "realtime"}
+                        options = {"absence": "bot", "clock": "lockstep"}
                         joined = await seated(ada, "multi_agent/01", **options)
                         other = await eve.join(joined["code"])
                         assert other.seat == "robot2"
-                    while not other.over:
-                        await asyncio.sleep(1)
+                    while not other.ended:
+                        await other.act(None)
                     return dict(other.outcome or {})
 
         outcome = run(main())

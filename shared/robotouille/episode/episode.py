@@ -577,6 +577,13 @@ class Episode:
             return
         self._reckon(now)
 
+    def await_anew(self, now: float, patience: float) -> None:
+        """Whoever is waited for after a restart has its whole time from now on."""
+        if Hold.RESTART in self.holds:
+            self.holds.until[Hold.RESTART] = now + patience
+        if not self.holds.outer:
+            self._presence.grant_grace(now, running=self._running)
+
     def conclude(self, outcome: Outcome) -> None:
         """It was over before the process stopped; nothing is reported."""
         self._to(Phase.OVER)

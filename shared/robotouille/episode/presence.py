@@ -57,8 +57,11 @@ class Presence:
         self.holds.until.pop(why, None)
         if why is Hold.RESTART:
             self._expected.clear()
-        if self.holds.outer:
-            return
+        if not self.holds.outer:
+            self.grant_grace(now, running=running)
+
+    def grant_grace(self, now: float, *, running: bool) -> None:
+        """Whoever is absent has its whole grace from now on."""
         for absence in (Hold.DESERTED, Hold.ABSENCE):
             self.holds.until.pop(absence, None)
         for seat in self._seats.values():

@@ -25,7 +25,16 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-__all__ = ["FORMAT_VERSION", "MAGIC", "compress", "intact", "pack_frame", "read_frames", "unwrap"]
+__all__ = [
+    "FORMAT_VERSION",
+    "MAGIC",
+    "compress",
+    "frames_with_ends",
+    "intact",
+    "pack_frame",
+    "read_frames",
+    "unwrap",
+]
 
 FORMAT_VERSION = 1
 MAGIC = b"RBTL" + bytes([FORMAT_VERSION])
@@ -73,8 +82,8 @@ def intact(stream: bytes) -> int:
     """The length of a plain stream up to the end of its last whole frame before any damage."""
     end = len(MAGIC)
     try:
-        for frame in read_frames(stream):
-            end += len(pack_frame(frame))
+        for _, position in frames_with_ends(stream):
+            end = position
     except RecordingError:
         pass
     return end
@@ -82,6 +91,11 @@ def intact(stream: bytes) -> int:
 
 def read_frames(stream: bytes) -> Iterator[dict[str, Any]]:
     """The whole frames of a plain stream; stops silently where the file was cut off."""
+    return (frame for frame, _ in frames_with_ends(stream))
+
+
+def frames_with_ends(stream: bytes) -> Iterator[tuple[dict[str, Any], int]]:
+    """The whole frames of a plain stream, each with the position at which it ends."""
     position = len(MAGIC)
     while position + _PREFIX.size <= len(stream):
         length, checksum = _PREFIX.unpack_from(stream, position)
@@ -106,5 +120,5 @@ def read_frames(stream: bytes) -> Iterator[dict[str, Any]]:
             raise RecordingError(f"damaged at byte {position}: {error}") from None
         if not isinstance(value, dict):
             raise RecordingError(f"damaged at byte {position}: a frame is not a map")
-        yield value
         position = start + length
+        yield value, position

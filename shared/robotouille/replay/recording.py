@@ -11,7 +11,7 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol.states import StateReader, StateWriter
-from robotouille.replay.frames import MAGIC, MAX_FILE, pack_frame, read_frames, unwrap
+from robotouille.replay.frames import MAGIC, MAX_FILE, frames_with_ends, pack_frame, unwrap
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.replay.schema import check_frame
 from robotouille.world.actions import GroundAction
@@ -45,12 +45,14 @@ class Verification:
 
 
 class Recording:
-    """The frames of one episode."""
+    """The frames of one episode; the first `whole` bytes of the stream hold them."""
 
     def __init__(self, stream: bytes, source: str = "recording") -> None:
         self.source = source
         self.stream = stream
-        frames = list(read_frames(stream))
+        found = list(frames_with_ends(stream))
+        frames = [frame for frame, _ in found]
+        self.whole = found[-1][1] if found else 0
         if not frames or frames[0].get("kind") != "header":
             raise RecordingError(f"{source}: has no header")
         for number, frame in enumerate(frames):
@@ -153,7 +155,7 @@ class Recording:
     def _same_bytes(self, anew: bytes) -> bool:
         """Whether the whole frames of the file are these; one that was cut off does not count,
         nor does a keyframe that was not yet written."""
-        whole = len(MAGIC) + sum(len(pack_frame(frame)) for frame in self.frames)
+        whole = self.whole
         if self.outcome is not None:
             return anew == self.stream
         return anew[:whole] == self.stream[:whole]
@@ -193,16 +195,18 @@ class Recording:
         writer = StateWriter(self.world)
         tables = writer.tables(self.world.initial)
         state = self.world.initial
-        output = MAGIC + pack_frame({**self.header, "tables": tables}) + keyframe(writer, 0, state)
+        head = pack_frame({**self.header, "tables": tables})
+        output = [MAGIC, head, keyframe(writer, 0, state)]
         for frame in self.frames:
             if frame["kind"] == "step":
                 before, result = state, state.step(self.actions(frame))
                 state = result.state
                 rows = {key: value for key, value in frame.items() if key in GIVEN}
-                output += step_frames(writer, frame["step"], rows, result.attempts, before, state)
+                attempts = result.attempts
+                output.append(step_frames(writer, frame["step"], rows, attempts, before, state))
             elif frame["kind"] in ("footer", "notes"):
-                output += pack_frame(frame)
-        return output
+                output.append(pack_frame(frame))
+        return b"".join(output)
 
 
 def _name(row: list[int], predicates: list[str], names: list[str]) -> str:

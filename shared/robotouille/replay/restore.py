@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from robotouille.domain.task import Task
 from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
 from robotouille.errors import RecordingError
-from robotouille.replay.frames import MAGIC, pack_frame
 from robotouille.replay.recording import Recording
 from robotouille.world.world import World
 
@@ -46,7 +45,7 @@ def restore(
     the recording does not re-simulate.
     """
     recording.world = world_of(recording.task)
-    whole = len(MAGIC) + sum(len(pack_frame(frame)) for frame in recording.frames)
+    whole = recording.whole
     anew = recording.resimulate()
     if anew[:whole] != recording.stream[:whole]:
         fault = recording.verify().fault or "its frames are not those that play writes now"
