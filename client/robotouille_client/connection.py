@@ -77,7 +77,6 @@ class Client:
         self.url = url
         self.name = name
         self.role = ""
-        self.notices: list[str] = []
         self.kind: messages.Kind = kind
         self.game: Game | None = None
         self.connected = asyncio.Event()
@@ -270,7 +269,7 @@ class Client:
         if join is not None and not welcome.resumed:
             await self._join_again(socket, join)
         for ref in list(self._requests):
-            if ref in self._sent:
+            if ref in self._sent and not isinstance(self._requests[ref], messages.Create):
                 await socket.send(self._codec.encode(self._requests[ref]))
 
     async def _connect(self) -> ClientConnection:
@@ -421,8 +420,6 @@ class Client:
             self.farewell = message.reason
         if isinstance(message, messages.Left):
             self._join = None
-        if isinstance(message, messages.Notice):
-            self.notices.append(message.text)
         if self.game is not None:
             self.game.receive(message, now)
         self._settle(message)

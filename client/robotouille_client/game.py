@@ -66,6 +66,7 @@ class Game:
         self._unanswered: dict[int, messages.Act] = {}
         self._sent_at = 0.0
         self._catch_up: int | None = None
+        self._behind = False
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._news = asyncio.Event()
         self._resyncing = False
@@ -238,6 +239,7 @@ class Game:
             for seq in list(self._waiting):
                 reason = "the seat was lost and taken anew"
                 self._resolve(seq, ActResult(False, self.step, (reason,), "seat/lost"))
+        self._behind = joined.step < self.step  # It lost steps, say in a power cut.
         self._catch_up = joined.step
         self._caught_up()
 
@@ -264,8 +266,9 @@ class Game:
                 self._send(act)
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
-        if self._reader is not None and message.step < self.step:
+        if self._reader is not None and message.step < self.step and not self._behind:
             return
+        self._behind = False
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:
@@ -367,11 +370,11 @@ class Game:
         observed = Observed(message.step, message.text, tuple(message.actions), message.turn)
         self.observation = observed
         self._emit(observed)
-        self._caught_up()
         if not self.has_state:
             reasons = tuple(message.reasons)
             code = "action/invalid" if reasons else ""
             self._settle(message.seq, ActResult(not reasons, message.step, reasons, code))
+            self._caught_up()
 
     def _rejected(self, message: messages.Rejected) -> None:
         if message.code == "rate/limited" and message.seq in self._unanswered:

@@ -31,7 +31,7 @@ from robotouille_server.access import (
     parse_proxies,
     visitor,
 )
-from robotouille_server.connection import Connection
+from robotouille_server.connection import Connection, cut
 from robotouille_server.conversation import Conversation
 from robotouille_server.keys import FileKeyring, Keyring
 from robotouille_server.lobby import Lobby
@@ -128,8 +128,8 @@ class Server:
                 folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RobotouilleError(f"the recordings folder {folder}: {error.strerror}") from None
-        self._tls = _tls(self.settings)
-        if self._tls is not None:
+        if self.settings.tls_cert is not None or self.settings.tls_key is not None:
+            self._tls = ServerTLS.from_settings(self.settings.tls_cert, self.settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
         self.lobby.recover()
         shared = self.worker.count > 1
@@ -237,7 +237,9 @@ class Server:
 
     async def _close_sockets(self, reason: str) -> None:
         for socket in self._sockets:
-            socket.close(close_connections=True, code=1001, reason=reason)
+            socket.close(close_connections=True, code=1001, reason=cut(reason))
+        for connection in list(self._open):  # After a drain the line above does nothing.
+            connection.say_goodbye(1001, reason)
         for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(seconds):
@@ -371,15 +373,6 @@ def _keyring(settings: ServerSettings) -> Keyring:
     if settings.signing_keys is not None:
         return Keyring.parse(settings.signing_keys.get_secret_value())
     return FileKeyring(settings.keys or settings.state_folder / "keys.json")
-
-
-def _tls(settings: ServerSettings) -> ServerTLS | None:
-    cert, key = settings.tls_cert, settings.tls_key
-    if cert is None and key is None:
-        return None
-    if cert is None or key is None:
-        raise RobotouilleError("TLS needs both --tls-cert FILE and --tls-key FILE")
-    return ServerTLS(cert, key)
 
 
 def _select_subprotocol(

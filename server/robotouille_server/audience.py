@@ -56,7 +56,7 @@ class Audience:
 
     @property
     def spectators(self) -> int:
-        return sum(session.player is None for session in self.members)
+        return sum(s.player is None and s.peer is not None for s in self.members)
 
     def holder(self, player: str) -> Session | None:
         """The session that plays a seat."""

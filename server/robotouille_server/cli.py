@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
 
 from robotouille.episode import Phase
-from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille_server.settings import ServerSettings
 
@@ -29,7 +29,7 @@ __all__ = ["first_room", "main", "run", "serve_until_stopped"]
 
 SECRET = (SecretStr, SecretStr | None)
 """Settings of these types are no flags: everybody on the machine can read a command line."""
-SERVER = "server"
+SERVER = "<server>"
 """The owner of the episode that a server opens by itself."""
 
 
@@ -163,24 +163,28 @@ async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None
         task.cancel()
 
 
-def first_room(server: Server) -> Room:
-    """The episode that is there from the start: a new one, or one that was there before."""
+def first_room(server: Server) -> Room | None:
+    """The episode that is there from the start: a new one, or one that was there before; None
+    where no new one can be recorded."""
     for room in server.lobby.rooms.values():
         if room.owner == SERVER and room.episode.phase is Phase.WAITING:
             return room
-    return server.lobby.create(messages.Create(), owner=SERVER)
+    from robotouille_server.logs import get_logger
+
+    try:
+        return server.lobby.create(messages.Create(), owner=SERVER)
+    except ProtocolError as error:
+        if error.code != "server/recording":
+            raise
+        get_logger().error("no first episode", reason=error.message)
+        return None
 
 
-def _greeting(server: Server, room: Room, operator: str) -> str:
+def _greeting(server: Server, room: Room | None, operator: str) -> str:
     settings = server.settings
-    url = f" --url {server.url}" if server.url != "ws://127.0.0.1:8765" else ""
-    seats = len(room.world.players)
-    lines = [
-        f"Robotouille is serving {room.world.task.name} ({settings.mode.value}) at {server.url}",
-        f"  the kitchen's code is {room.code}; {seats} seat{'s' * (seats > 1)}",
-        f"  play:   robotouille-client {room.code}{url}",
-        f"  a bot:  robotouille-bot planner --episode {room.code}{url}",
-    ]
+    lines = (
+        [f"Robotouille is serving at {server.url}"] if room is None else _invitation(server, room)
+    )
     if operator:
         lines.append(f"  watch over it:  {operator}")
     if settings.host in ("127.0.0.1", "localhost", "::1"):
@@ -189,6 +193,17 @@ def _greeting(server: Server, room: Room, operator: str) -> str:
     if restored:
         lines.append(f"  going on with {restored} earlier episode{'s' * (restored > 1)}")
     return "\n".join([*lines, "  stop:   Ctrl+C"])
+
+
+def _invitation(server: Server, room: Room) -> list[str]:
+    url = f" --url {server.url}" if server.url != "ws://127.0.0.1:8765" else ""
+    settings, seats = server.settings, len(room.world.players)
+    return [
+        f"Robotouille is serving {room.world.task.name} ({settings.mode.value}) at {server.url}",
+        f"  the kitchen's code is {room.code}; {seats} seat{'s' * (seats > 1)}",
+        f"  play:   robotouille-client {room.code}{url}",
+        f"  a bot:  robotouille-bot planner --episode {room.code}{url}",
+    ]
 
 
 def main() -> None:

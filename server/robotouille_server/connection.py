@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 from websockets.frames import Frame, Opcode
 
-__all__ = ["Connection", "frame_of"]
+__all__ = ["Connection", "cut", "frame_of"]
 
 MAX_EARLY = 16
 """Messages that may come before the handshake's end is dealt with."""
@@ -17,6 +18,11 @@ MAX_PARTS = 1024
 """Frames of one message: those without content would count for nothing else."""
 
 DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
+
+
+def cut(reason: str) -> str:
+    """A reason that fits into a close frame (RFC 6455, 5.5: 123 bytes)."""
+    return reason.encode()[:120].decode(errors="ignore")
 
 
 def frame_of(payload: bytes | str) -> bytes:
@@ -41,6 +47,7 @@ class Connection(ServerConnection):
         self._early: list[bytes | str] = []
         self._parts: list[bytes] = []
         self._is_text = False
+        self._leaving: asyncio.Task[None] | None = None
 
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
@@ -48,6 +55,11 @@ class Connection(ServerConnection):
         early, self._early = self._early, []
         for payload in early:
             receiver(payload)
+
+    def say_goodbye(self, status: int, reason: str) -> None:
+        """Close politely, without waiting for the client."""
+        if self._leaving is None:
+            self._leaving = asyncio.create_task(self.close(status, cut(reason)))
 
     def process_event(self, event: Any) -> None:
         if isinstance(event, Frame) and event.opcode in DATA:

@@ -27,7 +27,7 @@ SOFTWARE = f"robotouille {version('robotouille')}"
 COSTS: dict[type[messages.Message], float] = {messages.Create: 10, messages.ListEpisodes: 3}
 """What a message takes of a connection's budget, where that is not one."""
 MAX_REFUSED = 200
-"""Messages over the limit after which a connection is closed."""
+"""Messages over the limit, in about a minute, after which a connection is closed."""
 
 
 class Conversation:
@@ -40,7 +40,7 @@ class Conversation:
         self._visitor = visitor
         self._loop = asyncio.get_running_loop()
         self._budget = Budget(server.settings.messages_per_second, self._loop.time())
-        self._refused = 0
+        self._patience = Budget(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
         self._silence: asyncio.TimerHandle | None = self._loop.call_later(
             server.settings.hello_seconds, self._too_silent
         )
@@ -100,8 +100,7 @@ class Conversation:
 
     def _refuse(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error, a flood the end."""
-        self._refused += 1
-        if self._refused > MAX_REFUSED:
+        if not self._patience.take(self._loop.time()):
             self._server.metrics.dropped.labels("flood").inc()
             self.peer.part("rate/limited", "far too many messages")
             return

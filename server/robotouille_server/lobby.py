@@ -23,12 +23,10 @@ from robotouille_server.room import Room, RoomHost
 from robotouille_server.session import Session
 from robotouille_server.settings import ServerSettings
 from robotouille_server.storage import Storage
-from robotouille_server.workers import Worker, plain_code
+from robotouille_server.workers import CODE_LETTERS, Worker, plain_code
 
 __all__ = ["CODE_LENGTH", "Lobby"]
 
-# Without letters that are taken for one another.
-CODE_LETTERS = "ABCDEFGHJKMNPQRSTUVWXYZ"
 CODE_LENGTH = 10
 LINGER_SECONDS = 120.0
 
@@ -321,7 +319,7 @@ class Lobby:
     def _new_code(self) -> str:
         while True:
             letters = [self._random.choice(CODE_LETTERS) for _ in range(CODE_LENGTH)]
-            letters[0] = self._worker.mark_letter(CODE_LETTERS, letters[0])
+            letters[0] = self._worker.mark_letter(letters[0])
             if "".join(letters) not in self._codes:
                 half = CODE_LENGTH // 2
                 return f"{''.join(letters[:half])}-{''.join(letters[half:])}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 
 from pydantic import BaseModel
@@ -39,7 +38,6 @@ class Peer:
         self._stall_seconds = stall_seconds
         self._behind_since: float | None = None
         self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
-        self._parting: asyncio.Task[None] | None = None
 
     @property
     def open(self) -> bool:
@@ -118,7 +116,7 @@ class Peer:
                 del self._when_caught_up[what]
                 if what == "picture":
                     self._metrics.snapshots.inc()
-                then()
+                self.socket.loop.call_soon(then)
         if not self._when_caught_up:
             self._behind_since = None
         elif self.socket.loop.time() > self._behind_since + self._stall_seconds:
@@ -129,8 +127,7 @@ class Peer:
     def part(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
         """Say goodbye and close the connection politely, without waiting for the client."""
         self.send(messages.Bye(code=code, reason=reason, retry=retry))
-        if self._parting is None:
-            self._parting = asyncio.create_task(self.socket.close(status, reason[:100]))
+        self.socket.say_goodbye(status, reason)
 
     def drop(self, reason: str) -> None:
         """Cut the connection off without waiting for the client."""

@@ -6,6 +6,7 @@ from enum import StrEnum
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille_server.workers import plain_code
 
 __all__ = ["PERMISSIONS", "Role", "check_join", "check_permission", "same_episode"]
 
@@ -69,4 +70,4 @@ def check_join(
 
 def same_episode(one: str, other: str) -> bool:
     """Whether two ids or codes are the same; case and dashes of codes do not matter."""
-    return one.strip().replace("-", "").upper() == other.strip().replace("-", "").upper()
+    return plain_code(one) == plain_code(other)

@@ -344,13 +344,13 @@ class Room:
     def _record_and_tell(self, begun: float) -> None:
         if not self._written():
             return
+        if self._unpainted:
+            self._paint()
         events, self._untold = self._untold, []
         for event in events:
             self._tell(event)
         if events and isinstance(events[0], Stepped):
             self._metrics.age.observe(self._now() - begun)
-        if self._unpainted:
-            self._paint()
         if self.episode.phase is Phase.OVER:
             self._close()
 

@@ -82,6 +82,8 @@ class Sessions:
             role_expires=grant.role_expires,
         )
         session.generation = seat.generation if seat is not None else grant.generation
+        if grant.generation < session.generation:
+            return session  # A dead token: it opens nothing, and takes no place.
         session.view = grant.view
         session.room, session.player = room, player
         room.members.append(session)

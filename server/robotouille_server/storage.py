@@ -102,7 +102,11 @@ class _File:
         except OSError:
             os.close(descriptor)
             raise
-        self._size = os.fstat(descriptor).st_size
+        found = os.fstat(descriptor)
+        if not found.st_nlink:
+            os.close(descriptor)
+            raise FileNotFoundError(errno.ENOENT, "another process has just removed it")
+        self._size = found.st_size
 
     def cut(self, size: int) -> None:
         os.ftruncate(self._descriptor, size)

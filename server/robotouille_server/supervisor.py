@@ -84,9 +84,6 @@ class _Supervisor:
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self._stopping = signal.Signals(number)
-        for process in self._processes:
-            if process is not None and process.poll() is None:
-                process.send_signal(number)
 
     def _look_after(self, index: int) -> None:
         process, now = self._processes[index], time.monotonic()
@@ -111,5 +108,8 @@ class _Supervisor:
         return dead and all(pause >= LONGEST_PAUSE for pause in self._pauses)
 
     def _wait(self) -> int:
+        for process in self._processes:
+            if process is not None and process.poll() is None:
+                process.send_signal(self._stopping or signal.SIGTERM)
         statuses = [process.wait() for process in self._processes if process is not None]
         return max(map(abs, statuses), default=0)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from robotouille.protocol import messages
 
-__all__ = ["MAX_WORKERS", "ElsewhereError", "Worker", "plain_code"]
+__all__ = ["CODE_LETTERS", "ElsewhereError", "Worker", "plain_code"]
 
 
 def plain_code(code: str) -> str:
@@ -17,8 +17,8 @@ def plain_code(code: str) -> str:
     return code.strip().replace("-", "").upper()
 
 
-MAX_WORKERS = 23
-"""As many as there are letters in codes."""
+CODE_LETTERS = "ABCDEFGHJKMNPQRSTUVWXYZ"
+"""Those that are not taken for one another; as many workers there can be."""
 
 
 class ElsewhereError(Exception):
@@ -43,16 +43,15 @@ class Worker:
     count: int = 1
     first_port: int = 0
     url: str = ""
-    letters: str = "ABCDEFGHJKMNPQRSTUVWXYZ"
 
     def mark_id(self, bits: int) -> str:
         """A 64-bit episode id whose first two digits are the worker's number."""
         name = f"{bits:016x}"
         return name if self.count == 1 else f"{self.index:02x}{name[2:]}"
 
-    def mark_letter(self, letters: str, letter: str) -> str:
+    def mark_letter(self, letter: str) -> str:
         """The first letter of a code."""
-        return letter if self.count == 1 else letters[self.index]
+        return letter if self.count == 1 else CODE_LETTERS[self.index]
 
     def owns(self, episode: str) -> bool:
         """Whether an episode's recording is for this worker to go on with."""
@@ -62,8 +61,8 @@ class Worker:
         """ElsewhereError if an id or a code belongs to another worker."""
         if self.count == 1:
             return
-        if len(code) == code_length and code[0] in self.letters:
-            home = self.letters.index(code[0]) % self.count
+        if len(code) == code_length and code[0] in CODE_LETTERS:
+            home = CODE_LETTERS.index(code[0]) % self.count
         elif len(name) == 16 and all(digit in "0123456789abcdef" for digit in name):
             home = self._of_id(name) % self.count
         else:

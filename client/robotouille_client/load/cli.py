@@ -40,7 +40,7 @@ def command(
     processes: Annotated[int, typer.Option(help="Processes that the bots are spread over.")] = 1,
     cpus: Annotated[
         str | None,
-        typer.Option(help="Cores for the clients, e.g. 1 or 2-5; best not the server's."),
+        typer.Option(help="Cores for the clients, e.g. 1 or 2-5; not the server's."),
     ] = None,
     storm: Annotated[
         int, typer.Option(help="Connections to cut at once, halfway; they all come back.")
@@ -57,7 +57,7 @@ def command(
     ] = None,
     metrics: Annotated[
         str | None,
-        typer.Option(help="URL of the server's metrics; /metrics on its port if left out."),
+        typer.Option(help="URL of the server's metrics (default: /metrics on its port)."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of what is random.")] = 0,
     json_file: Annotated[

@@ -31,10 +31,13 @@ class Second:
     at: float
     measured: bool
     all: Measurements = field(default_factory=Measurements)
+    seconds: float = 0.0
     connected: int = 0
     playing: int = 0
-    cpu: float = 0.0
+    busiest: float = 0.0
     """The share of a core that the busiest process took."""
+    cpu: float = 0.0
+    """Seconds of processor time that all of them took."""
 
 
 class Fleet:
@@ -121,7 +124,8 @@ class Fleet:
     # Reports
 
     async def _read(self, worker: asyncio.subprocess.Process) -> None:
-        assert worker.stdout is not None
+        if worker.stdout is None:
+            return
         while line := await worker.stdout.readline():
             report = json.loads(line)
             if report["kind"] == "interval":
@@ -144,9 +148,11 @@ class Fleet:
         at = int(report["at"])
         second = self.seconds.setdefault(at, Second(at, report["measured"]))
         second.all.merge(part)
+        second.seconds += report["seconds"] / self._plan.processes
         second.connected = sum(self.connected)
         second.playing = sum(self.playing)
-        second.cpu = max(second.cpu, report["cpu"] / max(report["seconds"], 1e-3))
+        second.busiest = max(second.busiest, report["cpu"] / max(report["seconds"], 1e-3))
+        second.cpu += report["cpu"]
 
 
 def _command(cpus: tuple[int, ...]) -> list[str]:

@@ -67,12 +67,11 @@ class Link(asyncio.Protocol):
     # What the event loop calls
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        self._transport = transport  # type: ignore[assignment]
         self._handshake.send_request(self._handshake.connect())
-        for data in self._handshake.data_to_send():
-            transport.write(data)
-            self._traffic.bytes_out += len(data)
+        data = b"".join(self._handshake.data_to_send())
+        self._traffic.bytes_out += len(data)
+        transport.write(data)  # type: ignore[attr-defined]
 
     def data_received(self, data: bytes) -> None:
         self._traffic.bytes_in += len(data)

@@ -247,7 +247,7 @@ class Actor(Player):
         if self._timer is not None or not self._may_act():
             return
         now = self._loop.time()
-        dues = []
+        dues: list[float] = []
         while self._next_due <= now and (not dues or self.clock is Clock.REALTIME):
             dues.append(self._next_due)
             self._next_due += self._period

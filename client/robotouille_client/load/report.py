@@ -11,7 +11,7 @@ from typing import Any
 
 from robotouille_client.load.conductor import Conductor, Observed, refusals
 from robotouille_client.load.histogram import Histogram, Measurements
-from robotouille_client.load.server import Page, Sample
+from robotouille_client.load.server import DELTA_AGE, LATENESS, Buckets, Sample
 from robotouille_client.load.share import LoadPlan
 
 __all__ = ["DURATIONS", "Report", "make_report"]
@@ -82,7 +82,7 @@ def make_report(conductor: Conductor) -> Report:
         "counts": _counts(measured, fleet.ramp),
         "server process": _process(observed),
         "storm": _storm(plan, observed, measured, fleet.storm_cut),
-        "clients": {"busiest process, of a core": _busiest(conductor)},
+        "clients": _clients(conductor),
     }
     series = _series(conductor)
     return Report(plan, observed, measured, figures, series, _notes(conductor, figures))
@@ -113,23 +113,24 @@ def _steps(measured: Measurements, observed: Observed) -> dict[str, Any]:
         "rate held": seen / due if due else None,
         "seen within": {f"{limit:g}": age.share_within(limit) for limit in LATE},
     }
-    server = _server_lateness(observed)
-    if server is not None:
-        steps["by the server"] = {
-            "count": server.steps,
-            "within": {f"{limit:g}": server.share_within(limit) for limit in LATE},
-            **{f"p{p:g}": server.percentile(p) for p in PERCENTILES},
-            "buckets": {f"{le:g}": n for le, n in sorted(server.lateness.items())},
-        }
+    for title, name in (("by the server", LATENESS), ("age when sent", DELTA_AGE)):
+        buckets = _of_the_server(observed, name)
+        if buckets is not None:
+            steps[title] = {
+                "count": buckets.count,
+                "within": {f"{limit:g}": buckets.share_within(limit) for limit in LATE},
+                **{f"p{p:g}": buckets.percentile(p) for p in PERCENTILES},
+                "buckets": {f"{le:g}": n for le, n in sorted(buckets.within.items())},
+            }
     return steps
 
 
-def _server_lateness(observed: Observed) -> Page | None:
-    """The server's own histogram of the measured time."""
+def _of_the_server(observed: Observed, name: str) -> Buckets | None:
+    """A histogram that the server keeps itself, of the measured time."""
     if observed.before is None or observed.after is None:
         return None
-    page = observed.after.since(observed.before)
-    return page if page.steps > 0 else None
+    buckets = observed.after.since(observed.before).histograms.get(name)
+    return buckets if buckets is not None and buckets.count > 0 else None
 
 
 def _traffic(measured: Measurements, seconds: float) -> dict[str, float]:
@@ -197,9 +198,14 @@ def _storm(
     }
 
 
-def _busiest(conductor: Conductor) -> float:
-    shares = [second.cpu for second in conductor.fleet.seconds.values() if second.measured]
-    return sum(shares) / len(shares) if shares else 0.0
+def _clients(conductor: Conductor) -> dict[str, float]:
+    """Cores that the busiest process of the load tester used, and all of them."""
+    seconds = [second for second in conductor.fleet.seconds.values() if second.measured]
+    count = max(1, len(seconds))
+    return {
+        "busiest process, of a core": sum(second.busiest for second in seconds) / count,
+        "cores used": sum(second.cpu for second in seconds) / count,
+    }
 
 
 def _series(conductor: Conductor) -> list[dict[str, Any]]:
@@ -212,7 +218,9 @@ def _series(conductor: Conductor) -> list[dict[str, Any]]:
             "measured": second.measured,
             "connected": second.connected,
             "playing": second.playing,
+            "seconds": second.seconds,
             "steps": second.all.counts.get("steps", 0.0),
+            "steps due": second.all.counts.get("steps due", 0.0),
             "clients' cpu": second.cpu,
         }
         for name in DURATIONS:
@@ -236,9 +244,9 @@ def _notes(conductor: Conductor, figures: dict[str, Any]) -> list[str]:
     busy = figures["clients"]["busiest process, of a core"]
     if lag > LAG_LIMIT or busy > BUSY_LIMIT:
         notes.append(
-            f"The clients themselves were the bottleneck: their event loops were {lag * 1000:.1f} "
-            f"ms late (99th percentile) and used {busy:.0%} of a core; all times that they "
-            "measured include that. Use more --processes, or other cores (--cpus)."
+            f"The clients were late themselves: their event loops by {lag * 1000:.1f} ms (99th "
+            f"percentile), with {busy:.0%} of a core in use. All times that they measured include "
+            "that; the server's own figures do not. More --processes or other --cpus may help."
         )
     if plan.rooms and figures["rooms playing"] < plan.rooms:
         missing = plan.rooms - figures["rooms playing"]
@@ -256,7 +264,15 @@ def _notes(conductor: Conductor, figures: dict[str, Any]) -> list[str]:
 
 
 def _busy_machine(figures: dict[str, Any]) -> list[str]:
+    """Whether somebody else's programs took so much that the figures say little."""
     process, cores = figures["server process"], os.cpu_count() or 1
-    if process is None or process["cores used by all processes"] < 0.95 * cores:
+    if process is None:
         return []
-    return ["All cores of this machine were busy; clients, server and others shared them."]
+    used = process["cores used by all processes"]
+    others = used - process["cores used"] - figures["clients"]["cores used"]
+    if others < 0.25 or used < 0.9 * cores:
+        return []
+    return [
+        f"Other programs used {others:.1f} of this machine's {cores} cores meanwhile: server and "
+        "clients had to wait for them."
+    ]

@@ -154,8 +154,8 @@ class Pinger(Participant):
 
     async def start(self) -> None:
         await self.introduce()
-        assert self.link is not None
-        self.link.ponged = self._ponged
+        if self.link is not None:
+            self.link.ponged = self._ponged
         self._ping(self._loop.time())
 
     def _ping(self, due: float) -> None:

@@ -8,14 +8,29 @@ import re
 import socket
 import time
 from dataclasses import dataclass, field
+from math import inf
 from urllib.error import URLError
 from urllib.request import urlopen
 
 from robotouille.errors import MissingExtraError, RobotouilleError
 
-__all__ = ["Page", "Sample", "ServerProcess", "fetch_page", "is_here", "listener"]
+__all__ = [
+    "DELTA_AGE",
+    "LATENESS",
+    "Buckets",
+    "Page",
+    "Sample",
+    "ServerProcess",
+    "fetch_page",
+    "is_here",
+    "listener",
+    "parse_page",
+]
 
 LATENESS = "robotouille_step_lateness_seconds"
+"""How late scheduled steps are taken."""
+DELTA_AGE = "robotouille_delta_age_seconds"
+"""How old deltas are when they are handed to the network."""
 FETCH_SECONDS = 10.0
 
 
@@ -79,7 +94,11 @@ def listener(port: int) -> int | None:
         connections = psutil.net_connections(kind="tcp")
     except psutil.Error:
         return None
-    found = [c.pid for c in connections if c.status == "LISTEN" and c.laddr.port == port and c.pid]
+    found = [
+        c.pid
+        for c in connections
+        if c.status == "LISTEN" and c.laddr and c.laddr.port == port and c.pid
+    ]
     return _eldest(found) if found else None
 
 
@@ -107,39 +126,51 @@ def is_here(host: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
-    """The server's metrics at a time: plain values, and the buckets of the step lateness."""
+class Buckets:
+    """A histogram of Prometheus: how many observations were at most so many seconds."""
 
-    values: dict[str, float] = field(default_factory=dict)
-    lateness: dict[float, float] = field(default_factory=dict)
-    """Steps that were at most so many seconds late."""
+    within: dict[float, float] = field(default_factory=dict)
 
     @property
-    def steps(self) -> float:
-        return self.values.get(f"{LATENESS}_count", 0.0)
+    def count(self) -> float:
+        return max(self.within.values(), default=0.0)
 
-    def since(self, before: Page) -> Page:
-        """What was added after an earlier page."""
-        values = {name: value - before.values.get(name, 0.0) for name, value in self.values.items()}
-        lateness = {le: n - before.lateness.get(le, 0.0) for le, n in self.lateness.items()}
-        return Page(values, lateness)
+    def since(self, before: Buckets) -> Buckets:
+        return Buckets({le: n - before.within.get(le, 0.0) for le, n in self.within.items()})
 
     def share_within(self, seconds: float) -> float | None:
-        """The share of steps at most so late, for a bucket's limit; None where nothing says."""
-        within = self.lateness.get(seconds)
-        return within / self.steps if within is not None and self.steps else None
+        """The share of at most so many seconds, for a bucket's limit; None where nothing says."""
+        within = self.within.get(seconds)
+        return within / self.count if within is not None and self.count else None
 
     def percentile(self, percent: float) -> float | None:
-        """Seconds that `percent` of the steps are not later than, interpolated in its bucket."""
-        wanted = self.steps * percent / 100
+        """Seconds that `percent` do not exceed, interpolated in its bucket; None if unknown."""
+        wanted = self.count * percent / 100
         low, before = 0.0, 0.0
-        for limit, within in sorted(self.lateness.items()):
+        for limit, within in sorted(self.within.items()):
             if within >= wanted and within > before:
-                if limit == float("inf"):
+                if limit == inf:
                     return low
                 return low + (limit - low) * (wanted - before) / (within - before)
             low, before = limit, within
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """The server's metrics at a time; counters that differ in labels only are added up."""
+
+    values: dict[str, float] = field(default_factory=dict)
+    histograms: dict[str, Buckets] = field(default_factory=dict)
+
+    def since(self, before: Page) -> Page:
+        """What was added after an earlier page."""
+        values = {name: value - before.values.get(name, 0.0) for name, value in self.values.items()}
+        histograms = {
+            name: buckets.since(before.histograms.get(name, Buckets()))
+            for name, buckets in self.histograms.items()
+        }
+        return Page(values, histograms)
 
 
 async def fetch_page(url: str) -> Page | None:
@@ -161,20 +192,20 @@ def _read(url: str) -> str:
 
 def parse_page(text: str) -> Page:
     """The exposition format of Prometheus, as far as it is needed here."""
-    values: dict[str, float] = {}
-    lateness: dict[float, float] = {}
+    page = Page()
     for line in text.splitlines():
         match = re.fullmatch(r"(\w+)(?:\{(.*)\})? (\S+)(?: \d+)?", line)
         if match is None:
             continue
         name, labels, value = match[1], match[2] or "", float(match[3])
         limit = re.search(r'le="([^"]+)"', labels)
-        if name == f"{LATENESS}_bucket" and limit:
+        if name.endswith("_bucket") and limit:
+            within = page.histograms.setdefault(name.removesuffix("_bucket"), Buckets()).within
             le = float(limit[1])
-            lateness[le] = lateness.get(le, 0.0) + value
+            within[le] = within.get(le, 0.0) + value
         else:
-            values[name] = values.get(name, 0.0) + value
-    return Page(values, lateness)
+            page.values[name] = page.values.get(name, 0.0) + value
+    return page
 
 
 def _psutil_said(error: Exception) -> str:

@@ -80,6 +80,9 @@ def _step_facts(steps: dict[str, Any]) -> list[tuple[str, str]]:
     if server := steps.get("by the server"):
         text = _shares(server["within"])
         rows.append(("steps, by the server", f"{text}; median {milliseconds(server['p50'])} ms"))
+    if sent := steps.get("age when sent"):
+        both = f"median {milliseconds(sent['p50'])} ms, 99 % {milliseconds(sent['p99'])} ms"
+        rows.append(("deltas, when sent", f"{both} after their step was taken"))
     return rows
 
 

@@ -256,7 +256,10 @@ async def _main() -> None:
 
 
 def main() -> None:
-    """Run a worker, on the cores that its argument lists; an interrupt is for the parent, which then says `stop`."""
+    """Run a worker, on the cores that its argument lists.
+
+    An interrupt is for the parent, which then says `stop`.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if len(sys.argv) > 1:
         keep_to_cores(tuple(map(int, sys.argv[1].split(","))))

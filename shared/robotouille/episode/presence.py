@@ -37,8 +37,8 @@ class Presence:
         pausing = running and self._rules.absence is Absence.PAUSE
         self._set(Hold.ABSENCE, pausing and not self.complete, now + grace)
         self._expected = {p for p in self._expected if not self._seats[p].present}
-        if not self._expected:
-            self.holds.until.pop(Hold.RESTART, None)
+        if not self._expected and Hold.RESTART in self.holds:
+            self.lift(Hold.RESTART, now, running=running)
 
     def _set(self, why: Hold, holds: bool, until: float) -> None:
         if not holds:
