@@ -51,6 +51,7 @@ from robotouille_server.workers import Worker
 __all__ = ["CannotListenError", "Server", "serve"]
 
 BACKLOG = 4096
+SENT_OUT_SECONDS = 600.0
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 DRAIN_LOOK_SECONDS = 0.2
 
@@ -105,6 +106,7 @@ class Server:
             worker=self.worker,
             resume_token=self.sessions.resume_token,
             vacated=self.sessions.forget,
+            sent_out=self._sent_out,
         )
         self._doorkeeper = Doorkeeper(settings.max_connections_per_address)
         self._proxies = parse_proxies(settings.trust_proxy)
@@ -354,6 +356,11 @@ class Server:
             if member.peer is not None:
                 member.peer.part("server/restart", "handed over", retry=True, status=1012)
         return True
+
+    def _sent_out(self, session: Session) -> None:
+        """Somebody who is away is told of it at the return, if that is soon."""
+        later = asyncio.get_running_loop().call_later
+        self._expiries[session] = later(SENT_OUT_SECONDS, self._expire, session)
 
     def expect(self, session: Session) -> None:
         """A session is connected (again): it does not expire."""

@@ -24,7 +24,7 @@ __all__ = ["Audience"]
 
 KEPT_DELTAS = 64
 """Deltas kept for those who come back; with more missed, a snapshot is shorter."""
-KEPT_SAID = 200
+KEPT_SAID, KEPT_NOTICES = 200, 20
 
 
 class Audience:
@@ -53,6 +53,7 @@ class Audience:
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
         self._deltas: deque[tuple[int, bytes]] = deque(maxlen=KEPT_DELTAS)
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
+        self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
     @property
     def spectators(self) -> int:
@@ -89,6 +90,9 @@ class Audience:
         for said in self._said:
             if said.number > seen.said:
                 peer.send(said)
+        for time, notice in self._notices:
+            if time >= session.away_since > 0:
+                peer.send(notice)
         peer.send(self.roster())
 
     def _greet(self, session: Session, ref: int | None, resume: str) -> None:
@@ -205,6 +209,12 @@ class Audience:
         )
         self._said.append(said)
         self.send_all(said)
+
+    def tell_notice(self, text: str) -> None:
+        """What the operator says."""
+        notice = messages.Notice(text=text)
+        self._notices.append((self._now(), notice))
+        self.send_all(notice)
 
     def remember(self, said: Iterable[Mapping[str, Any]]) -> None:
         """Chat from before a restart: recorded notes, all of them, in order."""

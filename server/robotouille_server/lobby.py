@@ -45,6 +45,7 @@ class Lobby:
         worker: Worker,
         resume_token: Callable[[Session], str],
         vacated: Callable[[Session], None],
+        sent_out: Callable[[Session], None],
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self._draining = False
@@ -57,7 +58,7 @@ class Lobby:
         self._worker = worker
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._host = RoomHost(metrics, resume_token, vacated, self._closed)
+        self._host = RoomHost(metrics, resume_token, vacated, sent_out, self._closed)
         self._recovery = None
         if storage is not None:
             self._recovery = Recovery(storage, worker, settings.recovery_seconds, self._adopt)

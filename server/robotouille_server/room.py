@@ -48,12 +48,14 @@ class RoomHost:
     """What a room needs of its server.
 
     `resume_token` makes the token with which a session comes back; `vacated` is told when a
-    session has lost its place, `closed` when the episode is over.
+    session has lost its place, `sent_out` when it was sent out while it was away, `closed` when
+    the episode is over.
     """
 
     metrics: Metrics
     resume_token: Callable[[Session], str]
     vacated: Callable[[Session], None]
+    sent_out: Callable[[Session], None]
     closed: Callable[[Room], None]
 
 
@@ -165,6 +167,7 @@ class Room:
 
     def connection_lost(self, session: Session) -> None:
         """The seat of a player is kept; a spectator is only not told anything."""
+        session.away_since = self._now()
         if session.player is not None:
             self.episode.set_present(session.player, False, self._now())
         self.flush()
@@ -191,7 +194,7 @@ class Room:
         self.banned |= {session.participant, session.id}
         self.leave(session)
         if session.peer is None:
-            self._host.vacated(session)
+            self._host.sent_out(session)
         self.audience.send(session, messages.Left(episode=self.id, reason=reason))
 
     def dismiss(self) -> None:
@@ -418,7 +421,7 @@ class Room:
             case Said():
                 self.audience.tell_said(event)
             case Announced():
-                self.audience.send_all(messages.Notice(text=event.text))
+                self.audience.tell_notice(event.text)
             case RosterChanged():
                 self._roster_changed(event)
             case Started() | Paused() | Resumed() | Restarted():

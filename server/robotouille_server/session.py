@@ -49,6 +49,7 @@ class Session:
         self.player: str | None = None
         self.view = "state"
         self.known: set[str] = set()
+        self.away_since = 0.0
 
     @property
     def view(self) -> str:
