@@ -7,9 +7,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks import capacity, core, planning
+from benchmarks import core, planning, server
 
 if __name__ == "__main__":
     core.main()
     planning.main()
-    capacity.main()
+    server.main()

@@ -1,0 +1,224 @@
+"""Memory of the server over millions of steps, in simulated time and without a network.
+
+Bots play on a whole server; the recordings are kept in memory and dropped when they are closed.
+Episodes end and others begin all the time, as on a server that runs for months.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import selectors
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import msgpack
+import psutil
+from websockets.protocol import State
+
+from robotouille.protocol.codec import MSGPACK
+from robotouille_client.load.walk import to_and_fro
+from robotouille_server import Server, ServerSettings
+from robotouille_server.access import Visitor
+from robotouille_server.conversation import Conversation
+from robotouille_server.logs import configure_logs
+from robotouille_server.peer import Peer
+
+ROOMS, RATE = 50, 20
+TASK = "multi_agent/01"
+CHECKS = 40
+"""Times at which the memory is looked at."""
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Bytes in the second quarter of the steps and in the last one, as medians."""
+
+    first: float
+    last: float
+
+    @property
+    def flat(self) -> bool:
+        """Whether what was added is less than one per cent and a megabyte."""
+        return self.last - self.first < 0.01 * self.first + 2**20
+
+
+class SimulatedSelector(selectors.DefaultSelector):
+    """Nothing comes from outside; instead of waiting, time passes."""
+
+    now = 1000.0
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        if timeout:
+            self.now += timeout
+        return []
+
+
+class SimulatedLoop(asyncio.SelectorEventLoop):
+    def __init__(self) -> None:
+        self._simulated = SimulatedSelector()
+        super().__init__(self._simulated)
+
+    def time(self) -> float:
+        return self._simulated.now
+
+
+class Memory:
+    """A storage that forgets what is closed."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, bytearray] = {}
+
+    def names(self) -> list[str]:
+        return sorted(self.files)
+
+    def read(self, name: str) -> bytes:
+        return bytes(self.files[name])
+
+    def create(self, name: str) -> Any:
+        return Growing(self.files.setdefault(name, bytearray()))
+
+    def resume(self, name: str, size: int) -> Any:
+        del self.files[name][size:]
+        return Growing(self.files[name])
+
+    def replace(self, name: str, content: bytes) -> None:
+        """A closed recording is nobody's business here."""
+
+    def remove(self, name: str) -> None:
+        del self.files[name]
+
+
+class Growing:
+    def __init__(self, content: bytearray) -> None:
+        self._content = content
+
+    def append(self, data: bytes) -> None:
+        self._content += data
+
+    def close(self) -> None:
+        pass
+
+
+class Wire:
+    """A connection without a network: what the server sends goes to `heard`."""
+
+    def __init__(self, heard: Callable[[dict[str, Any]], None]) -> None:
+        self.transport = self
+        self.protocol = self
+        self.state = State.OPEN
+        self.latency = 0.0
+        self.loop = asyncio.get_running_loop()
+        self._heard = heard
+
+    def write(self, frame: bytes) -> None:
+        start = {126: 4, 127: 10}.get(frame[1], 2)
+        message = msgpack.unpackb(frame[start:])
+        self.loop.call_soon(self._heard, message)
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def is_closing(self) -> bool:
+        return False
+
+    def say_goodbye(self, status: int, reason: str) -> None:
+        raise AssertionError(f"the server closes: {status} {reason}")
+
+    def abort(self) -> None:
+        raise AssertionError("the server drops the connection")
+
+
+class Bot:
+    """Plays one episode after the other; the first of a pair opens them and acts."""
+
+    def __init__(self, server: Server, partner: Bot | None = None, length: int = 0) -> None:
+        self.partner = partner
+        self.length = length
+        self.steps = 0
+        self._seq = 0
+        self._moves = to_and_fro(TASK, "robot1")
+        peer = Peer(Wire(self.heard), MSGPACK, server.metrics, 15.0)  # type: ignore[arg-type]
+        self._conversation = Conversation(server, peer, Visitor("127.0.0.1", True, "local"))
+        self.say(type="hello", protocol=1, name="bot", kind="bot")
+        if partner is not None:
+            self.open()
+
+    def say(self, **message: Any) -> None:
+        self._conversation.receive(msgpack.packb(message))
+
+    def open(self) -> None:
+        self.say(type="create", task=TASK, clock="realtime", timing="benchmark", step_rate=RATE,
+                 max_steps=EPISODE)  # fmt: skip
+
+    def heard(self, message: dict[str, Any]) -> None:
+        kind = message["type"]
+        if kind == "delta":
+            self.steps += 1
+            self.act()
+        elif kind == "created" and self.partner is not None:
+            self._seq = 0
+            self.say(type="join", episode=message["code"])
+            self.partner.say(type="join", episode=message["code"])
+        elif kind == "ended":
+            self.say(type="leave")
+        elif kind == "left" and self.partner is not None:
+            self.open()
+        elif kind in ("error", "bye"):
+            raise AssertionError(message)
+
+    def act(self) -> None:
+        if self.partner is not None:
+            self._seq += 1
+            self.say(type="act", seq=self._seq, action=self._moves[(self._seq - 1) % 2])
+
+
+async def play(steps: int) -> list[int]:
+    """The memory at regular intervals, in bytes."""
+    process = psutil.Process()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = ServerSettings(
+            recordings=Path(folder), max_episodes=10_000, messages_per_second=1000
+        )
+        server = Server(settings, storage=Memory())
+        bots = []
+        for number in range(ROOMS):
+            bots.append(Bot(server, Bot(server), length=500 + 60 * number))
+            await asyncio.sleep(1 / RATE / ROOMS)
+        seen: list[int] = []
+        for _ in range(CHECKS):
+            await asyncio.sleep(steps / CHECKS / ROOMS / RATE)
+            seen.append(process.memory_info().rss)
+            done = sum(bot.steps for bot in bots)
+            print(f"  {done:,} steps, {seen[-1] / 2**20:.1f} MiB", file=sys.stderr, flush=True)
+        return seen
+
+
+def memory_over_steps(steps: int) -> Growth:
+    """Play so many steps in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.flat", "--steps", str(steps)]
+    root = Path(__file__).resolve().parents[1]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=root)
+    seen = json.loads(done.stdout)
+    quarter = len(seen) // 4
+    return Growth(median(seen[quarter : 2 * quarter]), median(seen[-quarter:]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--steps", type=int, default=10_000_000)
+    steps = parser.parse_args().steps
+    configure_logs("error", "console")
+    with asyncio.Runner(loop_factory=SimulatedLoop) as runner:
+        print(json.dumps(runner.run(play(steps))))
+
+
+if __name__ == "__main__":
+    main()

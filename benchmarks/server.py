@@ -1,0 +1,279 @@
+"""The server's figures beside those of a bare `websockets` server, in one run.
+
+Each server has one core to itself and the load tester's clients the others. Both serve the same
+bots at the same rates with messages of the same size; the bare one plays no game. Run it on a
+machine that does nothing else: with two cores one program more makes the figures worthless.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.flat import memory_over_steps
+from robotouille_client.load.conductor import Conductor
+from robotouille_client.load.cores import keep_to_cores
+from robotouille_client.load.page import render_page
+from robotouille_client.load.progress import Progress
+from robotouille_client.load.report import Report, make_report, memory_each
+from robotouille_client.load.share import LoadPlan, parse_mix
+from robotouille_client.load.summary import milliseconds
+
+OURS, BARE = "robotouille-server", "bare websockets"
+LATE = "0.05"
+MIX = "realtime:20,lockstep:1"
+"""One lockstep room for 20 in real time: an action is answered at once there, as by an echo."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """How long to measure, where to put the reports, which cores are whose."""
+
+    seconds: float
+    out: Path | None
+    servers: tuple[int, ...]
+    clients: tuple[int, ...]
+    console: Console
+
+    @property
+    def processes(self) -> int:
+        return max(1, min(4, len(self.clients)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: what it is to be, and what both servers had."""
+
+    name: str
+    target: str
+    ours: str
+    bare: str
+    met: bool | None = None
+
+
+@contextmanager
+def server(which: str, bench: Bench, *flags: str) -> Iterator[tuple[int, str]]:
+    """A server process on its cores: its id and its URL."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "benchmarks.bare"]
+        if which == OURS:
+            program = "from robotouille_server.cli import main; main()"
+            command = [
+                sys.executable, "-c", program, "--port", "0", "--recordings", f"{folder}/r",
+                "--max-episodes", "10000", "--max-spectators", "1000", "--log-level", "error",
+                "--no-operator", *flags,
+            ]  # fmt: skip
+        root = Path(__file__).resolve().parents[1]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root)
+        try:
+            if hasattr(os, "sched_setaffinity"):
+                os.sched_setaffinity(process.pid, bench.servers)
+            yield process.pid, _url(process)
+        finally:
+            process.terminate()
+            try:
+                process.wait(timeout=20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _url(process: subprocess.Popen[str]) -> str:
+    for line in process.stdout or ():
+        found = re.search(r"ws://\S+", line)
+        if found:
+            return found[0]
+    raise SystemExit("the server did not start")
+
+
+def load(which: str, bench: Bench, title: str, flags: tuple[str, ...] = (), **plan: Any) -> Report:
+    """One load test against a fresh server."""
+    bench.console.print(f"[bold]{title}[/], {which}", highlight=False)
+    with server(which, bench, *flags) as (pid, url):
+        options = {"duration": bench.seconds, "processes": bench.processes, **plan}
+        test = LoadPlan(url=url, **options)
+        conductor = Conductor(test, pid=pid, cpus=bench.clients, progress=Progress())
+        asyncio.run(conductor.run())
+        report = make_report(conductor)
+    if bench.out is not None:
+        name = re.sub(r"\W+", "-", f"{title} {which}").strip("-")
+        (bench.out / f"{name}.json").write_text(json.dumps(report.to_json(), indent=1))
+        (bench.out / f"{name}.html").write_text(render_page(report))
+    for note in report.notes:
+        bench.console.print(f"  ! {note}", style="yellow", highlight=False)
+    return report
+
+
+# Real time
+
+
+def realtime(bench: Bench, rooms: int, rate: float) -> list[Row]:
+    """So many real-time episodes of two, with a lockstep one for each twenty."""
+    title = f"{rooms:,} real-time episodes at {rate:g} steps/s"
+    both = {
+        which: load(which, bench, title, rooms=rooms * 21 // 20, rate=rate, mix=parse_mix(MIX),
+                    ramp=rooms / 60)
+        for which in (BARE, OURS)
+    }  # fmt: skip
+    ours, bare = both[OURS], both[BARE]
+    return [
+        *_steps(title, ours, bare),
+        *_echo(ours, bare),
+        Row("  cores used", "", _cores(ours), _cores(bare)),
+    ]
+
+
+def _steps(title: str, ours: Report, bare: Report) -> list[Row]:
+    late = [_late(report) for report in (ours, bare)]
+    held = [report.figures["steps"]["rate held"] or 0.0 for report in (ours, bare)]
+    arrived = [report.figures["durations"].get("delta age") for report in (ours, bare)]
+    sent = ours.figures["steps"].get("age when sent")
+    age = sent["p50"] if sent else None
+    return [
+        Row(f"{title}: less than 50 ms late", "99.9 %", *map(_share, late), met=late[0] >= 0.999),
+        Row("  nominal rate held", "100 %", *map(_share, held), met=held[0] >= 0.995),
+        Row("  age of deltas when sent, median, ms", "1", milliseconds(age), "",
+            met=age is not None and age <= 0.001),
+        Row("  … on arrival since due, median", "",
+            *(milliseconds(a["p50"]) if a else "?" for a in arrived)),
+    ]  # fmt: skip
+
+
+def _late(report: Report) -> float:
+    """The share of steps that the server took in time, by its own count."""
+    own = report.figures["steps"].get("by the server")
+    return (own["within"][LATE] or 0.0) if own else 0.0
+
+
+def _echo(ours: Report, bare: Report) -> list[Row]:
+    rows = []
+    for key, name in (("p50", "median"), ("p99", "99 %")):
+        times = [r.figures["durations"].get("action, lockstep", {}).get(key) for r in (ours, bare)]
+        ratio = times[0] / times[1] if times[0] and times[1] else None
+        shown = f"{milliseconds(times[0])} ({ratio:.1f} ×)" if ratio else "?"
+        rows.append(Row(f"  action to delta, {name}, ms", "2 × bare", shown, milliseconds(times[1]),
+                        met=ratio is not None and ratio <= 2))  # fmt: skip
+    return rows
+
+
+def _share(share: float) -> str:
+    return f"{share:.2%}"
+
+
+def _cores(report: Report) -> str:
+    process = report.figures["server process"]
+    return f"{process['cores used']:.2f}" if process else "?"
+
+
+# Spectators, storm, workers, memory
+
+
+def spectators(bench: Bench, count: int) -> list[Row]:
+    """Memory of idle spectators."""
+    title = f"{count:,} idle spectators"
+    shown, met = {}, None
+    for which in (BARE, OURS):
+        report = load(which, bench, title, rooms=0, spectators=count, ramp=count / 400)
+        each = memory_each(report.plan, report.observed.memory)
+        shown[which] = f"{each / 1024:.1f}" if each is not None else "?"
+        if which == OURS:
+            met = each is not None and each <= 64 * 1024
+    return [Row(f"{title}, KiB each", "64", shown[OURS], shown[BARE], met)]
+
+
+def storm(bench: Bench, count: int) -> list[Row]:
+    """All players lose their connections at once."""
+    title = f"storm of {count:,} connections"
+    shown, met = {}, None
+    for which in (BARE, OURS):
+        report = load(which, bench, title, rooms=count // 2, rate=1, storm=count, ramp=count / 120)
+        found = report.figures["storm"] or {}
+        over = found.get("over after")
+        shown[which] = f"{over:.2f}" if over is not None else f"{found.get('back', 0)} came back"
+        if which == OURS:
+            met = over is not None and over <= 5
+    return [Row(f"{title}: seconds until all are back", "5", shown[OURS], shown[BARE], met)]
+
+
+def workers(bench: Bench, rooms: int, rate: float) -> list[Row]:
+    """Two processes that share the port."""
+    title = f"{rooms:,} episodes at {rate:g} steps/s, two workers"
+    count = os.cpu_count() or 1
+    cores = bench.servers + ((count - 1,) if count > 2 else ())
+    wide = Bench(bench.seconds, bench.out, cores, bench.clients, bench.console)
+    report = load(OURS, wide, title, ("--workers", "2"), rooms=rooms, rate=rate, ramp=rooms / 60)
+    age = report.figures["durations"].get("delta age")
+    within = report.figures["steps"]["seen within"][LATE] if age else 0.0
+    return [Row(f"{title}: deltas less than 50 ms late", "99.9 %", _share(within), "",
+                met=within >= 0.999)]  # fmt: skip
+
+
+def memory(bench: Bench, steps: int) -> list[Row]:
+    """The server's memory while it takes step after step."""
+    bench.console.print(f"[bold]memory over {steps:,} steps[/]", highlight=False)
+    growth = memory_over_steps(steps)
+    shown = f"{growth.first / 2**20:.1f} → {growth.last / 2**20:.1f}"
+    return [Row(f"memory over {steps:,} steps, MiB", "flat", shown, "", met=growth.flat)]
+
+
+def print_rows(rows: list[Row], console: Console) -> None:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("")
+    for column in ("aim", OURS, BARE, ""):
+        table.add_column(column, justify="right")
+    for row in rows:
+        mark = {True: "[green]✓[/]", False: "[red]✗[/]", None: ""}[row.met]
+        table.add_row(row.name, row.target, row.ours, row.bare, mark)
+    console.print(table)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0, help="to measure, each time")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor of all numbers of clients")
+    parser.add_argument("--steps", type=int, default=1_000_000, help="for the memory (10,000,000)")
+    parser.add_argument("--out", type=Path, help="folder for the reports, as JSON and HTML")
+    parser.add_argument(
+        "--only", nargs="*", choices=("realtime", "spectators", "storm", "workers", "memory")
+    )
+    options = parser.parse_args(arguments)
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    everyone = tuple(range(os.cpu_count() or 1))
+    clients = everyone[1:] or everyone
+    bench = Bench(options.seconds, options.out, everyone[:1], clients, Console())
+    keep_to_cores(clients if hasattr(os, "sched_setaffinity") else ())
+    wanted = options.only or ["realtime", "spectators", "storm", "workers", "memory"]
+    scale, rows = options.scale, list[Row]()
+    if "realtime" in wanted:
+        rows += realtime(bench, round(1500 * scale), 5)
+        rows += realtime(bench, round(1000 * scale), 10)
+    if "spectators" in wanted:
+        rows += spectators(bench, round(10_000 * scale))
+    if "storm" in wanted:
+        rows += storm(bench, round(2000 * scale))
+    if "workers" in wanted:
+        rows += workers(bench, round(1000 * scale), 10)
+    if "memory" in wanted:
+        rows += memory(bench, options.steps)
+    print_rows(rows, bench.console)
+
+
+if __name__ == "__main__":
+    main()
