@@ -427,7 +427,7 @@ class Client:
     def _joined(self, message: messages.Joined) -> None:
         if message.resume is not None:
             self._resume = message.resume
-        game, asked = self.game, message.ref is not None and message.ref != self._rejoin
+        game, asked = self.game, message.ref in self._requests
         if game is None or game.episode != message.episode or game.ended or asked:
             self.game = Game(self._send, message)
         else:

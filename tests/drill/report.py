@@ -29,8 +29,8 @@ def table(result: Result) -> str:
         ("one client's absence", _spread(result.absence_seconds)),
         ("games", f"{verdict.games} ({_counts(verdict.outcomes)})"),
         ("seats told the outcome", _counts(result.told)),
-        ("windows", f"{result.pictures} times found showing the game, at its start or after an outage,"
-                    f" {result.clicks} clicks and keys"),
+        ("windows", f"{result.pictures} times found showing the game, at its start and after"
+                    f" outages; {result.clicks} clicks and keys"),
         ("restarts in a game", f"at most {max(verdict.restarts, default=0)}"),
         ("other recordings", f"{verdict.others}"),
         ("recordings verified", f"{verdict.verified}"),

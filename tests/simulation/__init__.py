@@ -13,7 +13,7 @@ an adversary breaks when. The same seed gives the same course, event for event.
 | module | what |
 | --- | --- |
 | `loop` | virtual time; processes whose callbacks can be suspended, counted and killed |
-| `network`, `transport`, `frames` | TCP in memory: latency, stalls, resets, half-open ends, mangled messages |
+| `network`, `transport`, `frames` | TCP in memory: latency, stalls, resets, half-open |
 | `disk` | the server's `Storage`: full disks, torn appends, locks that end with a process |
 | `machine` | server processes: crash, restart, hand-over |
 | `clients` | people: the client library and bots, each message held against the recordings |
