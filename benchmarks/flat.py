@@ -156,7 +156,7 @@ class Bot:
 
     def open(self) -> None:
         self.say(type="create", task=TASK, clock="realtime", timing="benchmark", step_rate=RATE,
-                 max_steps=EPISODE)  # fmt: skip
+                 max_steps=self.length)  # fmt: skip
 
     def heard(self, message: dict[str, Any]) -> None:
         kind = message["type"]

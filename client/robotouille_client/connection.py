@@ -297,12 +297,13 @@ class Client:
             token=None if self._resume else self._token,
             resume=self._resume,
             seen=self.game.seen if self._resume and self.game is not None else None,
+            view=self._view() if self._resume else None,
         )
         await socket.send(self._codec.encode(hello))
         answer = await self._first_answer(socket)
         if isinstance(answer, messages.Error) and self._resume and answer.code in LOST_TOKEN:
             self._resume = None
-            anew = {"resume": None, "seen": None, "token": self._token}
+            anew = {"resume": None, "seen": None, "view": None, "token": self._token}
             await socket.send(self._codec.encode(hello.model_copy(update=anew)))
             answer = await self._first_answer(socket)
         if isinstance(answer, messages.Error):
@@ -319,6 +320,12 @@ class Client:
             found = type(answer).__name__
             raise ProtocolError("message/unexpected", f"{found} in answer to hello")
         return answer
+
+    def _view(self) -> messages.View | None:
+        """The view that we have asked for, whether or not that was answered."""
+        asked = self._asked(messages.Join)
+        join = self._join if asked is None else self._requests[asked]
+        return join.view if join is not None else None
 
     async def _first_answer(self, socket: ClientConnection) -> messages.ServerMessage:
         return self._codec.decode_server(await socket.recv())

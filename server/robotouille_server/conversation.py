@@ -76,7 +76,7 @@ class Conversation:
         ref = None
         try:
             message = self.peer.codec.decode_client(payload)
-            ref = getattr(message, "ref", None)
+            ref = None if type(message) is messages.Act else getattr(message, "ref", None)
             self._heed(message)
         except ProtocolError as error:
             self._answer_error(error, ref)
@@ -173,7 +173,9 @@ class Conversation:
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
         room = server.lobby.home_of(resume.session, resume.episode)
-        return server.sessions.resume(resume, room), True
+        session = server.sessions.resume(resume, room)
+        session.view = hello.view or session.view
+        return session, True
 
     def _attach(self, session: Session) -> None:
         """This is the session's connection from now on; an earlier one is told so."""

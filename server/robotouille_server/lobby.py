@@ -14,6 +14,7 @@ from robotouille.errors import FileError, ProtocolError, UnknownTaskError
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
+from robotouille_server.agenda import Agenda
 from robotouille_server.audience import Audience
 from robotouille_server.journal import Journal, file_name
 from robotouille_server.logs import get_logger
@@ -58,7 +59,7 @@ class Lobby:
         self._worker = worker
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._host = RoomHost(metrics, resume_token, vacated, sent_out, self._closed)
+        self._host = RoomHost(metrics, resume_token, vacated, sent_out, self._closed, Agenda())
         self._recovery = None
         if storage is not None:
             self._recovery = Recovery(storage, worker, settings.recovery_seconds, self._adopt)

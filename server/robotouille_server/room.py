@@ -27,6 +27,7 @@ from robotouille.episode import (
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.actions import GroundAction
+from robotouille_server.agenda import Agenda, Appointment
 from robotouille_server.audience import Audience
 from robotouille_server.journal import Journal
 from robotouille_server.logs import get_logger
@@ -57,6 +58,7 @@ class RoomHost:
     vacated: Callable[[Session], None]
     sent_out: Callable[[Session], None]
     closed: Callable[[Room], None]
+    agenda: Agenda
 
 
 class Room:
@@ -85,7 +87,7 @@ class Room:
         self._host = host
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer: Appointment | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []
         self._unpainted: dict[Session, list[Callable[[], None]]] = {}
@@ -306,10 +308,10 @@ class Room:
     def _schedule(self) -> None:
         due = self.episode.due()
         if self._timer is not None:
-            if due == self._timer.when():
+            if due == self._timer.due:
                 return
-            self._timer.cancel()
-        self._timer = None if due is None else self._loop.call_at(due, self._on_time, due)
+            self._host.agenda.cancel(self._timer)
+        self._timer = None if due is None else self._host.agenda.call_at(due, self._on_time)
 
     def _on_time(self, due: float) -> None:
         self._timer = None
@@ -458,9 +460,10 @@ class Room:
             self.journal.release()
 
     def _stop_clocks(self) -> None:
-        for timer in (self._timer, self._retry):
-            if timer is not None:
-                timer.cancel()
+        if self._timer is not None:
+            self._host.agenda.cancel(self._timer)
+        if self._retry is not None:
+            self._retry.cancel()
         for stand_in in self._stand_ins.values():
             stand_in.stop()
 

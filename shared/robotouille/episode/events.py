@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
@@ -91,8 +91,7 @@ class Outcome:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(NamedTuple):
     """One seat's action in a step: its sequence number and the seconds the seat took for it."""
 
     player: str
@@ -181,8 +180,7 @@ class Restarted:
     time: float
 
 
-@dataclass(frozen=True, slots=True)
-class Stepped:
+class Stepped(NamedTuple):
     """A step was taken: `moves` with their `attempts`, in the order in which they applied.
 
     `turn` is whose turn it is after it, with the turn clock; `idle` are the seats that decided to

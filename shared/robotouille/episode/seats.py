@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import NamedTuple
 
 from robotouille.episode.events import SeatTally
 from robotouille.world.actions import GroundAction
@@ -35,8 +36,7 @@ class Pending:
     reasoning: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """What became of a seat's action: taken in `step`, or rejected for some reasons."""
 
     seq: int

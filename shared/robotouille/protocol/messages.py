@@ -95,7 +95,8 @@ class Hello(Message):
     """The first message: who is there.
 
     `token` is the signed token of a role, where the server asks for one. `resume` is the token of
-    a connection that was lost, and `seen` what its client has: only the rest is sent.
+    a connection that was lost, and `seen` what its client has: only the rest is sent. `view` is
+    that of its `join`, in case the answer to that was lost.
     """
 
     type: Literal["hello"] = "hello"
@@ -106,6 +107,7 @@ class Hello(Message):
     token: Token | None = None
     resume: Token | None = None
     seen: Seen | None = None
+    view: View | None = None
 
 
 class ListEpisodes(Message):

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.checks import parameter_types
@@ -38,8 +37,7 @@ from robotouille.world.timers import Timers, TimerTable
 __all__ = ["Attempt", "Step", "World", "shared_world"]
 
 
-@dataclass(frozen=True, slots=True)
-class Attempt:
+class Attempt(NamedTuple):
     """What became of one player's action: applied, or rejected with the unmet preconditions."""
 
     action: GroundAction
@@ -47,8 +45,7 @@ class Attempt:
     unmet: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """The result of a step: the new state, its reward and what became of each action."""
 
     state: State
@@ -82,6 +79,7 @@ class World:
         self.table = AtomTable(domain, transient, facts)
         self.schemas = compile_schemas(self.task)
         self._schema = {schema.name: schema for schema in self.schemas}
+        self._named: dict[tuple[str, tuple[str, ...]], GroundAction] = {}
         self._nested_labels = {
             id(effect.definition): (schema.name, i, effect.variables)
             for schema in self.schemas
@@ -234,6 +232,9 @@ class World:
     def action(self, name: str, *arguments: str) -> GroundAction:
         """A ground action by name and arguments, applicable anywhere or not; KeyError names what
         is unknown or of the wrong type."""
+        known = self._named.get((name, arguments))
+        if known is not None:
+            return known
         schema = self._schema.get(name)
         if schema is None:
             raise KeyError(f"no action {name!r}{did_you_mean(name, self._schema)}")
@@ -246,7 +247,8 @@ class World:
             if self._things[argument].type != kind:
                 found = self._things[argument].type
                 raise KeyError(f"{argument!r} is a {found}; {name!r} takes a {kind} there")
-        return self._ground_action(schema, arguments)
+        action = self._named[name, arguments] = self._ground_action(schema, arguments)
+        return action
 
     def parse(self, state: State, player: str, sentence: str) -> GroundAction:
         """The valid action of a player that a sentence says; KeyError gives the nearest one."""

@@ -1,0 +1,150 @@
+"""Distributions, schedules and shares: what the load tester's figures rest on."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille.episode.rules import Clock
+from robotouille.errors import RobotouilleError
+from robotouille_client.load.cores import parse_cores
+from robotouille_client.load.histogram import Histogram, Measurements
+from robotouille_client.load.schedule import SETTLED, StepSchedule
+from robotouille_client.load.share import LoadPlan, parse_mix
+
+durations = st.floats(min_value=2e-6, max_value=1e4)
+
+
+def histogram(values: list[float]) -> Histogram:
+    made = Histogram()
+    for value in values:
+        made.add(value)
+    return made
+
+
+@given(st.lists(durations, min_size=1, max_size=300), st.sampled_from([1.0, 50.0, 90.0, 99.0]))
+def test_a_percentile_is_right_to_one_per_cent(values: list[float], percent: float) -> None:
+    exact = sorted(values)[max(0, -(-len(values) * percent // 100).__int__() - 1)]
+    assert histogram(values).percentile(percent) == pytest.approx(exact, rel=0.011)
+
+
+@given(st.lists(durations, min_size=1), st.lists(durations))
+def test_what_processes_measured_adds_up(first: list[float], second: list[float]) -> None:
+    merged = histogram(first)
+    merged.merge(Histogram.from_json(json.loads(json.dumps(histogram(second).to_json()))))
+    together = histogram(first + second)
+    assert merged.to_json()[1:] == together.to_json()[1:]
+    assert merged.count == len(first) + len(second)
+    assert merged.mean == pytest.approx(together.mean)
+    assert merged.spectrum()[-1] == (1.0, pytest.approx(max(first + second), rel=0.011))
+
+
+def test_the_largest_is_exact_and_nothing_measured_is_no_fault() -> None:
+    seen = histogram([0.001, 0.0031415])
+    assert seen.largest == 0.0031415
+    assert seen.percentile(100) <= 0.0031415
+    assert seen.share_within(0.002) == 0.5
+    assert Histogram().percentile(99) == 0.0
+    assert Histogram().share_within(0.01) == 1.0
+
+
+def test_measurements_cross_the_pipe_unchanged() -> None:
+    measured = Measurements()
+    measured.took("ping", 0.5)
+    measured.count("steps", 3)
+    other = Measurements.from_json(json.loads(json.dumps(measured.to_json())))
+    other.merge(measured)
+    assert other.duration("ping").count == 2
+    assert other.counts == {"steps": 6}
+    assert other.duration("never").count == 0
+
+
+@given(
+    st.lists(st.floats(min_value=0, max_value=0.09), min_size=SETTLED, max_size=60),
+    st.floats(min_value=0, max_value=1e5),
+    st.sampled_from([1.0, 5.0, 10.0, 60.0]),
+)
+def test_ages_are_relative_to_the_best_delivery(
+    delays: list[float], begun: float, rate: float
+) -> None:
+    """Steps are due at begun + n / rate; delta n arrives delays[n] later."""
+    transit = 0.0001
+    schedule = StepSchedule(rate, transit)
+    ages = [
+        schedule.arrived(step, begun + step / rate + transit + delay)
+        for step, delay in enumerate(delays)
+    ]
+    assert schedule.settled
+    best = min(delays)
+    assert ages[-1] == pytest.approx(delays[-1] - best + transit, abs=1e-6)
+    assert schedule.due(7) == pytest.approx(begun + 7 / rate + best, abs=1e-6)
+
+
+def test_an_action_waits_for_the_first_step_after_it_was_due() -> None:
+    schedule = StepSchedule(10.0)
+    for step in range(SETTLED):
+        schedule.arrived(step, 100 + step / 10)
+    assert schedule.next_due(100.95) == pytest.approx(101.0)
+    assert schedule.next_due(101.01) == pytest.approx(101.1)
+    schedule.restart()
+    assert not schedule.settled
+
+
+@given(
+    st.dictionaries(st.sampled_from(list(Clock)), st.integers(0, 9), min_size=1).filter(
+        lambda mix: sum(mix.values()) > 0
+    ),
+    st.integers(0, 500),
+    st.integers(1, 7),
+    st.integers(0, 3000),
+)
+def test_every_bot_is_in_exactly_one_share(
+    mix: dict[Clock, int], rooms: int, processes: int, spectators: int
+) -> None:
+    plan = LoadPlan(url="ws://x", rooms=rooms, mix=mix, processes=processes, storm=rooms,
+                    slow_readers=rooms // 2, spectators=spectators)  # fmt: skip
+    by_clock = plan.rooms_by_clock()
+    assert sum(by_clock.values()) == rooms
+    total = sum(mix.values())
+    assert all(abs(count - rooms * mix[clock] / total) < 1 for clock, count in by_clock.items())
+    shares = plan.shares()
+    assert len(shares) == processes
+    for clock in Clock:
+        assert sum(share.rooms.count(clock) for share in shares) == by_clock.get(clock, 0)
+    assert sum(share.spectators for share in shares) == spectators
+    assert sum(share.storm for share in shares) == rooms
+    assert sum(share.slow_readers for share in shares) == rooms // 2
+    assert len({share.seed for share in shares}) == processes
+
+
+def test_a_mix_names_clocks_and_weights() -> None:
+    assert parse_mix("realtime:8, lockstep:1,turn") == {
+        Clock.REALTIME: 8, Clock.LOCKSTEP: 1, Clock.TURN: 1,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("chess:1", "no clock is called 'chess'; there are turn, lockstep, realtime"),
+        ("realtime:x", "the weight of realtime is a whole number, not 'x'"),
+        ("realtime:-1", "the weight of realtime is a whole number, not '-1'"),
+        ("turn:0", "at least one clock needs a weight above 0"),
+        ("", "no clock is called ''"),
+    ],
+)
+def test_what_is_wrong_with_a_mix_is_said(text: str, fault: str) -> None:
+    with pytest.raises(RobotouilleError, match=fault):
+        parse_mix(text)
+
+
+def test_cores_are_numbers_and_ranges() -> None:
+    assert parse_cores(None) == ()
+    assert parse_cores("0") == (0,)
+    with pytest.raises(RobotouilleError, match="'x' is no core"):
+        parse_cores("x")
+    with pytest.raises(RobotouilleError, match="there is no core 99999"):
+        parse_cores("99999")

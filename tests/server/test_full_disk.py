@@ -1,0 +1,203 @@
+"""While a recording cannot be written: who is told what, and what must not pile up meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille.replay.recording import read_recording
+from robotouille_client import connect
+from robotouille_server.peer import MAX_UNSENT, Peer
+from robotouille_server.storage import Appender, Folder
+from tests.server.test_storage import FullDisk
+from tests.support.servers import Raw, raw, serving
+from tests.support.virtual_time import run
+
+HELLO = {"type": "hello", "protocol": 1, "name": "ada"}
+
+
+async def seated(ada: Raw, bob: Raw, **options: object) -> dict[str, Any]:
+    """Both have joined a game of two; what Ada was told of her seat."""
+    request = {"type": "create", "task": "multi_agent/02", **options}
+    join = {"type": "join", "episode": (await ada.ask(request, "created"))["code"]}
+    joined = await ada.ask(join, "joined")
+    assert (await bob.ask(join, "joined"))["type"] == "joined"
+    return joined
+
+
+class Unclosable(Folder):
+    """A folder in which no recording gets its final name."""
+
+    def replace(self, name: str, content: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+class CountedFile:
+    """Counts itself as open until it is closed."""
+
+    def __init__(self, disk: CountingDisk, file: Appender) -> None:
+        self._disk = disk
+        self._file = file
+        disk.opened += 1
+        disk.still_open += 1
+
+    def append(self, data: bytes) -> None:
+        self._file.append(data)
+
+    def cut(self, size: int) -> None:
+        self._file.cut(size)
+
+    def close(self) -> None:
+        self._disk.still_open -= 1
+        self._file.close()
+
+
+class CountingDisk(FullDisk):
+    """A disk that knows how many of its files are open."""
+
+    opened = still_open = 0
+
+    def create(self, name: str) -> Appender:
+        return CountedFile(self, super().create(name))
+
+
+def test_who_missed_the_end_is_told_although_the_recording_was_not_closed(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, storage=Unclosable(tmp_path)) as server:
+            async with raw(server) as ada, raw(server) as bob:
+                joined = await seated(ada, bob)
+            room = server.lobby.find(joined["code"])
+            room.abort("the study is over")
+            await server.lobby.closed()
+            assert "cannot be closed" in room.problem
+            async with raw(server, hello=False) as again, asyncio.timeout(30):
+                welcome = await again.ask({**HELLO, "resume": joined["resume"]}, "welcome")
+                assert welcome["resumed"] is True
+                assert (await again.expect("joined"))["episode"] == joined["episode"]
+                assert (await again.expect("snapshot"))["outcome"]["reason"] == "aborted"
+
+    run(main())
+
+
+def test_episodes_that_cannot_be_opened_leave_no_file_open(tmp_path: Path) -> None:
+    async def main() -> None:
+        disk = CountingDisk(tmp_path)
+        disk.full = True
+        async with serving(tmp_path, storage=disk) as server, raw(server) as ada:
+            for _ in range(20):
+                answer = await ada.ask({"type": "create"}, "created")
+                assert answer["code"] == "server/recording"
+                await asyncio.sleep(1)
+            assert (disk.opened, disk.still_open) == (20, 0)
+            assert not list(tmp_path.iterdir())
+
+    run(main())
+
+
+def test_a_slow_reader_catches_up_with_nothing_that_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has read all that it had just when the disk is full: its picture waits until then."""
+
+    async def main() -> None:
+        disk = FullDisk(tmp_path)
+        async with (
+            serving(tmp_path, storage=disk) as server,
+            connect(server.url, name="ada") as ada,
+            connect(server.url, name="bob") as bob,
+        ):
+            created = await ada.create("multi_agent/02", clock="realtime")
+            one, two = await ada.join(created.code), await bob.join(created.code)
+            room = server.lobby.find(created.code)
+            slow = next(session.peer for session in room.members if session.name == "ada")
+            slows_down = True
+            genuine = vars(Peer)["unsent"]
+
+            def unsent(peer: Peer) -> int:
+                size: int = genuine.fget(peer)
+                return MAX_UNSENT + 1 if peer is slow and slows_down else size
+
+            while one.step < 2:
+                await asyncio.sleep(0.05)
+            monkeypatch.setattr(Peer, "unsent", property(unsent))
+            while two.step < 5:
+                await asyncio.sleep(0.05)
+            assert one.step < two.step
+            disk.full = True
+            while not room.problem:
+                await asyncio.sleep(0.05)
+            (file,) = tmp_path.glob("*.part")
+            written = read_recording(file).steps[-1]["step"]
+            assert written < room.episode.step
+            slows_down = False
+            await asyncio.sleep(2)
+            assert one.step <= written
+            disk.full = False
+            await asyncio.sleep(2)
+            assert one.step > written
+            assert one.state == two.state
+
+    run(main())
+
+
+@pytest.mark.parametrize("kind", ["say", "act"])
+def test_what_is_said_and_done_meanwhile_does_not_pile_up(tmp_path: Path, kind: str) -> None:
+    """The disk may be full for hours: who goes on talking must not fill the memory."""
+    impossible = {"name": "move", "args": ["robot1", "table1", "table1"]}
+
+    async def main() -> None:
+        disk = FullDisk(tmp_path)
+        async with serving(tmp_path, storage=disk) as server:
+            async with raw(server, name="ada") as ada, raw(server, name="bob") as bob:
+                joined = await seated(ada, bob)
+                room = server.lobby.find(joined["code"])
+                assert room.journal is not None
+                disk.full = True
+                await bob.send({"type": "say", "text": "does anybody hear me?"})
+                while not room.problem:
+                    await asyncio.sleep(0.1)
+                size = room.journal.size
+                for seq in range(1, 501):
+                    if kind == "say":
+                        refused = await ada.ask({"type": "say", "text": "x" * 500})
+                        assert refused["code"] == "server/recording"
+                    else:
+                        await ada.send({"type": "act", "seq": seq, "action": impossible})
+                    if seq % 20 == 0:
+                        await asyncio.sleep(1)
+                assert room.problem
+                disk.full = False
+                await asyncio.sleep(3)
+                assert not room.problem
+                assert 0 < room.journal.size - size < 2000
+
+    run(main())
+
+
+def test_who_comes_back_meanwhile_is_welcomed_once_it_is_written(tmp_path: Path) -> None:
+    """Asking for a snapshot in the meantime does not take the welcome's place."""
+
+    async def main() -> None:
+        disk = FullDisk(tmp_path)
+        async with serving(tmp_path, storage=disk) as server:
+            async with raw(server, name="ada") as ada, raw(server, name="bob") as bob:
+                joined = await seated(ada, bob, clock="realtime")
+                room = server.lobby.find(joined["code"])
+                disk.full = True
+                while not room.problem:
+                    await asyncio.sleep(0.1)
+                async with raw(server, hello=False) as again:
+                    await again.ask({**HELLO, "resume": joined["resume"]}, "welcome")
+                    await again.send({"type": "resync"})
+                    await asyncio.sleep(1)
+                    assert room.problem
+                    disk.full = False
+                    async with asyncio.timeout(10):
+                        assert (await again.expect("joined", "snapshot"))["type"] == "joined"
+                        assert (await again.expect("snapshot"))["seat"] == joined["seat"]
+
+    run(main())
