@@ -44,7 +44,7 @@ def start_server(task: str, recordings: Path) -> tuple[subprocess.Popen[str], st
     for line in server.stdout:
         if found := re.search(r"ws://\S+", line):
             url = url or found.group()
-        if found := re.search(r"code is (\w+)", line):
+        if found := re.search(r"code is ([A-Z-]+)", line):
             code = found.group(1)
         if "stop:" in line:
             return server, url, code
@@ -84,7 +84,7 @@ def run(task: str, out: Path, headless: bool) -> None:
                 subprocess.Popen(
                     [*bot, "--name", name],
                     stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
+                    stderr=subprocess.PIPE,
                     text=True,
                 )
             )
@@ -92,8 +92,9 @@ def run(task: str, out: Path, headless: bool) -> None:
         with console.status("two bots are cooking …"):
             for process in [*bots, processes[1]]:
                 process.wait(timeout=MINUTES * 60)
-        if any(bot.returncode for bot in bots):
-            sys.exit("a bot failed; run robotouille-server and robotouille-bot by hand to see why")
+        for bot in bots:
+            if bot.returncode:
+                sys.exit(f"a bot failed: {bot.stderr.read() if bot.stderr else bot.returncode}")
     except subprocess.TimeoutExpired:
         sys.exit(f"the bots did not finish in {MINUTES} minutes")
     finally:

@@ -58,6 +58,12 @@ class Agenda:
             heapify(self._heap)
             self._cancelled = 0
 
+    def clear(self) -> None:
+        """Cancel everything."""
+        self._heap.clear()
+        self._cancelled = 0
+        self._arm()
+
     def _arm(self) -> None:
         if self._timer is not None:
             self._timer.cancel()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 import signal
+import socket
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -166,9 +167,9 @@ async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None
 def first_room(server: Server) -> Room | None:
     """The episode that is there from the start: a new one, or one that was there before; None
     where no new one can be recorded."""
-    for room in server.lobby.rooms.values():
-        if room.owner == SERVER and room.episode.phase is Phase.WAITING:
-            return room
+    live = [r for r in server.lobby.rooms.values() if r.episode.phase is not Phase.OVER]
+    if live:
+        return min(live, key=lambda room: (room.owner != SERVER, room.episode.step))
     from robotouille_server.logs import get_logger
 
     try:
@@ -197,13 +198,24 @@ def _greeting(server: Server, room: Room | None, operator: str) -> str:
 
 def _invitation(server: Server, room: Room) -> list[str]:
     url = f" --url {server.url}" if server.url != "ws://127.0.0.1:8765" else ""
-    settings, seats = server.settings, len(room.world.players)
+    token = " --token TOKEN" if server.settings.require_token else ""
+    clock, seats = room.episode.rules.clock.value, len(room.world.players)
     return [
-        f"Robotouille is serving {room.world.task.name} ({settings.mode.value}) at {server.url}",
-        f"  the kitchen's code is {room.code}; {seats} seat{'s' * (seats > 1)}",
-        f"  play:   robotouille-client {room.code}{url}",
-        f"  a bot:  robotouille-bot planner --episode {room.code}{url}",
+        f"Robotouille is serving {room.world.task.name} ({clock}) at {server.url}",
+        f"  for {seats} player{'s' * (seats > 1)}, the kitchen's code is {room.code}",
+        f"  play:   robotouille-client {room.code}{url}{token}",
+        f"  a bot:  robotouille-bot planner --episode {room.code}{url}{token}",
+        *_for_others(server, room, token),
     ]
+
+
+def _for_others(server: Server, room: Room, token: str) -> list[str]:
+    """How to come from another machine, where that is possible."""
+    if server.settings.host not in ("0.0.0.0", "::"):  # noqa: S104
+        return []
+    scheme = server.url.partition(":")[0]
+    url = f"{scheme}://{socket.gethostname()}:{server.port}"
+    return [f"  from elsewhere:  robotouille-client {room.code} --url {url}{token}"]
 
 
 def main() -> None:

@@ -262,6 +262,7 @@ class Lobby:
 
     def stop(self) -> None:
         """Look after nothing any more."""
+        self._host.agenda.clear()
         for timer in self._lingering.values():
             timer.cancel()
         self._lingering.clear()

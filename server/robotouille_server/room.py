@@ -10,6 +10,7 @@ from functools import partial
 from robotouille.episode import (
     Absence,
     Announced,
+    Departure,
     Ended,
     Episode,
     Event,
@@ -150,11 +151,11 @@ class Room:
         else:
             self.audience.send(session, self.audience.roster())
 
-    def leave(self, session: Session) -> None:
+    def leave(self, session: Session, why: Departure = Departure.LEFT) -> None:
         """Leave for good."""
         player = self._part_with(session)
         if player is not None:
-            self.episode.leave(player, self._now())
+            self.episode.leave(player, self._now(), why)
         else:
             self.audience.tell_roster()
         self.flush()
@@ -194,7 +195,7 @@ class Room:
     def kick(self, session: Session, reason: str) -> None:
         """Send somebody out, and do not let them in again."""
         self.banned |= {session.participant, session.id}
-        self.leave(session)
+        self.leave(session, Departure.REMOVED)
         if session.peer is None:
             self._host.sent_out(session)
         self.audience.send(session, messages.Left(episode=self.id, reason=reason))

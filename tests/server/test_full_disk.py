@@ -163,7 +163,8 @@ def test_what_is_said_and_done_meanwhile_does_not_pile_up(tmp_path: Path, kind: 
                 size = room.journal.size
                 for seq in range(1, 501):
                     if kind == "say":
-                        refused = await ada.ask({"type": "say", "text": "x" * 500})
+                        async with asyncio.timeout(10):
+                            refused = await ada.ask({"type": "say", "text": "x" * 500})
                         assert refused["code"] == "server/recording"
                     else:
                         await ada.send({"type": "act", "seq": seq, "action": impossible})

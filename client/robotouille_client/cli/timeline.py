@@ -127,6 +127,13 @@ def interludes(recording: Recording) -> list[tuple[int, str]]:
     return [(step, words) for _, step, words in sorted(still + said)]
 
 
+DEPARTURES = {
+    "left": "gives up",
+    "lost": "was away too long and loses",
+    "removed": "is removed by the operator from",
+}
+
+
 def note_lines(recording: Recording) -> Iterator[str]:
     """A line for each note: the step it came after, the seconds since the game began, words."""
     seated: dict[str, tuple[str, str]] = {}
@@ -144,7 +151,8 @@ def _roster_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -
     if not note.get("taken", True) or not name:
         seated.pop(player, None)
         who = before[0] if before else "nobody"
-        return f"{who} gives {player} up{by_bot}" if before else f"{player} is free{by_bot}"
+        does = DEPARTURES.get(note.get("why", ""), "gives up")
+        return f"{who} {does} {player}{by_bot}" if before else f"{player} is free{by_bot}"
     seated[player] = (name, session)
     if not note["present"]:
         return f"{name} ({player}) is away{by_bot}"

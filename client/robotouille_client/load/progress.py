@@ -18,15 +18,19 @@ from robotouille_client.load.server import Sample
 __all__ = ["Progress"]
 
 
+LINE_SECONDS = 5.0
+"""Between two lines where there is no terminal."""
+
+
 class Progress:
-    """A live line with a bar on a terminal, one line for each phase elsewhere."""
+    """A live line with a bar on a terminal; elsewhere a line for each phase, and now and then."""
 
     def __init__(self, quiet: bool = False) -> None:
         self._console = Console(stderr=True, quiet=quiet)
         self._live = Live(console=self._console, refresh_per_second=4, transient=True)
         self._name = "connecting"
         self._seconds: float | None = None
-        self._since = time.monotonic()
+        self._since = self._said = time.monotonic()
         self._news = ""
 
     def __enter__(self) -> Self:
@@ -44,7 +48,8 @@ class Progress:
 
     def phase(self, name: str, seconds: float | None) -> None:
         """A new phase, and about how long it takes."""
-        self._name, self._seconds, self._since = name, seconds, time.monotonic()
+        self._name, self._seconds = name, seconds
+        self._since = self._said = time.monotonic()
         if not self._console.is_terminal:
             about = f" ({seconds:g} s)" if seconds else ""
             self._console.print(f"{name}{about}", highlight=False)
@@ -67,9 +72,13 @@ class Progress:
         self._show()
 
     def _show(self) -> None:
+        now = time.monotonic()
         if not self._console.is_terminal:
+            if now > self._said + LINE_SECONDS:
+                self._said = now
+                self._console.print(f"  {self._news}", highlight=False, soft_wrap=True)
             return
-        passed = time.monotonic() - self._since
+        passed = now - self._since
         table = Table.grid(padding=(0, 1))
         bar = ProgressBar(total=self._seconds, completed=passed, width=24)
         if self._seconds is None:

@@ -78,11 +78,18 @@ class Transcript:
         return Line(step=self._step, kind=kind, who=who, text=text, reasons=reasons or [])
 
 
+WHY_FREE = {
+    "left": "left, the seat is free",
+    "lost": "was away too long, the seat is free",
+    "removed": "was removed, the seat is free",
+}
+
+
 def _seat(note: dict[str, Any]) -> str:
     """What a roster note says happened to a seat."""
     name = note["name"]
     if not note.get("taken", True):
-        return "the seat is free"
+        return WHY_FREE.get(note.get("why", ""), "the seat is free")
     if note["present"]:
         return f"{name} is here ({note['kind']})"
     if note.get("controller") == "stand-in":

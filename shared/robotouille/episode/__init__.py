@@ -20,7 +20,7 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.holds import Hold
 from robotouille.episode.rules import Absence, Clock, Rules
-from robotouille.episode.seats import Answer, Controller, Seat
+from robotouille.episode.seats import Answer, Controller, Departure, Seat
 
 __all__ = [
     "Absence",
@@ -28,6 +28,7 @@ __all__ = [
     "Answer",
     "Clock",
     "Controller",
+    "Departure",
     "Ended",
     "Episode",
     "Event",

@@ -31,7 +31,7 @@ from robotouille.episode.events import (
 from robotouille.episode.holds import Hold, Holds
 from robotouille.episode.presence import Presence
 from robotouille.episode.rules import Absence, Clock, Rules
-from robotouille.episode.seats import Answer, Controller, Pending, Seat
+from robotouille.episode.seats import Answer, Controller, Departure, Pending, Seat
 from robotouille.errors import ProtocolError
 from robotouille.world.actions import GroundAction
 from robotouille.world.state import State
@@ -52,6 +52,11 @@ class Phase(Enum):
     OVER = "over"
 
 
+DEPARTURES = {
+    Departure.LEFT: "left",
+    Departure.LOST: "did not come back",
+    Departure.REMOVED: "was removed by the operator",
+}
 TRANSITIONS = {
     Phase.WAITING: {Phase.RUNNING, Phase.OVER},
     Phase.RUNNING: {Phase.OVER},
@@ -119,7 +124,7 @@ class Episode:
             raise ProtocolError("seat/unknown", f"no seat {player!r}; there are {listed}", "seat")
         return self.seats[player]
 
-    def leave(self, player: str, now: float) -> None:
+    def leave(self, player: str, now: float, why: Departure = Departure.LEFT) -> None:
         """Give a seat up for good; the absence policy says what becomes of the game."""
         seat = self.seat(player)
         if not seat.taken or self.phase is Phase.OVER:
@@ -127,9 +132,9 @@ class Episode:
         name = seat.name
         seat.free()
         seat.away = now
-        self._roster(seat, now)
+        self._roster(seat, now, why.value)
         if self.phase is Phase.RUNNING and self.rules.absence is Absence.END:
-            self._end(Reason.ABANDONED, now, f"{name} left")
+            self._end(Reason.ABANDONED, now, f"{name} {DEPARTURES[why]}")
         else:
             self._attend(now)
 
@@ -157,7 +162,7 @@ class Episode:
                 return seat
         raise ProtocolError("episode/full", f"all {len(self.seats)} seats are taken", "episode")
 
-    def _roster(self, seat: Seat, now: float) -> None:
+    def _roster(self, seat: Seat, now: float, why: str = "") -> None:
         seat.controller = self._controller(seat)
         self._emit(
             RosterChanged(
@@ -171,6 +176,7 @@ class Episode:
                 session=seat.session,
                 participant=seat.participant,
                 generation=seat.generation,
+                why=why,
             )
         )
 
@@ -377,7 +383,7 @@ class Episode:
                 return
             self.release(why, now)
         for seat in self._presence.overdue(now, running=self._running):
-            self.leave(seat.player, now)
+            self.leave(seat.player, now, Departure.LOST)
 
     def abort(self, now: float, detail: str) -> None:
         """End the episode from outside, e.g. because the server shuts down."""

@@ -113,6 +113,7 @@ class RosterChanged:
     """Somebody came, went, or lost or regained the connection; `controller` moves the seat now.
 
     `session` and `participant` are pseudonyms, `generation` that of the resume token in use.
+    `why` a seat is free: its participant `left`, was away too long (`lost`), or was `removed`.
     """
 
     player: str
@@ -125,6 +126,7 @@ class RosterChanged:
     session: str = ""
     participant: str = ""
     generation: int = 0
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True)

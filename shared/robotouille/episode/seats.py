@@ -9,7 +9,7 @@ from typing import NamedTuple
 from robotouille.episode.events import SeatTally
 from robotouille.world.actions import GroundAction
 
-__all__ = ["Answer", "Controller", "Pending", "Seat"]
+__all__ = ["Answer", "Controller", "Departure", "Pending", "Seat"]
 
 
 class Controller(StrEnum):
@@ -21,6 +21,14 @@ class Controller(StrEnum):
     MODEL = "model"
     ABSENT = "absent"
     STAND_IN = "stand-in"
+
+
+class Departure(StrEnum):
+    """Why a participant has no seat any more."""
+
+    LEFT = "left"
+    LOST = "lost"
+    REMOVED = "removed"
 
 
 @dataclass(slots=True)

@@ -189,6 +189,7 @@ def _note(event: Event) -> dict[str, Any]:
                 "session": event.session,
                 "participant": event.participant,
                 "generation": event.generation,
+                **({"why": event.why} if event.why else {}),
             }
         case Announced():
             return {"note": "announced", "t": _ms(event.time), "text": event.text}

@@ -79,6 +79,7 @@ class RosterNote(Frame):
     session: str = ""
     participant: str = ""
     generation: int = 0
+    why: str = ""
 
 
 class RejectedNote(Frame):

@@ -1,0 +1,152 @@
+"""`robotouille-loadtest` as a user runs it: processes, files, errors."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from robotouille.errors import RobotouilleError
+from robotouille_client.load import cli, open_files
+from robotouille_client.load.server import DELTA_AGE, LATENESS, parse_page
+from robotouille_server.metrics import Metrics
+from tests.server.test_process import process
+
+COMMAND = [sys.executable, "-c", "from robotouille_client.load.cli import main; main()"]
+
+
+def started(url: str, *flags: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*COMMAND, "--url", url, *flags],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+
+
+def test_an_interrupt_gives_the_report_of_what_was_measured(tmp_path: Path) -> None:
+    """Two processes play on a server process, with all that there is; then Ctrl+C."""
+    report, page = tmp_path / "report.json", tmp_path / "report.html"
+    with process(tmp_path / "recordings") as (_, url, _code):
+        test = started(
+            url, "--rooms", "4", "--mix", "realtime:2,lockstep:1,turn:1", "--ramp", "0.2",
+            "--duration", "600", "--processes", "2", "--spectators", "3", "--slow-readers", "1",
+            "--json", str(report), "--html", str(page),
+        )  # fmt: skip
+        assert test.stderr is not None
+        told = iter(test.stderr)
+        assert any(line.startswith("measuring") for line in told)
+        assert re.search(r"\d+ connected, 4 rooms play; \d+ steps/s", next(told))
+        test.send_signal(signal.SIGINT)
+        output, errors = test.communicate(timeout=60)
+        assert test.returncode == 0, errors
+
+    assert "Interrupted: this is what was measured until then." in output
+    assert re.search(r"load +2 realtime, 1 lockstep, 1 turn rooms at 10 actions/s", output)
+    assert re.search(r"action to delta, lockstep +\d", output)
+    assert re.search(r"server +\d+\.\d\d cores, \d+ MiB; .* KiB an idle spectator", output)
+
+    plain = json.loads(report.read_text())
+    figures = plain["figures"]
+    assert figures["interrupted"] is True
+    assert figures["rooms playing"] == 4
+    assert figures["server"].startswith("robotouille ")
+    assert figures["steps"]["by the server"]["count"] > 0
+    assert figures["durations"]["action, realtime"]["count"] > 0
+    assert plain["plan"]["mix"] == {"realtime": 2, "lockstep": 1, "turn": 1}
+    assert {row["measured"] for row in plain["series"]} == {True, False}
+
+    html = page.read_text()
+    assert html.count("<svg") >= 4
+    assert "storm over" not in html
+    assert not re.search(r'(src|href)="(?!#)', html), "the page needs other files"
+    ids = re.findall(r' id="([^"]+)"', html)
+    assert len(ids) == len(set(ids))
+
+
+def test_without_a_server_it_says_so() -> None:
+    test = started("ws://127.0.0.1:9", "--rooms", "1")
+    output, errors = test.communicate(timeout=60)
+    assert test.returncode == 1
+    assert errors.splitlines() == ["no server at 127.0.0.1:9: Connect call failed ('127.0.0.1', 9)"]
+    assert output == ""
+
+
+def test_a_server_that_lets_nobody_play_is_quoted(tmp_path: Path) -> None:
+    with process(tmp_path, "--max-episodes", "1") as (_, url, _code):
+        test = started(url, "--rooms", "2", "--ramp", "0", "--duration", "1")
+        _, errors = test.communicate(timeout=60)
+    assert test.returncode == 1
+    last = errors.splitlines()[-1]
+    assert re.fullmatch(r"no room could begin: server/full: 1 episodes .* \(2 times\)", last)
+
+
+@pytest.mark.parametrize(
+    ("flags", "fault"),
+    [
+        (["--rooms", "-3"], "--rooms: Input should be greater than or equal to 0, found -3"),
+        (["--rooms", "0"], "nothing to do: --rooms or --spectators is needed"),
+        (["--mix", "chess:1"], "--mix: no clock is called 'chess'"),
+        (["--rate", "1000"], "--rate: Input should be less than or equal to 60, found 1000.0"),
+        (["--duration", "0"], "--duration: Input should be greater than 0, found 0.0"),
+        (["--rooms", "5", "--storm", "11"], "--storm: 5 rooms have only 10 players to cut"),
+        (["--rooms", "2", "--processes", "3"], "--processes: 3 are more than there are rooms"),
+        (["--rooms", "0", "--spectators", "1", "--slow-readers", "1"], "they need --rooms"),
+        (["--task", "no/such"], "no task or file 'no/such'"),
+        (["--cpus", "77777"], "--cpus: there is no core 77777"),
+        (["--json", "/no/such/folder/x.json"], "--json: there is no folder /no/such/folder"),
+        (["--html", "."], "--html: . is a folder"),
+        (["--url", "http://x"], "'http://x' is no WebSocket URL"),
+        (["--pid", "999999999"], "process 999999999"),
+    ],
+)
+def test_wrong_flags_are_told_before_anything_happens(flags: list[str], fault: str) -> None:
+    import typer
+
+    app = typer.Typer()
+    app.command()(cli.command)
+    result = CliRunner().invoke(app, ["--port", "9", *flags])
+    assert result.exit_code in (1, 2)
+    assert fault in result.output
+
+
+def test_a_low_limit_of_open_files_is_raised_or_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    import resource
+
+    limits = [(100, 5000)]
+    monkeypatch.setattr(resource, "getrlimit", lambda _: limits[-1])
+    monkeypatch.setattr(resource, "setrlimit", lambda _, new: limits.append(new))
+    open_files.allow_open_files(10)
+    assert len(limits) == 1
+    open_files.allow_open_files(1000)
+    assert limits[-1][0] >= 1000
+    assert limits[-1][1] == 5000
+    with pytest.raises(RobotouilleError, match=r"6,000 connections .* at most 5,000 are allowed"):
+        open_files.allow_open_files(6000)
+
+
+def test_the_servers_own_histograms_are_read() -> None:
+    metrics = Metrics()
+    before = parse_page(metrics.page().decode())
+    for late in [0.0004] * 90 + [0.03] * 9 + [7.0]:
+        metrics.lateness.observe(late)
+        metrics.age.observe(0.0003)
+    page = parse_page(metrics.page().decode()).since(before)
+    lateness = page.histograms[LATENESS]
+    assert lateness.count == 100
+    assert lateness.share_within(0.02) == 0.9
+    assert lateness.share_within(0.05) == 0.99
+    assert lateness.share_within(0.0123) is None
+    assert 0.0 < (lateness.percentile(50) or 0) <= 0.0005
+    assert 0.02 < (lateness.percentile(95) or 0) <= 0.05
+    assert lateness.percentile(99.9) == 1.0
+    assert page.histograms[DELTA_AGE].count == 100
+    assert parse_page("nonsense\n# HELP x y\n").values == {}
