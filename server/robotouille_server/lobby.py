@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import random
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 
 from robotouille.domain.catalogue import load_task
-from robotouille.domain.task import Task
+from robotouille.domain.task import Task, Timing
 from robotouille.episode import Episode, Phase, Rules
 from robotouille.errors import FileError, ProtocolError, UnknownTaskError
 from robotouille.protocol import messages
@@ -309,9 +309,9 @@ class Lobby:
         if request.task is not None and request.seats is None:
             seats = None
         try:
-            return load_task(
-                name, seats=seats, timing=timing, seed=seed, files=request.task is None
-            )
+            if request.task is None:
+                return load_task(name, seats=seats, timing=timing, seed=seed)
+            return _shipped(name, seats, timing, seed)
         except UnknownTaskError as error:
             raise ProtocolError("task/unknown", str(error), "task") from None
         except FileError as error:
@@ -326,6 +326,12 @@ class Lobby:
             if "".join(letters) not in self._codes:
                 half = CODE_LENGTH // 2
                 return f"{''.join(letters[:half])}-{''.join(letters[half:])}"
+
+
+@lru_cache(maxsize=256)
+def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
+    """A task of the catalogue; its files do not change while the server runs."""
+    return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
 
 
 def info(room: Room) -> messages.EpisodeInfo:

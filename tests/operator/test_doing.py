@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotouille_client import Over, connect
-from robotouille_client import Announced
+from robotouille_client import Announced, Over, connect
 from tests.operator.support import table, viewing
 from tests.support.virtual_time import run
 

@@ -16,9 +16,8 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
 from robotouille.planning.policies import RandomPolicy
 from robotouille.replay.recording import Recording
-from robotouille_client import Over, connect
+from robotouille_client import Announced, Over, connect
 from robotouille_client.bots import play
-from robotouille_client import Announced
 from robotouille_server import Server
 from robotouille_server.operator import operator_view
 from robotouille_server.room import Room

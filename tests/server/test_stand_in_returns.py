@@ -19,11 +19,12 @@ def test_a_stand_in_decides_again_after_a_short_return(tmp_path: Path) -> None:
             created = await ada.ask(request, "created")
             join = {"type": "join", "episode": created["code"]}
             await ada.ask(join, "joined")
-            seat = server.lobby.find(created["code"]).episode.seat("robot2")
+            episode = server.lobby.find(created["code"]).episode
+            seat = episode.seat("robot2")
             async with raw(server, name="bob") as bob:
                 joined = await bob.ask(join, "joined")
                 assert joined["seat"] == "robot2"
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(600):
                 while seat.pending is None:
                     await asyncio.sleep(0.05)
             async with raw(server, hello=False) as bob:
@@ -32,7 +33,9 @@ def test_a_stand_in_decides_again_after_a_short_return(tmp_path: Path) -> None:
                 await bob.expect("joined")
                 assert seat.pending is None
             await ada.send({"type": "act", "seq": 1, "action": None})
-            async with asyncio.timeout(60):
-                assert (await ada.expect("delta"))["step"] == 1
+            async with asyncio.timeout(600):
+                while episode.step == 0:
+                    await asyncio.sleep(0.05)
+            assert (await ada.expect("delta"))["step"] == 1
 
     run(main())

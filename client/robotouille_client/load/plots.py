@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from io import StringIO
+from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +19,7 @@ __all__ = ["Plot", "plots"]
 
 INK, FAINT = "#334155", "#e2e8f0"
 COLOURS = ("#2563eb", "#ea580c", "#059669", "#9333ea", "#64748b", "#db2777")
-STYLE = {
+STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 9.5,
@@ -101,12 +102,13 @@ def _svg(draw: Callable[[Axes], None], number: int, size: tuple[float, float]) -
 
 def _spectra(axes: Axes, report: Report) -> None:
     """Each distribution over the number of nines, as HdrHistogram draws it."""
-    least = 1.0
+    least = lowest = 1.0
     for colour, name in zip(COLOURS, SPECTRA, strict=False):
         histogram = report.measured.duration(name)
         if not histogram.count:
             continue
         least = min(least, 1 / histogram.count)
+        lowest = min(lowest, max(histogram.percentile(25) * 1000, 0.01))
         points = [(1 / max(1 - share, 1 / (2 * histogram.count)), seconds * 1000)
                   for share, seconds in histogram.spectrum()]  # fmt: skip
         axes.plot(*zip(*points, strict=True), color=colour, label=DURATIONS[name])
@@ -118,7 +120,7 @@ def _spectra(axes: Axes, report: Report) -> None:
     axes.set_xticks([t for t, _ in shown], [label for _, label in shown])
     axes.set_xticks([], minor=True)
     axes.set_xlim(left=1.25)
-    axes.set_ylim(bottom=0.02)
+    axes.set_ylim(bottom=lowest / 2)
     axes.set_xlabel("so many are not above")
     _in_milliseconds(axes)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -192,7 +194,7 @@ def _percent(share: float) -> str:
 def _cores(axes: Axes, report: Report) -> None:
     base = report.observed.begun or report.observed.ended
     samples = report.observed.samples
-    pairs = list(zip(samples, samples[1:], strict=False))
+    pairs = list(pairwise(samples))
     times = [now.at - base for _, now in pairs]
     used = [(now.cpu - before.cpu) / max(now.at - before.at, 1e-3) for before, now in pairs]
     axes.plot(times, used, color=COLOURS[0], label="server")
