@@ -114,7 +114,7 @@ class Server:
         self._sockets: list[SocketServer] = []
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
-        self._open: set[Connection] = set()
+        self._open: dict[Connection, None] = {}  # In the order in which they came.
         self._stopping = False
         self.farewell: Farewell | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
@@ -318,13 +318,13 @@ class Server:
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
         conversation = Conversation(self, peer, who)
-        self._open.add(socket)
+        self._open[socket] = None
         self.metrics.connections.set(len(self._open))
         try:
             socket.listen(conversation.receive)
             await socket.wait_closed()
         finally:
-            self._open.discard(socket)
+            self._open.pop(socket, None)
             self.metrics.connections.set(len(self._open))
             self._doorkeeper.release(who)
             conversation.close()

@@ -26,6 +26,9 @@ from robotouille.protocol.codec import MSGPACK
 
 __all__ = ["Link", "RefusedError", "Traffic", "UnreachableError", "open_link", "server_address"]
 
+READ_SIZE = 64 * 1024
+"""Bytes to ask the network for at a time. The event loop's own 256 KiB are got from the system and
+given back for each message, which takes longer than reading it."""
 FIN = 0x80
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 MASKED = 0x80
@@ -68,6 +71,7 @@ class Link(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = transport  # type: ignore[assignment]
+        transport.max_size = READ_SIZE  # type: ignore[attr-defined]
         self._handshake.send_request(self._handshake.connect())
         data = b"".join(self._handshake.data_to_send())
         self._traffic.bytes_out += len(data)
