@@ -318,7 +318,7 @@ class Client:
             raise ProtocolError(answer.code, answer.reason)
         if not isinstance(answer, messages.Welcome):
             found = type(answer).__name__
-            raise ProtocolError("message/unexpected", f"{found} in answer to hello")
+            raise NotYetError(f"{found} in answer to hello")
         return answer
 
     def _view(self) -> messages.View | None:

@@ -66,7 +66,6 @@ class Game:
         self._unanswered: dict[int, messages.Act] = {}
         self._sent_at = 0.0
         self._catch_up: int | None = None
-        self._behind = False
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._news = asyncio.Event()
         self._resyncing = False
@@ -239,7 +238,6 @@ class Game:
             for seq in list(self._waiting):
                 reason = "the seat was lost and taken anew"
                 self._resolve(seq, ActResult(False, self.step, (reason,), "seat/lost"))
-        self._behind = joined.step < self.step  # It lost steps, say in a power cut.
         self._catch_up = joined.step
         self._caught_up()
 
@@ -266,9 +264,8 @@ class Game:
                 self._send(act)
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
-        if self._reader is not None and message.step < self.step and not self._behind:
+        if self._reader is not None and message.step < self.step:
             return
-        self._behind = False
         if message.task is not None:
             world = shared_world(Task.from_json(message.task, "the server's task"))
         elif self._reader is not None:

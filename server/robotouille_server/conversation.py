@@ -62,7 +62,7 @@ class Conversation:
 
     def _too_silent(self) -> None:
         self._server.metrics.dropped.labels("silent").inc()
-        self.peer.part("auth/silent", "no hello in time")
+        self.peer.part("auth/silent", "no hello in time", retry=True)
 
     def receive(self, payload: bytes | str) -> None:
         """Take one message; whatever is wrong with it is answered."""

@@ -83,6 +83,17 @@ def test_ages_are_relative_to_the_best_delivery(
     assert schedule.due(7) == pytest.approx(begun + 7 / rate + best, abs=1e-6)
 
 
+def test_a_schedule_that_the_server_gives_up_is_noticed_once() -> None:
+    schedule = StepSchedule(10.0)
+    ages = [
+        schedule.arrived(step, step / 10 + (0.7 if step >= 100 else 0.0)) for step in range(300)
+    ]
+    assert schedule.given_up == 1
+    assert ages[:100] == pytest.approx([0.0] * 100, abs=1e-6)
+    assert ages[100:150] == pytest.approx([0.7] * 50, abs=1e-6)
+    assert ages[150:] == pytest.approx([0.0] * 150, abs=1e-6)
+
+
 def test_an_action_waits_for_the_first_step_after_it_was_due() -> None:
     schedule = StepSchedule(10.0)
     for step in range(SETTLED):

@@ -156,6 +156,11 @@ class Actor(Player):
         self._unanswered.clear()
         self._schedule.restart()
 
+    def measure(self) -> None:
+        """What happened to the schedule before does not count."""
+        if self.clock is Clock.REALTIME:
+            self.stop()
+
     def cut(self) -> None:
         self.stop()
         super().cut()
@@ -186,8 +191,11 @@ class Actor(Player):
         self._catch_up()
 
     def _note_step(self, step: int, now: float) -> None:
+        given_up = self._schedule.given_up
         age = self._schedule.arrived(step, now)
         self.environment.measured.count("steps")
+        if self._schedule.given_up > given_up:
+            self.environment.measured.count("schedules given up by the server")
         if self._schedule.settled:
             self.environment.measured.took("delta age", age)
             if self.playing:

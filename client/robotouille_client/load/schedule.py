@@ -8,6 +8,8 @@ __all__ = ["StepSchedule"]
 
 SETTLED = 5
 """Deltas after which the estimate is used."""
+WATCHED = 50
+"""Deltas of which one at least must be less than half a period late."""
 
 
 class StepSchedule:
@@ -17,19 +19,29 @@ class StepSchedule:
     that was earliest for its step is taken as punctual: `transit` seconds after the step was due.
     Every age is therefore relative to the episode's best delivery, and never too large by more
     than `transit` is too small.
+
+    A server that is too far behind may give its schedule up and go on from a later time. That is
+    seen when `WATCHED` deltas in a row are late by half a period: they count as late, the estimate
+    begins anew, and `given_up` is one more.
     """
 
-    __slots__ = ("_origin", "_period", "_seen", "_transit")
+    __slots__ = ("_least", "_origin", "_period", "_seen", "_transit", "_watched", "given_up")
 
     def __init__(self, rate: float, transit: float = 0.0) -> None:
         self._period = 1 / rate
         self._transit = transit
+        self.given_up = 0
         self.restart()
 
     def restart(self) -> None:
         """Forget the estimate: the episode stood still for a while."""
         self._origin = inf
         self._seen = 0
+        self._watch_anew()
+
+    def _watch_anew(self) -> None:
+        self._watched = 0
+        self._least = inf
 
     @property
     def settled(self) -> bool:
@@ -41,7 +53,18 @@ class StepSchedule:
         origin = at - self._transit - step * self._period
         self._origin = min(self._origin, origin)
         self._seen += 1
-        return origin - self._origin + self._transit
+        late = origin - self._origin
+        self._watch(origin, late)
+        return late + self._transit
+
+    def _watch(self, origin: float, late: float) -> None:
+        self._watched += 1
+        self._least = min(self._least, late)
+        if self._watched >= WATCHED:
+            if self._least > self._period / 2:
+                self.given_up += 1
+                self._origin = origin
+            self._watch_anew()
 
     def due(self, step: int) -> float:
         """The time at which a step is due."""

@@ -114,6 +114,8 @@ class Worker:
         self._flush()
         gc.collect()
         gc.freeze()
+        for room in self.rooms:
+            room.actor.measure()
         self._measuring = True
 
     def storm(self) -> int:
