@@ -130,7 +130,7 @@ def test_after_a_storm_all_are_back_in_their_own_seats(tmp_path: Path) -> None:
 
 def test_slow_readers_get_dropped_and_nobody_else(tmp_path: Path) -> None:
     async def load() -> None:
-        async with playing(tmp_path, 30, rooms=2, rate=2.0, slow_readers=3) as (watched, server):
+        async with playing(tmp_path, 45, rooms=2, rate=2.0, slow_readers=3) as (watched, server):
             assert watched.counted("slow readers dropped") == 3
             assert watched.counted("connections lost") == 3
             assert len(live(server)) == 2

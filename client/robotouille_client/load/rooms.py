@@ -15,7 +15,7 @@ from robotouille_client.load.walk import to_and_fro
 __all__ = ["Pinger", "Room", "SlowReader", "Spectator"]
 
 MANY_STEPS = 1_000_000
-RESYNC_SECONDS = 0.1
+RESYNC_SECONDS = 0.05
 PING_SECONDS = 0.05
 
 
