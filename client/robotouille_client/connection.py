@@ -220,10 +220,17 @@ class Client:
     async def _answered(self, future: asyncio.Future[T]) -> T:
         """An answer; only the time for which there is a connection counts."""
         loop = asyncio.get_running_loop()
+        waiting: set[asyncio.Future[Any]] = {future}
+        if self._reader is not None:
+            waiting.add(self._reader)
         while True:
-            done, _ = await asyncio.wait({future}, timeout=ANSWER_SECONDS)
-            if done:
+            await asyncio.wait(waiting, timeout=ANSWER_SECONDS, return_when=asyncio.FIRST_COMPLETED)
+            if future.done():
                 return future.result()
+            if self._reader is not None and self._reader.done():
+                future.cancel()
+                reason = self.farewell or "the connection was closed"
+                raise ConnectionFailedError(f"{self.url}: {reason}")
             if self.connected.is_set() and loop.time() - self._up_since >= ANSWER_SECONDS:
                 future.cancel()
                 raise ConnectionFailedError(f"{self.url} does not answer")

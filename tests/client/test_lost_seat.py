@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import pytest
+
 from robotouille_client import Announced, Client, Game, Heard, connect
+from robotouille_client.connection import ConnectionFailedError
 from robotouille_client.events import GameEvent
 from robotouille_server import Server
 from tests.client.test_reconnect import cut, start
@@ -154,5 +157,22 @@ def test_a_seat_is_taken_again_once_the_disk_has_room(tmp_path: Path) -> None:
             assert room.episode.seat(two.seat).name == "bob"
             assert two.state == one.state
             assert (await two.act(two.actions[0])).applied
+
+    run(main())
+
+
+def test_a_request_after_the_end_of_the_connection_fails_at_once(tmp_path: Path) -> None:
+    """Another machine has taken over; who still asks is told so, and does not wait for ever."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+            created = await ada.create("multi_agent/02")
+            await ada.join(created.code)
+            async with connect(server.url, name="ada", resume=ada.resume):
+                while not ada.farewell:
+                    await asyncio.sleep(0.1)
+                for ask in (ada.episodes, ada.leave):
+                    with pytest.raises(ConnectionFailedError, match="elsewhere"):
+                        await asyncio.wait_for(ask(), 60)
 
     run(main())

@@ -46,6 +46,7 @@ class EpisodeTruth:
         self.header: dict[str, Any] = {}
         self.states: list[State] = []
         self.moves: list[tuple[RecordedMove, ...]] = [()]
+        self.tenures: list[dict[str, str]] = [{}]
         self.said: list[dict[str, Any]] = []
         self.notes: list[dict[str, Any]] = []
         self.outcome: dict[str, Any] | None = None
@@ -157,6 +158,7 @@ class EpisodeTruth:
             for move, attempt in zip(frame["moves"], result.attempts, strict=True)
         )
         self.moves.append(moves)
+        self.tenures.append({player: self.tenure(player) for player in self._tenures})
         for move in moves:
             self._check_once(move)
         if frame.get("hash") and frame["hash"] != self.digest(self.step):
@@ -290,7 +292,8 @@ class Oracle:
     ) -> None:
         """A client was told that its action was applied in a step (None: it did nothing).
 
-        One that has only words may learn it later: of a step before, where it was away.
+        One that has only words may learn it later: of a step before, where it was away. The
+        numbers begin anew with each tenure of a seat.
         """
         self.counts["applied"] += 1
         truth = self.find(game.episode)
@@ -299,7 +302,8 @@ class Oracle:
             return
         steps = truth.moves[step : step + 1] if exactly else truth.moves[: step + 1]
         applied = [m for moves in steps for m in moves if m.applied]
-        found = any(m.player == game.seat and m.seq == seq for m in applied)
+        tenure = truth.tenures[step].get(str(game.seat))
+        found = any((m.player, m.seq, m.tenure) == (game.seat, seq, tenure) for m in applied)
         if found != (action is not None):
             self._fail(
                 f"{who}: action {seq} ({action}) is said to have applied in step {step} of "
