@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from robotouille.episode import Answer, Episode, Outcome, Rejected, Said, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
-from robotouille.protocol.states import StateWriter
+from robotouille.protocol.states import StateWriter, unmet_rows
 from robotouille.replay.recorder import HASH_EVERY
 from robotouille.world.state import State
 from robotouille_server.connection import frame_of
@@ -51,7 +51,7 @@ class Audience:
         self._metrics = metrics
         self._now = now
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
-        self._deltas: deque[tuple[int, bytes]] = deque(maxlen=KEPT_DELTAS)
+        self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
@@ -111,12 +111,13 @@ class Audience:
             return None
         if not 0 <= seen.step <= step or self._episode.outcome is not None:
             return None
-        payloads = [payload for number, payload in self._deltas if number > seen.step]
-        if len(payloads) != step - seen.step:
+        count = step - seen.step
+        if count > len(self._deltas):
             return None
+        payloads = list(self._deltas)[len(self._deltas) - count :]
         codec = session.peer.codec
         if codec is MSGPACK:
-            return list(payloads)
+            return [*payloads]
         return [codec.pack(msgpack.unpackb(payload)) for payload in payloads]
 
     # What happens
@@ -125,7 +126,7 @@ class Audience:
         """The delta of a step, to everybody who keeps up."""
         delta = self._delta(event)
         payload = MSGPACK.pack(delta)
-        self._deltas.append((event.step, payload))  # type: ignore[arg-type]
+        self._deltas.append(payload)  # type: ignore[arg-type]
         packed = frame_of(payload)
         frames: dict[Codec, bytes] = {}
         texts: dict[str | None, messages.Observation] = {}
@@ -153,12 +154,8 @@ class Audience:
                 for m in event.moves
             ]
             delta["seq"] = [move.seq for move in event.moves]
-        if any(not attempt.applied for attempt in event.attempts):
-            delta["unmet"] = {
-                str(i): list(attempt.unmet)
-                for i, attempt in enumerate(event.attempts)
-                if not attempt.applied
-            }
+        if unmet := unmet_rows(event.attempts):
+            delta["unmet"] = unmet
         if event.turn is not None:
             delta["turn"] = event.turn
         if event.step % HASH_EVERY == 0:

@@ -124,7 +124,7 @@ def _spare_the_collector() -> None:
     garbage collector takes its full looks rarely."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000, 50, 100)
+    gc.set_threshold(20_000, 1_000_000, 1_000_000)
 
 
 @asynccontextmanager

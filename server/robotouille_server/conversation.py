@@ -66,16 +66,17 @@ class Conversation:
 
     def receive(self, payload: bytes | str) -> None:
         """Take one message; whatever is wrong with it is answered."""
-        if not self.peer.open or self._superseded():
+        peer, server, session = self.peer, self._server, self.session
+        if not peer.open or (session is not None and session.peer is not peer):
             return
-        if self._server.farewell is not None:
-            self._server.farewell.say(self.peer)
+        if server.farewell is not None:
+            server.farewell.say(peer)
             return
-        self._server.metrics.received += 1
-        self.peer.received += 1
+        server.metrics.received += 1
+        peer.received += 1
         ref = None
         try:
-            message = self.peer.codec.decode_client(payload)
+            message = peer.codec.decode_client(payload)
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
             self._heed(message)
         except ProtocolError as error:
@@ -84,10 +85,7 @@ class Conversation:
             get_logger().exception("a message failed")
             failure = ProtocolError("server/internal", "the server failed to handle this")
             self._answer_error(failure, ref)
-        self.peer.throttle()
-
-    def _superseded(self) -> bool:
-        return self.session is not None and self.session.peer is not self.peer
+        peer.throttle()
 
     def _heed(self, message: messages.ClientMessage) -> None:
         if not self._budget.take(self._loop.time(), COSTS.get(type(message), 1)):

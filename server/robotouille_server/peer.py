@@ -62,21 +62,23 @@ class Peer:
 
     def send_frame(self, frame: bytes) -> None:
         """Send a frame that is made already."""
-        if not self.open:
+        socket = self.socket
+        transport = socket.transport
+        if socket.protocol.state is not Connected.OPEN or transport.is_closing():
             return
-        if self.unsent > MAX_HELD:
+        if transport.get_write_buffer_size() > MAX_HELD:
             self.drop("stalled")
             return
         self.sent += 1
         metrics = self._metrics
         metrics.sent_messages += 1
         metrics.sent_bytes += len(frame)
-        self.socket.transport.write(frame)
+        transport.write(frame)
 
     @property
     def behind(self) -> bool:
         """Whether anything waits to be taken by the network, or did a moment ago."""
-        return bool(self._when_caught_up) or self.unsent > 0
+        return bool(self._when_caught_up) or self.socket.transport.get_write_buffer_size() > 0
 
     def keeps_up(self, catch_up: Callable[[], None]) -> bool:
         """Whether the client may be sent deltas.

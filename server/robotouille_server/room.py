@@ -88,6 +88,7 @@ class Room:
         self._host = host
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
+        self._now = self._loop.time
         self._timer: Appointment | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []
@@ -303,9 +304,6 @@ class Room:
 
     # Time
 
-    def _now(self) -> float:
-        return self._loop.time()
-
     def _schedule(self) -> None:
         due = self.episode.due()
         if self._timer is not None:
@@ -435,10 +433,13 @@ class Room:
                 self._tell_end(event)
 
     def _count(self, event: Stepped) -> None:
-        applied = sum(attempt.applied for attempt in event.attempts)
-        self._metrics.steps += 1
-        self._metrics.applied += applied
-        self._metrics.rejected += len(event.attempts) - applied
+        metrics = self._metrics
+        metrics.steps += 1
+        for attempt in event.attempts:
+            if attempt.applied:
+                metrics.applied += 1
+            else:
+                metrics.rejected += 1
 
     def _roster_changed(self, event: RosterChanged) -> None:
         self.audience.tell_roster()

@@ -28,7 +28,7 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
-from robotouille.episode.holds import Hold, Holds
+from robotouille.episode.holds import Hold
 from robotouille.episode.presence import Presence
 from robotouille.episode.rules import Absence, Clock, Rules
 from robotouille.episode.seats import Answer, Controller, Departure, Pending, Seat
@@ -66,7 +66,7 @@ TRANSITIONS = {
 
 class Episode:
     """One game of a task under some rules. `said` counts chat messages; `used` says whether
-    anybody ever took a seat."""
+    anybody ever took a seat; `holds` are the reasons for which time stands still at present."""
 
     def __init__(self, world: World, rules: Rules, now: float = 0.0) -> None:
         self.world = world
@@ -79,6 +79,7 @@ class Episode:
         self.said = 0
         self.used = False
         self._presence = Presence(self.seats, rules)
+        self.holds = self._presence.holds
         self._turn = 0
         self._arrivals = 0
         self._started = 0.0
@@ -188,11 +189,6 @@ class Episode:
         return Controller.ABSENT if seat.taken else Controller.FREE
 
     # Who is missing
-
-    @property
-    def holds(self) -> Holds:
-        """The reasons for which time stands still at present."""
-        return self._presence.holds
 
     @property
     def paused(self) -> bool:

@@ -68,6 +68,8 @@ class Codec:
         if not isinstance(plain, dict):
             found = type(plain).__name__
             raise ProtocolError("message/malformed", f"expected an object, found {found}")
+        if plain.get("type") != "act":  # Its few fields are looked at one by one anyway.
+            _check_depth(plain)
         try:
             return adapter.validate_python(plain)
         except ValidationError as error:
@@ -115,7 +117,6 @@ def _unpack_msgpack(payload: bytes, limit: int) -> Any:
     except (ValueError, TypeError, msgpack.UnpackException, UnicodeDecodeError) as error:
         reason = str(error) or type(error).__name__
         raise ProtocolError("message/malformed", f"is not MessagePack: {reason}") from None
-    _check_depth(plain)
     return plain
 
 

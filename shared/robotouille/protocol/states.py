@@ -14,9 +14,9 @@ from robotouille.world.atoms import bits_of
 from robotouille.world.effects import Effect
 from robotouille.world.objects import Object
 from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import Attempt, World
 
-__all__ = ["StateReader", "StateWriter", "effect_label", "parse_label"]
+__all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_rows"]
 
 
 def effect_label(effect: Effect) -> str:
@@ -33,6 +33,11 @@ def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
         raise ValueError(f"not an effect: {label!r}")
     arguments = tuple(rest[:-1].split(",")) if rest != ")" else ()
     return action, int(index), arguments
+
+
+def unmet_rows(attempts: Iterable[Attempt]) -> dict[str, list[str]]:
+    """The unmet preconditions of the attempts that were rejected, by position."""
+    return {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
 
 
 def _rows(objects: Iterable[Object]) -> list[list[str]]:
@@ -62,7 +67,7 @@ class StateWriter:
         """Facts, timers and busy players of a state."""
         timers = [[effect_label(e), list(counters)] for e, counters in state.timers.entries]
         return {
-            "facts": list(bits_of(state.facts)),
+            "facts": bits_of(state.facts),
             "timers": timers,
             "busy": dict(state.timers.busy),
         }
@@ -96,9 +101,9 @@ class StateWriter:
             fields["objects"] = _rows(new)
             fields["atoms"] = self._atoms(known_size, size, names)
         if added := after.facts & ~before.facts:
-            fields["add"] = list(bits_of(added))
+            fields["add"] = bits_of(added)
         if removed := before.facts & ~after.facts:
-            fields["remove"] = list(bits_of(removed))
+            fields["remove"] = bits_of(removed)
         if after.timers is not before.timers:
             timers = _timer_changes(before, after)
             if timers:

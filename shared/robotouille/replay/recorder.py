@@ -27,7 +27,7 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.rules import Rules
-from robotouille.protocol.states import StateWriter
+from robotouille.protocol.states import StateWriter, unmet_rows
 from robotouille.replay.frames import MAGIC, pack_frame
 from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
@@ -87,13 +87,20 @@ class Recorder:
         frames = []
         notes: list[dict[str, Any]] = []
         for event in events:
-            if not isinstance(event, Stepped | Ended):
+            if isinstance(event, Stepped):
+                frame = self._step(event)
+            elif isinstance(event, Ended):
+                frame = _footer(event)
+            else:
                 notes.append(_note(event))
                 continue
-            frames += _notes_frame(notes)
-            notes = []
-            frames.append(self._step(event) if isinstance(event, Stepped) else _footer(event))
-        return b"".join(frames + _notes_frame(notes))
+            if notes:
+                frames.append(_notes_frame(notes))
+                notes = []
+            frames.append(frame)
+        if notes:
+            frames.append(_notes_frame(notes))
+        return b"".join(frames)
 
     def _step(self, event: Stepped) -> bytes:
         rows: dict[str, Any] = {"t": _ms(event.time), "moves": [_move(m) for m in event.moves]}
@@ -116,9 +123,9 @@ def _footer(event: Ended) -> bytes:
     return pack_frame({"kind": "footer", "outcome": event.outcome.to_json()})
 
 
-def _notes_frame(notes: list[dict[str, Any]]) -> list[bytes]:
-    """The frame of rejections, chat and roster changes between two steps, if there were any."""
-    return [pack_frame({"kind": "notes", "notes": notes})] if notes else []
+def _notes_frame(notes: list[dict[str, Any]]) -> bytes:
+    """The frame of rejections, chat and roster changes between two steps."""
+    return pack_frame({"kind": "notes", "notes": notes})
 
 
 def step_frames(
@@ -134,8 +141,8 @@ def step_frames(
     `rows` holds what re-simulation cannot know: `t`, `moves` and `idle`.
     """
     frame = {"kind": "step", "step": step, **rows}
-    if any(not attempt.applied for attempt in attempts):
-        frame["unmet"] = {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
+    if unmet := unmet_rows(attempts):
+        frame["unmet"] = unmet
     frame |= writer.changes(before, after)
     if step % HASH_EVERY == 0:
         frame["hash"] = writer.digest(after)

@@ -8,7 +8,7 @@ the course of play.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from itertools import product
 
 from robotouille.domain.checks import fluents
@@ -22,12 +22,14 @@ USED = "~used"
 """Bookkeeping of objects that play can create or delete: there now; ever there."""
 
 
-def bits_of(mask: int) -> Iterator[int]:
+def bits_of(mask: int) -> list[int]:
     """The positions of the set bits, ascending."""
+    positions = []
     while mask:
         low = mask & -mask
-        yield low.bit_length() - 1
+        positions.append(low.bit_length() - 1)
         mask ^= low
+    return positions
 
 
 class AtomTable:
