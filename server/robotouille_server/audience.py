@@ -233,7 +233,8 @@ class Audience:
         if session.peer is None:
             return
         if session.wants_state:
-            self.send(session, self._snapshot(session))
+            codec = session.peer.codec
+            session.peer.send_frame(frame_of(codec.pack(self._snapshot(session))))
         if session.wants_text:
             episode = self._episode
             observation = self._observation(
@@ -250,36 +251,42 @@ class Audience:
             step=episode.step, outcome=outcome.to_json(), hash=episode.state.digest
         )
 
-    def _snapshot(self, session: Session) -> messages.Snapshot:
+    def _snapshot(self, session: Session) -> dict[str, Any]:
+        """The fields of a `snapshot` message, as plain values: most of it is the same for all."""
         episode, state = self._episode, self._episode.state
         task = episode.world.task
-        due = episode.due()
         answer = self.answer(session)
         known = task.digest in session.known
         session.known.add(task.digest)
-        return messages.Snapshot(
-            episode=self._id,
-            step=episode.step,
-            phase=self.phase,
-            digest=task.digest,
-            task=None if known else task.to_json(),
-            hash=state.digest,
-            seat=session.player,
-            seq=self._seq(session),
-            last_seq=answer.seq,
-            last_step=answer.step,
-            last_reasons=list(answer.reasons),
-            turn=episode.on_turn,
-            clock=episode.rules.model_dump(mode="json"),
-            left=None if due is None else max(0.0, due - self._now()),
-            pause=self._pause(),
-            said=episode.said,
-            seats=self.seats(),
-            spectators=self.spectators,
-            outcome=episode.outcome.to_json() if episode.outcome else None,
+        pause = self._pause()
+        there_or_not: dict[str, Any] = {
+            "task": None if known else task.json,
+            "seat": session.player,
+            "seq": self._seq(session),
+            "last_seq": answer.seq,
+            "last_step": answer.step,
+            "last_reasons": list(answer.reasons),
+            "turn": episode.on_turn,
+            "pause": pause and pause.model_dump(mode="json", exclude_defaults=True),
+            "said": episode.said,
+            "spectators": self.spectators,
+            "outcome": episode.outcome and episode.outcome.to_json(),
+        }
+        if (due := episode.due()) is not None:
+            there_or_not["left"] = max(0.0, due - self._now())
+        return {
+            "type": "snapshot",
+            "episode": self._id,
+            "step": episode.step,
+            "phase": self.phase,
+            "digest": task.digest,
+            "hash": self._writer.digest(state),
+            "clock": episode.rules.model_dump(mode="json"),
+            "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
             **self._writer.tables(state),
             **self._writer.values(state),
-        )
+            **{name: value for name, value in there_or_not.items() if value or name == "left"},
+        }
 
     def _observation(
         self, player: str | None, state: State, step: int, turn: str | None, phase: str

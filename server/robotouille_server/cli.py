@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import inspect
 import signal
 import socket
@@ -20,6 +19,7 @@ from pydantic_settings import BaseSettings
 from robotouille.episode import Phase
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError
 from robotouille.protocol import messages
+from robotouille_server.collector import rare_collections
 from robotouille_server.settings import ServerSettings
 
 if TYPE_CHECKING:
@@ -110,21 +110,16 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, signals.put_nowait, number)
-    async with serve(settings, worker=worker) as server, _operator(server) as operator:
-        _spare_the_collector()
+    async with (
+        serve(settings, worker=worker) as server,
+        _operator(server) as operator,
+        rare_collections(lambda: server.open, lambda: server.closed),
+    ):
         if worker is None or worker.index == 0:
             print(_greeting(server, first_room(server), operator), flush=True)
         if await signals.get() is signal.SIGTERM:
             await _drain(server, signals)
             await server.stop("the server is restarted", hand_over=True)
-
-
-def _spare_the_collector() -> None:
-    """What is there at the start stays, and a full look at a thousand rooms takes long: the
-    garbage collector takes its full looks rarely."""
-    gc.collect()
-    gc.freeze()
-    gc.set_threshold(20_000, 1_000_000, 1_000_000)
 
 
 @asynccontextmanager

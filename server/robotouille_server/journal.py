@@ -25,7 +25,7 @@ class Journal:
     """`NAME.rbt.part` while the episode runs, `NAME.rbt` when it is over.
 
     Bytes that cannot be written are kept and tried again; `problem` says why, and is empty while
-    all is well. A file that was `found` has `size` bytes already.
+    all is well. A new file starts with `begin`; one that was `found` has `size` bytes already.
     """
 
     def __init__(
@@ -34,6 +34,7 @@ class Journal:
         name: str,
         recorder: Recorder,
         *,
+        begin: bytes = b"",
         found: Appender | None = None,
         size: int = 0,
     ) -> None:
@@ -43,7 +44,7 @@ class Journal:
         self.size = size
         self._storage = storage
         self._file = found
-        self._pending = b"" if found is not None else recorder.begin()
+        self._pending = begin
 
     def add(self, events: Iterable[Event]) -> None:
         """What happened; it is written by the next `write`."""

@@ -57,6 +57,8 @@ class Lobby:
         self._timestamp = timestamp
         self._storage = storage
         self._worker = worker
+        self.dropped = 0
+        self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
         self._host = RoomHost(metrics, resume_token, vacated, sent_out, self._closed, Agenda())
@@ -78,11 +80,10 @@ class Lobby:
         if self.draining:
             message = "this server is about to be restarted; try again in a moment"
             raise ProtocolError("server/draining", message)
-        live = [room for room in self.rooms.values() if room.episode.phase is not Phase.OVER]
-        if len(live) >= self._settings.max_episodes:
-            message = f"{len(live)} episodes run already; try again later"
+        if len(self._live) >= self._settings.max_episodes:
+            message = f"{len(self._live)} episodes run already; try again later"
             raise ProtocolError("server/full", message)
-        own = sum(room.owner == owner for room in live) if owner else 0
+        own = sum(room.owner == owner for room in self._live) if owner else 0
         if own >= self._settings.max_episodes_per_owner:
             message = f"{own} of your episodes run already; end one of them first"
             raise ProtocolError("rate/episodes", message)
@@ -95,10 +96,11 @@ class Lobby:
         head = header(
             task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner
         )
-        recorder = Recorder(world, head)
+        recorder = Recorder(world)
         journal = None
         if self._storage is not None:
-            journal = Journal(self._storage, file_name(created, task.name, episode_id), recorder)
+            name = file_name(created, task.name, episode_id)
+            journal = Journal(self._storage, name, recorder, begin=recorder.begin(head))
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
@@ -131,6 +133,8 @@ class Lobby:
         )
         self.rooms[episode_id] = room
         self._codes[plain_code(code)] = room
+        if episode.phase is not Phase.OVER:
+            self._live.add(room)
         self._count()
         room.flush()
         return room
@@ -235,6 +239,7 @@ class Lobby:
 
     def _closed(self, room: Room) -> None:
         """An episode is over: keep its room for a while, for those who come back late."""
+        self._live.discard(room)
         self._count()
         loop = asyncio.get_running_loop()
         if room.journal is not None:
@@ -277,14 +282,15 @@ class Lobby:
 
     def _drop(self, room: Room) -> None:
         self.rooms.pop(room.id, None)
+        self.dropped += 1
+        self._live.discard(room)
         self._codes.pop(plain_code(room.code), None)
         if self._recovery is not None:
             self._recovery.forget(room)
         self._count()
 
     def _count(self) -> None:
-        live = sum(room.episode.phase is not Phase.OVER for room in self.rooms.values())
-        self._metrics.episodes.set(live)
+        self._metrics.episodes.set(len(self._live))
 
     # What is asked for
 

@@ -78,7 +78,7 @@ class Peer:
     @property
     def behind(self) -> bool:
         """Whether anything waits to be taken by the network, or did a moment ago."""
-        return bool(self._when_caught_up) or self.socket.transport.get_write_buffer_size() > 0
+        return bool(self._when_caught_up) or self.unsent > 0
 
     def keeps_up(self, catch_up: Callable[[], None]) -> bool:
         """Whether the client may be sent deltas.

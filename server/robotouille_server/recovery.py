@@ -120,7 +120,7 @@ class Recovery:
         except (RobotouilleError, OSError) as error:
             get_logger().error("recording not read", file=name, error=str(error))
             return None
-        recorder = Recorder(restored.episode.world, recording.header)
+        recorder = Recorder(restored.episode.world)
         return self._adopt(Found(recording.header, restored, recorder, None))
 
     def _list_closed(self, names: list[str]) -> None:
@@ -178,7 +178,7 @@ class Recovery:
         if restored.complete:
             self._closed[_episode_of(name)] = close_recording(self._storage, name)
             return False
-        recorder = Recorder(restored.episode.world, recording.header)
+        recorder = Recorder(restored.episode.world)
         size = restored.kept + len(restored.missing)
         journal = Journal(self._storage, name, recorder, found=file, size=size)
         room = self._adopt(Found(recording.header, restored, recorder, journal))

@@ -51,9 +51,9 @@ def eventful(tmp_path: Path) -> Path:
     episode.hold(Hold.STORAGE, 3.0)
     events += episode.events()
     head = header(TASK.task, rules, episode="e1", code="ABCDE-FGHJK", owner="lab-7")
-    recorder = Recorder(TASK, head)
+    recorder = Recorder(TASK)
     path = tmp_path / "eventful.rbt.part"
-    path.write_bytes(recorder.begin() + recorder.record(events))
+    path.write_bytes(recorder.begin(head) + recorder.record(events))
     return path
 
 

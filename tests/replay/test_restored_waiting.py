@@ -18,8 +18,8 @@ class Recorded:
         options = {"step_rate": 10.0, "grace": 30.0, **rules}
         self.episode = Episode(TWO, Rules(clock=clock, **options), 0.0)
         head = header(TWO.task, self.episode.rules, episode="0123456789abcdef")
-        self.recorder = Recorder(TWO, head)
-        self.content = self.recorder.begin()
+        self.recorder = Recorder(TWO)
+        self.content = self.recorder.begin(head)
         for player in TWO.players:
             self.episode.join(player, player.upper(), "human", 0.0, session=f"s-{player}")
 

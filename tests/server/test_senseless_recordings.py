@@ -38,8 +38,8 @@ FRAMES: dict[str, tuple[dict[str, Any], str]] = {
 def begun() -> tuple[Episode, Recorder, bytes]:
     """A game of two that runs, its recorder, and what that has recorded."""
     episode = Episode(TWO, Rules(clock=Clock.REALTIME), 0.0)
-    recorder = Recorder(TWO, header(TWO.task, episode.rules, episode="0123456789abcdef"))
-    content = recorder.begin()
+    recorder = Recorder(TWO)
+    content = recorder.begin(header(TWO.task, episode.rules, episode="0123456789abcdef"))
     for player in TWO.players:
         episode.join(player, player.upper(), "human", 0.0, session=f"s-{player}")
     episode.tick(0.5)

@@ -50,8 +50,8 @@ def play_through(
 def record(episode: Episode, events: list[Event]) -> bytes:
     """The bytes of an episode's recording."""
     head = header(episode.world.task, episode.rules, episode="test")
-    recorder = Recorder(episode.world, head)
-    return recorder.begin() + recorder.record(events)
+    recorder = Recorder(episode.world)
+    return recorder.begin(head) + recorder.record(events)
 
 
 def recorded_game(

@@ -86,8 +86,13 @@ class Task:
         return self.problem.goal_description
 
     @cached_property
+    def json(self) -> dict[str, Any]:
+        """What `to_json` gives, made once; not to be changed."""
+        return self.to_json()
+
+    @cached_property
     def digest(self) -> str:
-        text = json.dumps(self.to_json(), sort_keys=True, separators=(",", ":"))
+        text = json.dumps(self.json, sort_keys=True, separators=(",", ":"))
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
     def to_json(self) -> dict[str, Any]:

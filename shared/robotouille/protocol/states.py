@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from robotouille.errors import ProtocolError
 from robotouille.world.atoms import bits_of
@@ -17,6 +18,10 @@ from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
 
 __all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_rows"]
+
+
+_tables: WeakKeyDictionary[World, dict[int, dict[str, Any]]] = WeakKeyDictionary()
+"""The tables of each world in use, by size: all its episodes tell the same."""
 
 
 def effect_label(effect: Effect) -> str:
@@ -54,14 +59,17 @@ class StateWriter:
         self._digest: tuple[State, str] | None = None
 
     def tables(self, state: State) -> dict[str, Any]:
-        """The tables one needs to read the facts of a state."""
+        """The tables one needs to read the facts of a state; not to be changed."""
         size = self.world.table_size(state.facts)
-        objects = self._objects(0, size)
-        return {
-            "predicates": self.predicates,
-            "objects": _rows(objects),
-            "atoms": self._atoms(0, size, [thing.name for thing in objects]),
-        }
+        made = _tables.setdefault(self.world, {})
+        if size not in made:
+            objects = self._objects(0, size)
+            made[size] = {
+                "predicates": self.predicates,
+                "objects": _rows(objects),
+                "atoms": self._atoms(0, size, [thing.name for thing in objects]),
+            }
+        return made[size]
 
     def values(self, state: State) -> dict[str, Any]:
         """Facts, timers and busy players of a state."""

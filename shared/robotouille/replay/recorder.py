@@ -56,7 +56,7 @@ def header(
         "software": SOFTWARE,
         "episode": episode,
         "created": created,
-        "task": task.to_json(),
+        "task": task.json,
         "digest": task.digest,
         "seed": seed,
         "rules": rules.model_dump(mode="json"),
@@ -70,16 +70,15 @@ class Recorder:
     """Turns the events of one episode into the bytes to append to its file."""
 
     world: World
-    head: dict[str, Any]
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
         self.writer = StateWriter(self.world)
 
-    def begin(self) -> bytes:
+    def begin(self, head: dict[str, Any]) -> bytes:
         """The magic, the header with its tables, and the initial state."""
         initial = self.world.initial
-        head = {**self.head, "tables": self.writer.tables(initial)}
+        head = {**head, "tables": self.writer.tables(initial)}
         return MAGIC + pack_frame(head) + keyframe(self.writer, 0, initial)
 
     def record(self, events: Iterable[Event]) -> bytes:
