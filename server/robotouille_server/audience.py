@@ -33,6 +33,21 @@ class Audience:
     `paint` sends somebody who has caught up a picture, when the room may show one.
     """
 
+    __slots__ = (
+        "_code",
+        "_deltas",
+        "_episode",
+        "_id",
+        "_metrics",
+        "_notices",
+        "_now",
+        "_said",
+        "_seat_number",
+        "_writer",
+        "members",
+        "paint",
+    )
+
     def __init__(
         self,
         episode_id: str,

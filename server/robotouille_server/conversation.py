@@ -33,6 +33,17 @@ MAX_REFUSED = 200
 class Conversation:
     """Takes the messages of one connection, as they come, and answers each."""
 
+    __slots__ = (
+        "_budget",
+        "_loop",
+        "_patience",
+        "_server",
+        "_silence",
+        "_visitor",
+        "peer",
+        "session",
+    )
+
     def __init__(self, server: Server, peer: Peer, visitor: Visitor) -> None:
         self.session: Session | None = None
         self.peer = peer
@@ -44,16 +55,6 @@ class Conversation:
         self._silence: asyncio.TimerHandle | None = self._loop.call_later(
             server.settings.hello_seconds, self._too_silent
         )
-        self._handlers: dict[type[messages.Message], Callable[[Session, Any], None]] = {
-            messages.ListEpisodes: self._list,
-            messages.Create: self._create,
-            messages.Join: self._join,
-            messages.Leave: self._leave,
-            messages.Act: self._act,
-            messages.Say: self._say,
-            messages.Resync: self._resync,
-            messages.Hello: self._hello_again,
-        }
 
     def close(self) -> None:
         """The connection is gone."""
@@ -94,7 +95,7 @@ class Conversation:
             self._greet(message)
         else:
             check_permission(self.session.role, message)
-            self._handlers[type(message)](self.session, message)
+            HANDLERS[type(message)](self, self.session, message)
 
     def _refuse(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error, a flood the end."""
@@ -257,3 +258,15 @@ class Conversation:
         if session.room is None:
             raise ProtocolError("episode/none", "join an episode first", "type")
         return session.room
+
+
+HANDLERS: dict[type[messages.Message], Callable[[Conversation, Session, Any], None]] = {
+    messages.ListEpisodes: Conversation._list,
+    messages.Create: Conversation._create,
+    messages.Join: Conversation._join,
+    messages.Leave: Conversation._leave,
+    messages.Act: Conversation._act,
+    messages.Say: Conversation._say,
+    messages.Resync: Conversation._resync,
+    messages.Hello: Conversation._hello_again,
+}

@@ -28,6 +28,16 @@ class Journal:
     all is well. A new file starts with `begin`; one that was `found` has `size` bytes already.
     """
 
+    __slots__ = (
+        "_file",
+        "_pending",
+        "_storage",
+        "name",
+        "problem",
+        "recorder",
+        "size",
+    )
+
     def __init__(
         self,
         storage: Storage,

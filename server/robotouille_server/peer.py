@@ -27,10 +27,24 @@ class Peer:
     `stall_seconds`, or with more than `MAX_HELD` bytes of anything waiting, it is dropped.
     """
 
+    __slots__ = (
+        "_behind_since",
+        "_metrics",
+        "_protocol",
+        "_stall_seconds",
+        "_transport",
+        "_when_caught_up",
+        "codec",
+        "received",
+        "sent",
+        "socket",
+    )
+
     def __init__(
         self, socket: Connection, codec: Codec, metrics: Metrics, stall_seconds: float
     ) -> None:
         self.socket = socket
+        self._transport, self._protocol = socket.transport, socket.protocol
         self.codec = codec
         self.sent = 0
         self.received = 0
@@ -41,13 +55,12 @@ class Peer:
 
     @property
     def open(self) -> bool:
-        socket = self.socket
-        return socket.protocol.state is Connected.OPEN and not socket.transport.is_closing()
+        return self._protocol.state is Connected.OPEN and not self._transport.is_closing()
 
     @property
     def unsent(self) -> int:
         """Bytes that wait to be taken by the network."""
-        size: int = self.socket.transport.get_write_buffer_size()
+        size: int = self._transport.get_write_buffer_size()
         return size
 
     @property
@@ -62,9 +75,8 @@ class Peer:
 
     def send_frame(self, frame: bytes) -> None:
         """Send a frame that is made already."""
-        socket = self.socket
-        transport = socket.transport
-        if socket.protocol.state is not Connected.OPEN or transport.is_closing():
+        transport = self._transport
+        if self._protocol.state is not Connected.OPEN or transport.is_closing():
             return
         if transport.get_write_buffer_size() > MAX_HELD:
             self.drop("stalled")

@@ -65,6 +65,29 @@ class RoomHost:
 class Room:
     """Feeds an episode with messages and time, and tells everybody in it what happened."""
 
+    __slots__ = (
+        "_failing",
+        "_host",
+        "_loop",
+        "_metrics",
+        "_now",
+        "_open",
+        "_retry",
+        "_stand_ins",
+        "_timer",
+        "_unpainted",
+        "_untold",
+        "audience",
+        "banned",
+        "code",
+        "episode",
+        "id",
+        "journal",
+        "owner",
+        "recording",
+        "world",
+    )
+
     def __init__(
         self,
         episode_id: str,

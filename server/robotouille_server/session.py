@@ -22,6 +22,27 @@ class Session:
     limited to, `role_expires` until when it is good (0: for ever).
     """
 
+    __slots__ = (
+        "_view",
+        "away_since",
+        "generation",
+        "id",
+        "kind",
+        "known",
+        "name",
+        "only_episode",
+        "only_seat",
+        "participant",
+        "peer",
+        "player",
+        "role",
+        "role_expires",
+        "room",
+        "visitor",
+        "wants_state",
+        "wants_text",
+    )
+
     def __init__(
         self,
         session_id: str,

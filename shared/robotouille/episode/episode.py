@@ -68,6 +68,30 @@ class Episode:
     """One game of a task under some rules. `said` counts chat messages; `used` says whether
     anybody ever took a seat; `holds` are the reasons for which time stands still at present."""
 
+    __slots__ = (
+        "_arrivals",
+        "_backlog",
+        "_by_turns",
+        "_deadline",
+        "_events",
+        "_next_step",
+        "_presence",
+        "_started",
+        "_told_holds",
+        "_turn",
+        "holds",
+        "outcome",
+        "phase",
+        "rules",
+        "said",
+        "scheduled",
+        "seats",
+        "state",
+        "step",
+        "used",
+        "world",
+    )
+
     def __init__(self, world: World, rules: Rules, now: float = 0.0) -> None:
         self.world = world
         self.rules = rules

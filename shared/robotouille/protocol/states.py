@@ -52,6 +52,13 @@ def _rows(objects: Iterable[Object]) -> list[list[str]]:
 class StateWriter:
     """Describes the states of one episode to those who follow it."""
 
+    __slots__ = (
+        "_digest",
+        "_last",
+        "predicates",
+        "world",
+    )
+
     def __init__(self, world: World) -> None:
         self.world = world
         self.predicates = list(world.table.fluents)
