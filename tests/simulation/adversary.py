@@ -81,8 +81,7 @@ class Adversary:
         for timer in self._timers:
             timer.cancel()
         for participant in sim.participants:
-            process = participant.process
-            if not participant.done and process is not None and process.dead:
+            if not participant.done and participant.lives and not participant.tries:
                 participant.start(participant.token)
         for process in sim.processes:
             process.dies_at = None

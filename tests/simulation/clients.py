@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import random
 import traceback
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import ProtocolError
@@ -14,7 +15,7 @@ from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.connection import ConnectionFailedError, NotYetError
 from robotouille_server.audience import KEPT_SAID
-from tests.simulation.loop import Process
+from tests.simulation.loop import Process, current_process
 
 if TYPE_CHECKING:
     from tests.simulation.scenario import Enlisted, EpisodePlan
@@ -153,6 +154,7 @@ class Participant:
         self.lives = 0
         self.said = 0
         self._processes: list[Process] = []
+        self._trying: list[Process] = []
         self._chance = random.Random(f"{sim.seed}/{self.name}")
 
     def start(self, resume: str | None = None) -> None:
@@ -162,11 +164,14 @@ class Participant:
         process = self.process = Process(incarnation, self.sim.loop)
         self.sim.processes.append(process)
         self._processes.append(process)
+        self._trying.append(process)
         process.on_death.append(lambda: self.sim.network.close_all(process))
-        process.start(self._live(incarnation, resume)).add_done_callback(self._ended)
+        living = process.start(self._live(process, incarnation, resume))
+        living.add_done_callback(partial(self._ended, process))
 
-    def _ended(self, task: asyncio.Task[None]) -> None:
+    def _ended(self, process: Process, task: asyncio.Task[None]) -> None:
         """No error of the library may reach a bot's code but those it is told of."""
+        self._trying.remove(process)
         if not task.cancelled() and (error := task.exception()) is not None:
             trace = "".join(traceback.format_exception(error, limit=-3))
             self.sim.fail(f"{self.name}: the client library raised {trace}")
@@ -181,8 +186,8 @@ class Participant:
         """The resume token of the present connection."""
         return self.client._resume if self.client is not None else None
 
-    async def _live(self, incarnation: str, resume: str | None) -> None:
-        mine, tries = self.process, 0
+    async def _live(self, mine: Process, incarnation: str, resume: str | None) -> None:
+        tries = 0
         while not self.done:
             tries += 1
             client = self.client = WatchedClient(
@@ -210,14 +215,23 @@ class Participant:
                 over = False
             if over or self.plan.over:
                 self.done = True
-            elif "elsewhere" in client.farewell:
+            elif "elsewhere" in client.farewell and self._others_try(mine):
                 self.process = None if self.process is mine else self.process
                 return
-            elif self.process is not None and self.process is not mine:
+            elif self.process is not mine and self._others_try(mine):
                 return
             else:
                 self.process = mine
                 await asyncio.sleep(min(5.0, tries * self._chance.uniform(0.2, 1.0)))
+
+    def _others_try(self, mine: Process) -> bool:
+        """Whether another of the participant's machines goes on; somebody has to."""
+        return any(process is not mine for process in self.tries)
+
+    @property
+    def tries(self) -> list[Process]:
+        """The machines that are on and try to take part, the newest last."""
+        return [process for process in self._trying if not process.dead]
 
     async def _take_part(self, client: WatchedClient) -> bool:
         """Create or join and play; whether the game is over."""
@@ -239,11 +253,12 @@ class Participant:
     async def _enter(self, client: WatchedClient) -> Game:
         if client.came_back and (game := await self._game_again(client)) is not None:
             return game
-        if self.creates and self.plan.code is None:
-            created = await client.create(self.plan.task, **self.plan.options)
-            self.plan.code = created.code
         while self.plan.code is None:
-            await asyncio.sleep(0.1)
+            if self.creates and self.tries and current_process() is self.tries[-1]:
+                created = await client.create(self.plan.task, **self.plan.options)
+                self.plan.code = self.plan.code or created.code
+            else:
+                await asyncio.sleep(0.1)
         return await client.join(self.plan.code, role=self.role, view=self.view)
 
     async def _game_again(self, client: WatchedClient) -> Game | None:
