@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from types import TracebackType
@@ -13,7 +14,7 @@ from urllib.parse import urlsplit, urlunsplit
 
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
 from websockets.typing import Subprotocol
 
 from robotouille.errors import ProtocolError, RobotouilleError
@@ -292,8 +293,9 @@ class Client:
                 close_timeout=2,
             )
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
-            message = f"cannot connect to {self.url}: {error}. Is robotouille-server running there?"
-            raise ConnectionFailedError(message) from None
+            raise ConnectionFailedError(
+                f"cannot connect to {self.url}: {_why(error, self.url)}"
+            ) from None
 
     async def _greet(self, socket: ClientConnection) -> messages.Welcome:
         """Say hello, anew where the resume token has expired."""
@@ -557,6 +559,22 @@ async def connect(
         seed=seed,
     ) as client:
         yield client
+
+
+def _why(error: Exception, url: str) -> str:
+    """Why a connection could not be made, and what to do."""
+    if isinstance(error, InvalidStatus) and error.response.body:
+        return error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return (
+            f"its certificate is not trusted here ({error.verify_message}); "
+            "SSL_CERT_FILE=FILE names the authority that signed it"
+        )
+    reset = isinstance(error, ConnectionResetError) and url.startswith("wss:")
+    if isinstance(error, ssl.SSLError) or reset:
+        reason = getattr(error, "reason", None) or "the handshake was cut off"
+        return f"{reason}. Does the server speak TLS? If not, it is at ws://"
+    return f"{error}. Is robotouille-server running there?"
 
 
 def _moved_url(url: str, moved: messages.Moved) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+import os
 import signal
 import socket
 import sys
@@ -13,11 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from pydantic import SecretStr, ValidationError
-from pydantic_core import PydanticUndefined
+from pydantic_core import ErrorDetails, PydanticUndefined
 from pydantic_settings import BaseSettings
 
 from robotouille.episode import Phase
-from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError
+from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
 from robotouille.protocol import messages
 from robotouille_server.collector import rare_collections
 from robotouille_server.settings import ServerSettings
@@ -75,11 +76,26 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
     except ValidationError as error:
         for fault in error.errors():
             name = ".".join(str(part) for part in fault["loc"])
-            flag = f"--{name.replace('_', '-')}"
-            print(f"{flag}: {fault['msg']}, found {fault['input']!r}", file=sys.stderr)
+            print(_complaint(model, name, fault, values), file=sys.stderr)
     except (OSError, ValueError) as error:
         print(f"--config: {error}", file=sys.stderr)
     raise typer.Exit(2)
+
+
+def _complaint(
+    model: type[BaseSettings], name: str, fault: ErrorDetails, values: dict[str, Any]
+) -> str:
+    """What is wrong with a setting, named as the user has written it."""
+    file = values.get("config") or os.environ.get("ROBOTOUILLE_CONFIG")
+    if name not in model.model_fields:
+        return f"{file}: no setting {name!r}{did_you_mean(name, model.model_fields)}"
+    where = f"--{name.replace('_', '-')}"
+    variable = f"ROBOTOUILLE_{name.upper()}"
+    if name not in values and variable in os.environ:
+        where = variable
+    elif name not in values and file:
+        where = f"{file}: {name}"
+    return f"{where}: {fault['msg']}, found {fault['input']!r}"
 
 
 def run(settings: BaseSettings) -> None:

@@ -54,13 +54,20 @@ class RobotouilleError(Exception):
     """Root of the tree above."""
 
 
+MAX_SHOWN = 100
+"""Faults of a file that are put into words."""
+
+
 class FileError(RobotouilleError):
     """A file that cannot be used, with all its faults at once."""
 
     def __init__(self, file: str, faults: Iterable[Fault]) -> None:
         self.file = file
         self.faults = tuple(faults)
-        super().__init__("\n".join(f"{file}: {fault}" for fault in self.faults))
+        lines = [f"{file}: {fault}" for fault in self.faults[:MAX_SHOWN]]
+        if len(self.faults) > MAX_SHOWN:
+            lines.append(f"{file}: and {len(self.faults) - MAX_SHOWN:,} more faults")
+        super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[type[FileError], tuple[str, tuple[Fault, ...]]]:
         return FileError, (self.file, self.faults)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from robotouille import FileError, World, load_task
+from robotouille.errors import Fault
 from tests.domain.broken import DOMAIN, PROBLEM, build, changed, faults_of, write
 
 CUT = ("action_defs", 0)
@@ -216,3 +217,10 @@ def test_errors_travel_between_processes() -> None:
         str(error.value),
     )
     assert json.dumps(str(twin))
+
+
+def test_a_file_with_thousands_of_faults_has_a_message_of_a_hundred_lines() -> None:
+    error = FileError("k.json", [Fault(f"at.{i}", "is wrong") for i in range(2345)])
+    lines = str(error).splitlines()
+    assert len(error.faults) == 2345
+    assert (len(lines), lines[-1]) == (101, "k.json: and 2,245 more faults")

@@ -16,6 +16,8 @@ from cryptography.hazmat.primitives import serialization
 from websockets.asyncio.client import connect
 from websockets.asyncio.server import ServerConnection, serve
 
+from robotouille_client import Client
+from robotouille_client.connection import ConnectionFailedError
 from robotouille_server.tls import ServerTLS, TLSFileError
 from tests.support.virtual_time import run
 
@@ -167,6 +169,19 @@ def test_clients_without_tls_are_not_served(pair: Pair) -> None:
             with pytest.raises(Exception, match=r"HTTP|handshake|message|reset"):
                 await connect(url.replace("wss", "ws"))
             assert await serial_now(url, pair)
+
+    run(scenario())
+
+
+def test_the_client_library_says_what_is_wrong_with_tls(pair: Pair) -> None:
+    async def scenario() -> None:
+        async with secure_server(ServerTLS(pair.cert, pair.key)) as url:
+            with pytest.raises(ConnectionFailedError, match=r"not trusted here .*SSL_CERT_FILE"):
+                await Client(url, name="ada").__aenter__()
+        async with serve(echo, "127.0.0.1", 0) as plain:
+            port = next(iter(plain.sockets)).getsockname()[1]
+            with pytest.raises(ConnectionFailedError, match="Does the server speak TLS"):
+                await Client(f"wss://127.0.0.1:{port}", name="ada").__aenter__()
 
     run(scenario())
 

@@ -163,6 +163,25 @@ def test_a_wrong_flag_is_named(tmp_path: Path, flags: list[str], words: str) -> 
     assert "Traceback" not in done.stderr
 
 
+def test_a_wrong_setting_is_named_as_it_was_written(tmp_path: Path) -> None:
+    config = tmp_path / "server.toml"
+    config.write_text('prot = 8000\ngrace = "long"\nmax_steps = 7\n')
+    done = subprocess.run(
+        [*COMMAND, "--recordings", str(tmp_path), "--config", str(config), "--step-rate", "-1"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "ROBOTOUILLE_PORT": "eight"},
+    )
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    assert f"{config}: no setting 'prot'; did you mean 'port'?" in lines
+    assert any(line.startswith(f"{config}: grace: Input should be a valid") for line in lines)
+    assert any(line.startswith("ROBOTOUILLE_PORT: Input should be a valid") for line in lines)
+    assert any(line.startswith("--step-rate: Input should be greater than") for line in lines)
+    assert len(lines) == 4
+
+
 def test_a_port_in_use_is_said(tmp_path: Path) -> None:
     with process(tmp_path, "--task", "synchronous/01") as (_, url, _code):
         port = url.rsplit(":", 1)[1]

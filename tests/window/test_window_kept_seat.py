@@ -82,6 +82,7 @@ def test_a_kept_seat_is_its_owners_and_one_windows_alone(tmp_path: Path) -> None
     with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as kept:
         assert kept is not None
         assert kept.token is None
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_keeps_nobody_from_playing(tmp_path: Path) -> None:

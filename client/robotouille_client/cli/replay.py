@@ -68,9 +68,15 @@ def info(
         return
     end = recording.outcome
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
-    rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else "none: it was cut off"
+    rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
     for key, value in [*rows.items(), *course_text(recording)]:
         typer.echo(printable(f"{key:9} {value}"))
+
+
+def _no_end(file: Path) -> str:
+    """Why a recording has no outcome."""
+    open_still = file.suffix == ".part"
+    return "no end: it is being played, or was left" if open_still else "no end: it was cut off"
 
 
 @replay.command()
@@ -97,7 +103,7 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
             typer.echo(str(error), err=True)
             failed = True
             continue
-        cut = "" if result.complete else " (the file was cut off before the end)"
+        cut = "" if result.complete else f" ({_no_end(file)})"
         if result.ok:
             typer.echo(f"{file}: verified, {result.steps} steps{cut}")
         else:

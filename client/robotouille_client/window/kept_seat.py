@@ -57,6 +57,9 @@ def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat
         yield KeptSeat(path, descriptor) if descriptor is not None else None
     finally:
         if descriptor is not None:
+            with contextlib.suppress(OSError):
+                if not os.fstat(descriptor).st_size:
+                    path.unlink()
             os.close(descriptor)
 
 
