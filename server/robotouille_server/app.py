@@ -115,7 +115,6 @@ class Server:
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
         self._open: dict[Connection, None] = {}  # In the order in which they came.
-        self._came = 0
         self._stopping = False
         self.farewell: Farewell | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
@@ -184,16 +183,6 @@ class Server:
         host = "127.0.0.1" if self.settings.host == "0.0.0.0" else self.settings.host  # noqa: S104
         scheme = "wss" if self._tls is not None else "ws"
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
-
-    @property
-    def open(self) -> int:
-        """Connections and rooms that there are."""
-        return len(self._open) + len(self.lobby.rooms)
-
-    @property
-    def closed(self) -> int:
-        """Connections and rooms that there have been and are not any more."""
-        return self._came - len(self._open) + self.lobby.dropped
 
     async def drain(self, seconds: float) -> None:
         """Open no more episodes and accept nobody new, until all are over or time is up.
@@ -279,7 +268,6 @@ class Server:
     # HTTP on the same port
 
     def _http(self, connection: ServerConnection, request: Request) -> Response | None:
-        self._came += 1
         path = request.path.partition("?")[0]
         if path == "/healthz":
             return connection.respond(HTTPStatus.OK, "ok\n")

@@ -43,6 +43,7 @@ class Audience:
         "_now",
         "_said",
         "_seat_number",
+        "_told",
         "_writer",
         "members",
         "paint",
@@ -67,6 +68,7 @@ class Audience:
         self._now = now
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
+        self._told = 0
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
@@ -127,7 +129,7 @@ class Audience:
         if not 0 <= seen.step <= step or self._episode.outcome is not None:
             return None
         count = step - seen.step
-        if count > len(self._deltas):
+        if count > len(self._deltas) or (count and self._told != step):
             return None
         payloads = list(self._deltas)[len(self._deltas) - count :]
         codec = session.peer.codec
@@ -142,6 +144,7 @@ class Audience:
         delta = self._delta(event)
         payload = MSGPACK.pack(delta)
         self._deltas.append(payload)  # type: ignore[arg-type]
+        self._told = event.step
         packed = frame_of(payload)
         frames: dict[Codec, bytes] = {}
         texts: dict[str | None, messages.Observation] = {}

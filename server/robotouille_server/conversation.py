@@ -75,18 +75,31 @@ class Conversation:
             return
         server.metrics.received += 1
         peer.received += 1
-        ref = None
+        message = ref = None
         try:
             message = peer.codec.decode_client(payload)
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
             self._heed(message)
         except ProtocolError as error:
-            self._answer_error(error, ref)
+            if message is not None or self._may_err():
+                self._answer_error(error, ref)
         except Exception:
             get_logger().exception("a message failed")
             failure = ProtocolError("server/internal", "the server failed to handle this")
             self._answer_error(failure, ref)
         peer.throttle()
+
+    def _may_err(self) -> bool:
+        """Whether a message that cannot be read is answered; with too many of them it is over."""
+        now = self._loop.time()
+        if self._budget.take(now) or self._patience.take(now):
+            return True
+        self._end_flood()
+        return False
+
+    def _end_flood(self) -> None:
+        self._server.metrics.dropped.labels("flood").inc()
+        self.peer.part("rate/limited", "far too many messages")
 
     def _heed(self, message: messages.ClientMessage) -> None:
         if not self._budget.take(self._loop.time(), COSTS.get(type(message), 1)):
@@ -100,18 +113,16 @@ class Conversation:
     def _refuse(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error, a flood the end."""
         if not self._patience.take(self._loop.time()):
-            self._server.metrics.dropped.labels("flood").inc()
-            self.peer.part("rate/limited", "far too many messages")
+            self._end_flood()
             return
-        limit = f"{self._server.settings.messages_per_second:g}"
-        error = ProtocolError("rate/limited", f"more than {limit} messages a second")
+        code = "rate/limited"
+        reason = f"more than {self._server.settings.messages_per_second:g} messages a second"
         if not isinstance(message, messages.Act):
-            raise error
-        self._server.metrics.errors.labels(error.code).inc()
+            raise ProtocolError(code, reason)
+        self._server.metrics.errors.labels(code).inc()
         rejected = messages.Rejected(
-            seq=message.seq, step=message.basis or 0, action="", reasons=[error.message],
-            code=error.code,
-        )  # fmt: skip
+            seq=message.seq, step=message.basis or 0, action="", reasons=[reason], code=code
+        )
         self.peer.send(rejected)
 
     def _answer_error(self, error: ProtocolError, ref: int | None) -> None:

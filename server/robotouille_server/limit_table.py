@@ -67,7 +67,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         ),
         Limit(
             "nesting of a message",
-            "refused",
+            "refused; a nested `act` as `message/invalid-field`",
             "message/malformed",
             value=f"{MAX_DEPTH} levels (MessagePack), {MAX_NESTING} (JSON)",
         ),

@@ -30,6 +30,7 @@ class Peer:
     __slots__ = (
         "_behind_since",
         "_metrics",
+        "_parted",
         "_protocol",
         "_stall_seconds",
         "_transport",
@@ -50,11 +51,14 @@ class Peer:
         self.received = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
+        self._parted = False
         self._behind_since: float | None = None
         self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
 
     @property
     def open(self) -> bool:
+        if self._parted:
+            return False
         return self._protocol.state is Connected.OPEN and not self._transport.is_closing()
 
     @property
@@ -141,6 +145,7 @@ class Peer:
     def part(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
         """Say goodbye and close the connection politely, without waiting for the client."""
         self.send(messages.Bye(code=code, reason=reason, retry=retry))
+        self._parted = True
         self.socket.say_goodbye(status, reason)
 
     def drop(self, reason: str) -> None:

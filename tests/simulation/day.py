@@ -27,11 +27,10 @@ HOUR = 3600.0
 FAULT_EVERY = 15.0
 GAME_PATIENCE = 2 * HOUR
 REAL_TIME_ROOMS = 2
-WARM = 2
-"""Looks after which memory must not grow any more: all tasks have been played, all code has run."""
+LOOKS = 24
 GROWTH = 1.1
 MARGIN = 20_000
-"""Allocated blocks by which the hours may differ: what games in progress hold."""
+"""Allocated blocks by which quiet moments may differ: what games in progress hold."""
 
 
 class Day(Simulation):
@@ -112,8 +111,8 @@ class Day(Simulation):
                 self.disk.files.pop(truth.name.removesuffix(".part"), None)
 
     async def _watch(self, end: float) -> None:
-        """Every hour (or third of a short day): does memory grow, and do all agree?"""
-        period = min(HOUR, self.hours * HOUR / 3)
+        """Every hour of a day: do all agree? And does memory grow?"""
+        period = self.hours * HOUR / LOOKS
         while self.loop.time() < end and not self.faults:
             await asyncio.sleep(period)
             self.compare_server()
@@ -125,8 +124,15 @@ class Day(Simulation):
                 f"{self.oracle.counts['states']:,} states and {self.oracle.counts['heard']:,} "
                 f"chat messages compared, {blocks:,} blocks allocated"
             )
-            if len(self.blocks) > WARM and blocks > GROWTH * min(self.blocks[WARM - 1 :]) + MARGIN:
-                self.fail(f"memory grows: {self.blocks} allocated blocks, look by look")
+        self._check_memory()
+
+    def _check_memory(self) -> None:
+        """The least of the last quarter is not more than that of the second: by then all tasks
+        have been played, all code has run."""
+        quarter = len(self.blocks) // 4
+        early, late = self.blocks[quarter : 2 * quarter], self.blocks[-quarter:]
+        if quarter and min(late) > GROWTH * min(early) + MARGIN:
+            self.fail(f"memory grows: {self.blocks} allocated blocks, look by look")
 
     def _tidy(self) -> None:
         """The simulation itself must not grow, either."""

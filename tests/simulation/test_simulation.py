@@ -62,5 +62,5 @@ def test_a_server_that_runs_for_long_neither_leaks_nor_diverges() -> None:
     looks: list[str] = []
     report = simulate_day(1, 0.25, looks.append, rooms=2)
     assert report.ok, told(report)
-    assert len(looks) == 3
+    assert len(looks) >= 23
     assert report.counts["states"] > 2_500

@@ -68,15 +68,13 @@ class Codec:
         if not isinstance(plain, dict):
             found = type(plain).__name__
             raise ProtocolError("message/malformed", f"expected an object, found {found}")
-        if plain.get("type") != "act":  # Its few fields are looked at one by one anyway.
+        if not self.text and plain.get("type") != "act":
             _check_depth(plain)
         try:
             return adapter.validate_python(plain)
         except ValidationError as error:
-            refused = _refused(error, plain)
-            ref = plain.get("ref")
-            refused.ref = ref if type(ref) is int and 0 <= ref < 2**31 else None
-            raise refused from None
+            # No local name for it: an error that its own traceback keeps is garbage in a circle.
+            raise _refused(error, plain) from None
 
     def _unpack(self, payload: bytes | str, limit: int) -> Any:
         if isinstance(payload, str) != self.text:
@@ -136,6 +134,13 @@ def _check_depth(value: Any) -> None:
 
 
 def _refused(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
+    ref = plain.get("ref")
+    refused = _fault(error, plain)
+    refused.ref = ref if type(ref) is int and 0 <= ref < 2**31 else None
+    return refused
+
+
+def _fault(error: ValidationError, plain: dict[Any, Any]) -> ProtocolError:
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]
     location = [str(part) for part in first["loc"]]
     if first["type"] in ("union_tag_invalid", "union_tag_not_found"):

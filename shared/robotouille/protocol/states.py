@@ -21,7 +21,8 @@ __all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_r
 
 
 _tables: WeakKeyDictionary[World, dict[int, dict[str, Any]]] = WeakKeyDictionary()
-"""The tables of each world in use, by size: all its episodes tell the same."""
+"""The smallest tables of each world in use, by size: all its episodes tell the same."""
+MAX_TABLES = 4
 
 
 def effect_label(effect: Effect) -> str:
@@ -70,6 +71,8 @@ class StateWriter:
         size = self.world.table_size(state.facts)
         made = _tables.setdefault(self.world, {})
         if size not in made:
+            if len(made) >= MAX_TABLES:
+                del made[max(made)]
             objects = self._objects(0, size)
             made[size] = {
                 "predicates": self.predicates,
