@@ -203,3 +203,38 @@ def test_who_comes_back_meanwhile_is_welcomed_once_it_is_written(tmp_path: Path)
                         assert (await again.expect("snapshot"))["seat"] == joined["seat"]
 
     run(main())
+
+
+def test_who_returns_while_the_disk_is_full_is_told_each_step_once(tmp_path: Path) -> None:
+    """Steps are taken that are not told yet: what was missed ends with those that were."""
+
+    async def main() -> None:
+        disk = FullDisk(tmp_path)
+        async with serving(tmp_path, storage=disk) as server, raw(server, name="bob") as bob:
+            async with raw(server, name="ada") as ada:
+                options = {"clock": "realtime", "step_rate": 20, "absence": "wait"}
+                joined = await seated(ada, bob, **options)
+                seen = (await ada.expect("delta"))["step"]
+            room = server.lobby.find(joined["code"])
+            await asyncio.sleep(0.2)
+            disk.full = True
+            while not room.problem:
+                await asyncio.sleep(0.01)
+            assert room.episode.step > seen
+            async with raw(server, hello=False) as again:
+                known = {"episode": joined["episode"], "step": seen, "said": 0}
+                hello = {**HELLO, "resume": joined["resume"], "seen": known}
+                await again.send(hello)
+                await again.expect("welcome")
+                await asyncio.sleep(0.1)
+                disk.full = False
+                steps: list[int] = []
+                while not steps or steps[-1] < room.episode.step:
+                    message = await again.expect("snapshot", "delta")
+                    if message["type"] == "snapshot":
+                        steps = []
+                    steps.append(message["step"])
+                assert seen < steps[0]
+                assert steps == list(range(steps[0], steps[-1] + 1))
+
+    run(main())
