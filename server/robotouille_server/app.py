@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from http import HTTPStatus
+from typing import Any
 
 from websockets.asyncio.server import Server as SocketServer
 from websockets.asyncio.server import ServerConnection
@@ -115,6 +116,7 @@ class Server:
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
         self._open: dict[Connection, None] = {}  # In the order in which they came.
+        self._accepted = 0
         self._stopping = False
         self.farewell: Farewell | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
@@ -147,7 +149,7 @@ class Server:
                 self._serve_connection,
                 self.settings.host,
                 port,
-                create_connection=Connection,
+                create_connection=self._accept,  # type: ignore[arg-type]
                 subprotocols=[Subprotocol(name) for name in SUBPROTOCOLS],
                 select_subprotocol=_select_subprotocol,
                 process_request=self._http,
@@ -183,6 +185,16 @@ class Server:
         host = "127.0.0.1" if self.settings.host == "0.0.0.0" else self.settings.host  # noqa: S104
         scheme = "wss" if self._tls is not None else "ws"
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    @property
+    def there(self) -> int:
+        """Connections and rooms that there are."""
+        return len(self._open) + len(self.lobby.rooms)
+
+    @property
+    def closed(self) -> int:
+        """Connections, welcome or not, and rooms that there have been and are not any more."""
+        return self._accepted - len(self._open) + self.lobby.dropped
 
     async def drain(self, seconds: float) -> None:
         """Open no more episodes and accept nobody new, until all are over or time is up.
@@ -307,6 +319,10 @@ class Server:
         return visitor(connection.remote_address, request.headers, self._proxies)
 
     # Connections
+
+    def _accept(self, *arguments: Any, **options: Any) -> Connection:
+        self._accepted += 1
+        return Connection(*arguments, **options)
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:

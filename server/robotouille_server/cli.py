@@ -129,7 +129,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
     async with (
         serve(settings, worker=worker) as server,
         _operator(server) as operator,
-        rare_collections(),
+        rare_collections(lambda: server.there, lambda: server.closed),
     ):
         if worker is None or worker.index == 0:
             print(_greeting(server, first_room(server), operator), flush=True)

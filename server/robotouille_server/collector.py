@@ -1,41 +1,38 @@
 """When Python's collector of garbage looks through everything: rarely, as all games wait meanwhile.
 
-Play leaves next to no garbage in circles. Left to itself the collector would look at the objects
-of a thousand rooms again and again, and find nothing.
+Play leaves next to no garbage in circles; what closes leaves some: connections, their tasks, rooms.
+Left to itself the collector would look at a thousand rooms again and again, and find nothing.
 """
 
 from __future__ import annotations
 
 import asyncio
 import gc
-import os
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 __all__ = ["rare_collections"]
 
+NEW = 10_000
+"""New objects after which Python looks at them, and at them alone: that is quick."""
+MANY = 100
+"""Such looks after which it looks at all that has come since the last full one."""
+NEVER = 1_000_000
+
 LOOK_SECONDS = 1.0
-MARGIN, SHARE = 64 * 2**20, 0.25
-"""Bytes, or the share of what was in use, by which the memory may grow until garbage is sought."""
-OBJECT_BYTES = 200
-
-STATISTICS = Path("/proc/self/statm")
-
-
-def memory_in_use() -> int:
-    """Bytes of this process in memory; a guess where the system does not tell."""
-    try:
-        pages = int(STATISTICS.read_bytes().split()[1])
-    except OSError:
-        return gc.get_count()[0] * OBJECT_BYTES
-    return pages * os.sysconf("SC_PAGE_SIZE")
+CLOSED_AT_LEAST = 300
+"""A TLS connection that goes before its handshake may leave 300 KiB."""
 
 
 @asynccontextmanager
-async def rare_collections(memory: Callable[[], int] = memory_in_use) -> AsyncIterator[None]:
-    """Meanwhile, garbage is collected in place of Python: once the `memory` has grown."""
-    looking = asyncio.create_task(_look(memory))
+async def rare_collections(
+    there: Callable[[], int], closed: Callable[[], int]
+) -> AsyncIterator[None]:
+    """Meanwhile, garbage among old objects is collected once half as much was closed as is there.
+
+    `there` says how many connections and rooms there are, `closed` how many have ever been closed.
+    """
+    looking = asyncio.create_task(_look(there, closed))
     try:
         yield
     finally:
@@ -43,17 +40,16 @@ async def rare_collections(memory: Callable[[], int] = memory_in_use) -> AsyncIt
         await asyncio.wait({looking})
 
 
-async def _look(memory: Callable[[], int]) -> None:
-    was_enabled = gc.isenabled()
-    gc.disable()
+async def _look(there: Callable[[], int], closed: Callable[[], int]) -> None:
+    usual = gc.get_threshold()
+    gc.set_threshold(NEW, MANY, NEVER)
     try:
-        most = 0.0
+        gc.collect()
+        before = closed()
         while True:
-            if memory() > most:
-                gc.collect()
-                left = memory()
-                most = left + max(MARGIN, SHARE * left)
             await asyncio.sleep(LOOK_SECONDS)
+            if closed() - before >= max(CLOSED_AT_LEAST, there() // 2):
+                gc.collect()
+                before = closed()
     finally:
-        if was_enabled:
-            gc.enable()
+        gc.set_threshold(*usual)

@@ -57,6 +57,7 @@ class Lobby:
         self._timestamp = timestamp
         self._storage = storage
         self._worker = worker
+        self.dropped = 0
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
@@ -281,6 +282,7 @@ class Lobby:
 
     def _drop(self, room: Room) -> None:
         self.rooms.pop(room.id, None)
+        self.dropped += 1
         self._live.discard(room)
         self._codes.pop(plain_code(room.code), None)
         if self._recovery is not None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from robotouille_server.collector import MARGIN, memory_in_use, rare_collections
+from robotouille_server.collector import CLOSED_AT_LEAST, NEW, rare_collections
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -26,43 +26,77 @@ def tie() -> weakref.ref[Knot]:
     return weakref.ref(Knot())
 
 
-def test_garbage_waits_until_the_memory_has_grown() -> None:
+def tie_old() -> weakref.ref[Knot]:
+    """One that is garbage only when the collector has seen it in use."""
+    knot = Knot()
+    gc.collect(1)
+    return weakref.ref(knot)
+
+
+def test_garbage_waits_until_much_was_closed() -> None:
     async def main() -> None:
-        size = 1000 * 2**20
-        async with rare_collections(lambda: size):
+        there, closed = 10 * CLOSED_AT_LEAST, 0
+        async with rare_collections(lambda: there, lambda: closed):
             await asyncio.sleep(0.1)
-            assert not gc.isenabled()
             for _ in range(3):
-                knot = tie()
-                size = size * 5 // 4
+                knot = tie_old()
+                closed += there // 2 - 1
                 await asyncio.sleep(60)
                 assert knot() is not None
-                size += 1
+                closed += 1
                 await asyncio.sleep(2)
                 assert knot() is None
 
-    was_enabled = gc.isenabled()
+    usual = gc.get_threshold()
     run(main())
-    assert gc.isenabled() == was_enabled
+    assert gc.get_threshold() == usual
 
 
-def test_python_collects_again_where_the_memory_cannot_be_asked_for() -> None:
+def test_new_garbage_is_collected_soon() -> None:
+    async def main() -> None:
+        async with rare_collections(lambda: 0, lambda: 0):
+            await asyncio.sleep(0.1)
+            knot = tie()
+            kept = [[None] for _ in range(2 * NEW)]
+            assert knot() is None
+            assert len(kept) == 2 * NEW
+
+    run(main())
+
+
+def test_a_fault_gives_the_collector_back_to_python() -> None:
     def unknown() -> int:
         raise RuntimeError
 
+    usual = gc.get_threshold()
+
     async def main() -> None:
-        async with rare_collections(unknown):
+        async with rare_collections(unknown, unknown):
             await asyncio.sleep(10)
-            assert gc.isenabled()
+            assert gc.get_threshold() == usual
 
     run(main())
 
 
-def test_the_memory_in_use_is_that_of_the_process() -> None:
-    before = memory_in_use()
-    ballast = bytearray(b"x") * MARGIN
-    assert MARGIN / 2 < memory_in_use() - before < 2 * MARGIN
-    del ballast
+def test_the_server_counts_all_that_came_and_went(tmp_path: Path) -> None:
+    """Those, too, who never said a word, or nothing that makes sense."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            async with raw(server) as ada:
+                created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
+                await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+                assert (server.there, server.closed) == (2, 0)
+                await ada.ask({"type": "leave"}, "left")
+            for words in (b"", b"hello?\r\n\r\n"):
+                _, writer = await asyncio.open_connection("127.0.0.1", server.port)
+                writer.write(words)
+                await writer.drain()
+                writer.close()
+            await asyncio.sleep(2000)
+            assert (server.there, server.closed) == (0, 4)
+
+    run(main())
 
 
 @pytest.mark.parametrize(
