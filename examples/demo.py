@@ -8,6 +8,7 @@ Leaves a verified recording, a picture and a short video in the folder.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -111,6 +112,14 @@ def finish(out: Path, recordings: Path, picture: Path) -> None:
     robotouille = command("robotouille")
     subprocess.run([robotouille, "replay", "info", str(recording)], check=True)
     subprocess.run([robotouille, "replay", "verify", str(recording)], check=True)
+    told = subprocess.run(
+        [robotouille, "replay", "info", "--json", str(recording)],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    if (json.loads(told.stdout)["outcome"] or {}).get("reason") != "goal":
+        sys.exit(f"the bots did not cook the meal; what they did is in {recording}")
     film = out / "kitchen.mp4"
     video = [robotouille, "replay", "video", str(recording), str(film), "--speed", "8"]
     with console.status("filming …"):

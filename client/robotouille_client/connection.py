@@ -14,7 +14,13 @@ from urllib.parse import urlsplit, urlunsplit
 
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
+from websockets.exceptions import (
+    ConnectionClosed,
+    InvalidHandshake,
+    InvalidMessage,
+    InvalidStatus,
+    InvalidURI,
+)
 from websockets.typing import Subprotocol
 
 from robotouille.errors import ProtocolError, RobotouilleError
@@ -564,11 +570,16 @@ async def connect(
 def _why(error: Exception, url: str) -> str:
     """Why a connection could not be made, and what to do."""
     if isinstance(error, InvalidStatus) and error.response.body:
-        return error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
+        said = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
+        return "that is no Robotouille server, but a web page" if said.startswith("<") else said
+    if isinstance(error, InvalidMessage) and url.startswith("ws:"):
+        return f"{error}. If it speaks TLS, it is at wss://"
     if isinstance(error, ssl.SSLCertVerificationError):
+        if "not valid for" in error.verify_message:
+            return f"{error.verify_message} Say --url with a name that is in it"
         return (
             f"its certificate is not trusted here ({error.verify_message}); "
-            "SSL_CERT_FILE=FILE names the authority that signed it"
+            "SSL_CERT_FILE=FILE names the file of the authority that signed it, which must exist"
         )
     reset = isinstance(error, ConnectionResetError) and url.startswith("wss:")
     if isinstance(error, ssl.SSLError) or reset:

@@ -71,6 +71,7 @@ class Game:
         self._resyncing = False
         self._resync_asked = 0
         self.ended = False
+        self.farewell = ""
 
     # State
 
@@ -389,7 +390,7 @@ class Game:
     def _give_up(self, reason: str, code: str = "") -> None:
         if self.ended:
             return
-        self.ended = True
+        self.ended, self.farewell = True, reason
         for seq in list(self._waiting):
             self._resolve(seq, ActResult(False, self.step, (reason,), "episode/over"))
         self._emit(Over(self.outcome or {}, reason, code))

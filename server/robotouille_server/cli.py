@@ -8,6 +8,7 @@ import os
 import signal
 import socket
 import sys
+import tomllib
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import TYPE_CHECKING, Annotated, Any
@@ -77,6 +78,8 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
         for fault in error.errors():
             name = ".".join(str(part) for part in fault["loc"])
             print(_complaint(model, name, fault, values), file=sys.stderr)
+    except tomllib.TOMLDecodeError as error:
+        print(f"{_config(values)}: {error}", file=sys.stderr)
     except (OSError, ValueError) as error:
         print(f"--config: {error}", file=sys.stderr)
     raise typer.Exit(2)
@@ -86,7 +89,9 @@ def _complaint(
     model: type[BaseSettings], name: str, fault: ErrorDetails, values: dict[str, Any]
 ) -> str:
     """What is wrong with a setting, named as the user has written it."""
-    file = values.get("config") or os.environ.get("ROBOTOUILLE_CONFIG")
+    file = _config(values)
+    if isinstance(fault["input"], dict):
+        return f"{file}: no table {name!r}; the settings stand by themselves, as in port = 8765"
     if name not in model.model_fields:
         return f"{file}: no setting {name!r}{did_you_mean(name, model.model_fields)}"
     where = f"--{name.replace('_', '-')}"
@@ -96,6 +101,10 @@ def _complaint(
     elif name not in values and file:
         where = f"{file}: {name}"
     return f"{where}: {fault['msg']}, found {fault['input']!r}"
+
+
+def _config(values: dict[str, Any]) -> str:
+    return str(values.get("config") or os.environ.get("ROBOTOUILLE_CONFIG") or "")
 
 
 def run(settings: BaseSettings) -> None:

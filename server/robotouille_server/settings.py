@@ -154,7 +154,8 @@ class ServerSettings(BaseSettings):
         sources: list[PydanticBaseSettingsSource] = [init_settings, env_settings]
         if file:
             if not Path(file).is_file():
-                raise FileNotFoundError(f"there is no file {file}")
+                found = "is a folder" if Path(file).is_dir() else "is not there"
+                raise FileNotFoundError(f"{file} {found}; it names a TOML file")
             sources.append(TomlConfigSettingsSource(settings_cls, Path(file)))
         return tuple(sources)
 

@@ -17,6 +17,11 @@ from typing import Protocol
 __all__ = ["Appender", "Folder", "Storage"]
 
 
+MODE = 0o640
+"""Names and chat are nobody else's business."""
+NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_BINARY", 0)
+
+
 class Appender(Protocol):
     """A file that grows."""
 
@@ -68,7 +73,7 @@ class Folder:
 
     def create(self, name: str) -> Appender:
         self.path.mkdir(parents=True, exist_ok=True)
-        return _File(os.open(self._file(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o640))
+        return _File(os.open(self._file(name), os.O_WRONLY | os.O_CREAT | os.O_EXCL, MODE))
 
     def resume(self, name: str) -> Appender:
         return _File(os.open(self._file(name), os.O_WRONLY))
@@ -76,7 +81,7 @@ class Folder:
     def replace(self, name: str, content: bytes) -> None:
         path = self._file(name)
         new = path.with_name(f"{name}.new")
-        with new.open("wb") as file:
+        with os.fdopen(os.open(new, NEW_FILE, MODE), "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -101,33 +102,45 @@ def test_what_is_wrong_is_said(recording: Path, words: list[str], reason: str) -
     assert "Traceback" not in done.output
 
 
-def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
+def bot(url: str, code: str, name: str, **environment: str) -> subprocess.Popen[str]:
     program = "from robotouille_client.bots.cli import main; main()"
+    words = ["planner", "--url", url, "--episode", code, "--name", name, "--json"]
+    return subprocess.Popen(
+        [sys.executable, "-c", program, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **environment},
+    )
+
+
+def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
     flags = ("--task", "multi_agent/01", "--mode", "realtime", "--step-rate", "20")
     with process(tmp_path, *flags) as (_, url, code):
-        bots = [
-            subprocess.Popen(
-                [
-                    sys.executable,
-                    "-c",
-                    program,
-                    "planner",
-                    "--url",
-                    url,
-                    "--episode",
-                    code,
-                    "--json",
-                ],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-            )
-            for _ in range(2)
-        ]
-        outcomes = [json.loads(bot.communicate(timeout=90)[0]) for bot in bots]
+        bots = [bot(url, code, name, XDG_STATE_HOME=str(tmp_path)) for name in ("ada", "bob")]
+        outcomes = [json.loads(each.communicate(timeout=90)[0]) for each in bots]
     assert [outcome["reason"] for outcome in outcomes] == ["goal", "goal"]
     (file,) = tmp_path.glob("*.rbt")
     assert read_recording(file).verify().ok
+
+
+def test_a_bot_that_was_killed_comes_back_into_its_seat(tmp_path: Path) -> None:
+    flags = ("--task", "multi_agent/01", "--mode", "realtime", "--absence", "pause")
+    home = {"XDG_STATE_HOME": str(tmp_path / "state")}
+    seats = tmp_path / "state" / "robotouille" / "seats"
+    with process(tmp_path, *flags) as (_, url, code):
+        ada = bot(url, code, "ada", **home)
+        while not any(path.stat().st_size for path in seats.glob("*.seat")):
+            assert ada.poll() is None
+        bob = bot(url, code, "bob", **home)
+        ada.kill()
+        ada.communicate()
+        again = bot(url, code, "ada", **home)
+        outcomes = [json.loads(each.communicate(timeout=90)[0]) for each in (again, bob)]
+    assert [outcome["reason"] for outcome in outcomes] == ["goal", "goal"]
+    (file,) = tmp_path.glob("*.rbt")
+    assert set(read_recording(file).participants) == {"robot1", "robot2"}
+    assert not list(seats.glob("*.seat"))
 
 
 def test_a_bot_without_a_server_or_plan_says_so() -> None:

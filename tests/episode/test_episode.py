@@ -62,6 +62,13 @@ class TestSeats:
         with pytest.raises(ProtocolError) as error:
             start().join(None, "late", "human", 0.0)
         assert error.value.code == "episode/full"
+        assert "come back" not in str(error.value)
+
+    def test_a_full_episode_with_somebody_away(self) -> None:
+        episode = start()
+        episode.set_present("robot2", False, 1.0)
+        with pytest.raises(ProtocolError, match="may still come back to theirs"):
+            episode.join(None, "late", "human", 2.0)
 
     def test_an_unknown_seat(self) -> None:
         with pytest.raises(ProtocolError, match="there are robot1, robot2") as error:

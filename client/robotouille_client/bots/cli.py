@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,19 +16,21 @@ from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
+from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 
 __all__ = ["main"]
 
 
-async def _play(client: Client, episode: str | None, seat: str | None, make: MakePolicy) -> Any:
-    if episode is None:
+LOOK_SECONDS = 0.5
+
+
+async def _waiting(url: str, name: str, token: str | None) -> str:
+    """The code of the first episode that waits for players."""
+    async with connect(url, name=name, kind="bot", token=token) as client:
         waiting = [e for e in await client.episodes() if e.phase == "waiting"]
-        if not waiting:
-            raise RobotouilleError("no episode waits for players; name one with --episode CODE")
-        episode = waiting[0].code
-    game = await client.join(episode, seat=seat)
-    typer.echo(f"{client.name} plays {game.seat} in {game.code}", err=True)
-    return await play(game, make)
+    if not waiting:
+        raise RobotouilleError("no episode waits for players; name one with --episode CODE")
+    return waiting[0].code
 
 
 async def _run(
@@ -38,8 +41,37 @@ async def _run(
     seat: str | None,
     make: MakePolicy,
 ) -> Any:
-    async with connect(url, name=name, kind="bot", token=token) as client:
-        return await _play(client, episode, seat, make)
+    """Play to the end; in the seat that a process of this name had that was killed, if it had."""
+    code = episode or await _waiting(url, name, token)
+    with kept_seat(state_folder(), url, code, name) as kept:
+        resume = kept.token if kept is not None else None
+        async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
+            game = await client.join(code, seat=seat)
+            typer.echo(f"{client.name} plays {game.seat} in {game.code}", err=True)
+            meanwhile = (keep_seat(client, game, kept), _tell_of_line(client))
+            tasks = [asyncio.create_task(each) for each in meanwhile]
+            try:
+                outcome = await play(game, make)
+            finally:
+                for task in tasks:
+                    task.cancel()
+            if kept is not None:
+                kept.forget()
+            if not outcome:
+                raise RobotouilleError(game.farewell or "the connection was lost for good")
+            return outcome
+
+
+async def _tell_of_line(client: Client) -> None:
+    """Say when the server is gone, and when it is back."""
+    was_there = True
+    while True:
+        is_there = client.connected.is_set()
+        if is_there != was_there:
+            news = "back on the line" if is_there else "the server does not answer; trying again"
+            typer.echo(f"{client.name}: {news}", err=True)
+        was_there = is_there
+        await asyncio.sleep(LOOK_SECONDS)
 
 
 def command(
@@ -69,12 +101,14 @@ def command(
         raise typer.Exit(130) from None
     if json_output:
         typer.echo(json.dumps(outcome))
-    elif outcome:
-        typer.echo(f"{outcome['reason']} after {outcome['steps']} steps")
     else:
-        fail("the connection was lost for good")
+        typer.echo(f"{outcome['reason']} after {outcome['steps']} steps")
 
 
 def main() -> None:
-    """The entry point of `robotouille-bot`."""
+    """The entry point of `robotouille-bot`.
+
+    Bots plan in plain Python: compiling takes half a minute, in which others would wait.
+    """
+    os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
     typer.run(command)

@@ -43,9 +43,7 @@ def play(
 
     try:
         require_pygame()
-        if screenshot is None:
-            require_screen()
-        elif not screenshot.parent.is_dir():
+        if screenshot is not None and not screenshot.parent.is_dir():
             raise RobotouilleError(f"there is no folder {screenshot.parent}")
         from robotouille_client.window.sources import LocalSource
         from robotouille_client.window.window import Window
@@ -58,6 +56,8 @@ def play(
         make = policy_maker(partner, seed)
         bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in world.players[1:]}
         me = world.players[0]
+        if screenshot is None:
+            require_screen()
         source = LocalSource(Episode(world, rules, time.monotonic()), me, bots, time.monotonic)
         window = Window(
             parse_size(size), caption=f"Robotouille: {world.task.name}", headless=bool(screenshot)

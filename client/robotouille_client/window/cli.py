@@ -18,11 +18,9 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import Game
-from robotouille_client.window.kept_seat import KeptSeat, kept_seat, state_folder
+from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 
 __all__ = ["main"]
-
-KEEP_SECONDS = 0.2
 
 
 class StandIn(StrEnum):
@@ -115,21 +113,11 @@ async def _run(
             game = await client.join(code, seat=seat, role=role)
             does = "watches" if watch else f"plays {game.seat}"
             typer.echo(f"{name} {does} in {game.code}", err=True)
-            keeping = asyncio.create_task(_keep(client, game, None if watch else kept))
+            keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))
             try:
                 await _show(game, client.connected.is_set, **show)  # type: ignore[arg-type]
             finally:
                 keeping.cancel()
-
-
-async def _keep(client: Client, game: Game, kept: KeptSeat | None) -> None:
-    """Write down what brings this window back into its seat, each time that it is another."""
-    while kept is not None:
-        if game.ended:
-            kept.forget()
-            return
-        kept.keep(client.resume)
-        await asyncio.sleep(KEEP_SECONDS)
 
 
 def command(

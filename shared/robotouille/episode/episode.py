@@ -185,7 +185,10 @@ class Episode:
         for seat in self.seats.values():
             if not seat.taken:
                 return seat
-        raise ProtocolError("episode/full", f"all {len(self.seats)} seats are taken", "episode")
+        message = f"all {len(self.seats)} seats are taken"
+        if away := [seat.name for seat in self.seats.values() if not seat.present]:
+            message += f"; {' and '.join(away)} may still come back to theirs"
+        raise ProtocolError("episode/full", message, "episode")
 
     def _roster(self, seat: Seat, now: float, why: str = "") -> None:
         seat.controller = self._controller(seat)

@@ -6,13 +6,13 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from tests.support.servers import serving
-from tests.support.virtual_time import run
 
 from robotouille_client import Game
+from robotouille_client.kept_seat import kept_seat
 from robotouille_client.window import cli
-from robotouille_client.window.kept_seat import kept_seat
 from robotouille_server import Server
+from tests.support.servers import serving
+from tests.support.virtual_time import run
 
 
 async def window(server: Server, code: str, name: str) -> None:

@@ -1,7 +1,8 @@
-"""The seat of a window whose process stopped: who opens it again on this machine gets it back."""
+"""The seat of a window or bot whose process stopped: who starts it again here gets it back."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import hashlib
 import os
@@ -9,18 +10,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from robotouille_client.connection import Client
+from robotouille_client.game import Game
+
 try:
     import fcntl
 except ImportError:  # Windows: seats are not kept there
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["KeptSeat", "kept_seat", "state_folder"]
+__all__ = ["KeptSeat", "keep_seat", "kept_seat", "state_folder"]
+
+KEEP_SECONDS = 0.2
 
 
 class KeptSeat:
-    """A file with the resume token of one window, readable by its owner alone.
+    """A file with the resume token of one player, readable by its owner alone.
 
-    The window that is open holds a lock on it: another one of the same name is another player.
+    The process that plays holds a lock on it: another one of the same name is another player.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -49,7 +55,7 @@ class KeptSeat:
 
 @contextmanager
 def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat | None]:
-    """The kept seat of a name in an episode; None where another window has it, or none can be."""
+    """The kept seat of a name in an episode; None where another process has it, or none can be."""
     key = "\n".join((url, code.strip().replace("-", "").upper(), name))
     path = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.seat"
     descriptor = _locked(path)
@@ -61,6 +67,16 @@ def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat
                 if not os.fstat(descriptor).st_size:
                     path.unlink()
             os.close(descriptor)
+
+
+async def keep_seat(client: Client, game: Game, kept: KeptSeat | None) -> None:
+    """Write down what brings this player back into its seat, each time that it is another."""
+    while kept is not None:
+        if game.ended:
+            kept.forget()
+            return
+        kept.keep(client.resume)
+        await asyncio.sleep(KEEP_SECONDS)
 
 
 def _locked(path: Path) -> int | None:
