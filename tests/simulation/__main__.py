@@ -14,7 +14,12 @@ from tests.simulation.simulation import Report, run_seed
 def main() -> int:
     options = _options()
     if options.day:
-        return _show(simulate_day(options.seed or 0, options.simulated_hours, print))
+        hours, rooms = options.simulated_hours, options.rooms
+        return _show(
+            simulate_day(
+                options.seed or 0, hours, lambda line: print(line, flush=True), rooms=rooms
+            )
+        )
     if options.seed is not None:
         return _show(run_seed(options.seed, trace=options.trace))
     return _run_many(options)
@@ -35,6 +40,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--simulated-hours", type=float, default=24.0, help="with --day: how long the day is"
     )
+    parser.add_argument("--rooms", type=int, default=4, help="with --day: games at a time")
     return parser.parse_args()
 
 

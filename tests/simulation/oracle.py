@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import msgpack
 
@@ -41,7 +42,7 @@ class RecordedMove(NamedTuple):
 class EpisodeTruth:
     """One episode as its recording has it so far."""
 
-    def __init__(self, name: str, fail: Fail, worlds: dict[str, World]) -> None:
+    def __init__(self, name: str, fail: Fail, worlds: MutableMapping[str, World]) -> None:
         self.name = name
         self.header: dict[str, Any] = {}
         self.states: list[State] = []
@@ -207,7 +208,7 @@ class Oracle:
         self.counts: Counter[str] = Counter()
         self._by_id: dict[str, EpisodeTruth] = {}
         self._fail = fail
-        self._worlds: dict[str, World] = {}
+        self._worlds: MutableMapping[str, World] = {}
 
     # What the disk reports
 
