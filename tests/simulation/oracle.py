@@ -208,7 +208,7 @@ class Oracle:
         self.counts: Counter[str] = Counter()
         self._by_id: dict[str, EpisodeTruth] = {}
         self._fail = fail
-        self._worlds: MutableMapping[str, World] = {}
+        self._worlds: WeakValueDictionary[str, World] = WeakValueDictionary()
 
     # What the disk reports
 
