@@ -28,6 +28,8 @@ FAULT_EVERY = 15.0
 GAME_PATIENCE = 2 * HOUR
 REAL_TIME_ROOMS = 2
 LOOKS = 24
+WARM_HOURS = 4.0
+"""A shorter day says nothing of memory: new tasks and new code still take their place in it."""
 GROWTH = 1.1
 MARGIN = 20_000
 """Allocated blocks by which quiet moments may differ: what games in progress hold."""
@@ -129,6 +131,8 @@ class Day(Simulation):
     def _check_memory(self) -> None:
         """The least of the last quarter is not more than that of the second: by then all tasks
         have been played, all code has run."""
+        if self.hours < WARM_HOURS:
+            return
         quarter = len(self.blocks) // 4
         early, late = self.blocks[quarter : 2 * quarter], self.blocks[-quarter:]
         if quarter and min(late) > GROWTH * min(early) + MARGIN:

@@ -83,6 +83,7 @@ class Process:
 
     def bury(self) -> None:
         """Free what a dead process held; its `finally` blocks run, but reach nothing."""
+        self.on_death.clear()
         with self.loop.muted():
             for task in self._grave:
                 task.abandon(self.context)
