@@ -57,7 +57,7 @@ def test_a_seed_gives_the_same_course_in_every_process() -> None:
     assert len(set(forwards)) == 8
 
 
-def test_a_server_that_runs_for_long_neither_leaks_nor_diverges() -> None:
+def test_a_server_that_runs_for_long_does_not_diverge() -> None:
     """A quarter of a simulated hour; nightly it is 24 hours, and memory is judged as well."""
     looks: list[str] = []
     report = simulate_day(1, 0.25, looks.append, rooms=2)
