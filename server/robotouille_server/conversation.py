@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.release import RELEASE
 from robotouille_server.access import Visitor
 from robotouille_server.limits import Budget
 from robotouille_server.logs import get_logger
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Conversation"]
 
-SOFTWARE = f"robotouille {version('robotouille')}"
 COSTS: dict[type[messages.Message], float] = {messages.Create: 10, messages.ListEpisodes: 3}
 """What a message takes of a connection's budget, where that is not one."""
 MAX_REFUSED = 200
@@ -157,7 +156,7 @@ class Conversation:
         welcome = messages.Welcome(
             ref=message.ref,
             protocol=messages.PROTOCOL_VERSION,
-            server=SOFTWARE,
+            server=RELEASE,
             session=session.id,
             resume=server.sessions.resume_token(session),
             resumed=resumed,

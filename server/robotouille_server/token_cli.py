@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.release import VersionOption
 from robotouille_server.keys import (
     KEPT_KEYS,
     MAX_KEYS,
@@ -49,6 +50,9 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         rich_markup_mode="rich",
         help="Make the signed tokens that say what somebody may do on a server.",
     )
+
+    @app.callback()
+    def options(version: VersionOption = False) -> None: ...
 
     @app.command("mint")
     def mint(

@@ -205,7 +205,10 @@ def test_flags_of_the_server_are_those_of_the_table() -> None:
     module = importlib.import_module("robotouille_server.cli")
     app.command()(module._flags(ServerSettings, module.run))
     options = typer.main.get_command(app).params
-    flags = {flag for o in options for flag in (*o.opts, *o.secondary_opts)} - {"--help"}
+    flags = {flag for o in options for flag in (*o.opts, *o.secondary_opts)} - {
+        "--help",
+        "--version",
+    }
     documented = [row for row in table("settings.md", "The server") if len(row) == 5]
     assert {flag for row in documented for flag in re.findall(r"--[a-z-]+", row[0])} == flags
     assert [row[1].split("`")[-1] for row in documented] == list(ServerSettings.model_fields)

@@ -12,6 +12,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
+from robotouille.release import VersionOption
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
@@ -88,6 +89,7 @@ def command(
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of what is random.")] = 0,
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
+    version: VersionOption = False,
 ) -> None:
     """Play a seat of an episode to its end."""
     try:

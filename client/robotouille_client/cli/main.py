@@ -10,6 +10,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.release import VersionOption
 from robotouille_client.cli.certify import certify
 from robotouille_client.cli.console import explain, fail
 from robotouille_client.cli.export import pddl
@@ -31,6 +32,10 @@ app.command()(pddl)
 app.command()(plan)
 app.command()(certify)
 app.command()(generate)
+
+
+@app.callback()
+def _options(version: VersionOption = False) -> None: ...
 
 
 @app.command()

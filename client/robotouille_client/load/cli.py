@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from robotouille.errors import RobotouilleError
+from robotouille.release import VersionOption
 from robotouille_client.cli.console import explain, fail, server_url
 from robotouille_client.load.cores import keep_to_cores, parse_cores
 from robotouille_client.load.share import LoadPlan, parse_mix
@@ -66,6 +67,7 @@ def command(
     html_file: Annotated[
         Path | None, typer.Option("--html", help="Write the report with plots to this file.")
     ] = None,
+    version: VersionOption = False,
 ) -> None:
     """Play on a server with thousands of bots at once, and report how it took it.
 

@@ -6,9 +6,9 @@ import os
 import platform
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
+from robotouille.release import RELEASE
 from robotouille_client.load.conductor import Conductor, Observed, refusals
 from robotouille_client.load.histogram import Histogram, Measurements
 from robotouille_client.load.server import DELTA_AGE, LATENESS, Buckets, Sample
@@ -69,7 +69,7 @@ def make_report(conductor: Conductor) -> Report:
     seconds = max(0.0, observed.ended - observed.begun) if observed.begun else 0.0
     figures: dict[str, Any] = {
         "when": datetime.now(UTC).isoformat(timespec="seconds"),
-        "tester": f"robotouille {version('robotouille')}",
+        "tester": RELEASE,
         "server": observed.server,
         "machine": _machine(),
         "seconds": seconds,

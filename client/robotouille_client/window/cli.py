@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from robotouille.episode.rules import Absence
 from robotouille.errors import RobotouilleError
+from robotouille.release import VersionOption
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import Game
@@ -153,6 +154,7 @@ def command(
         float | None,
         typer.Option(help="Close so many seconds after the end; else when you close it."),
     ] = None,
+    version: VersionOption = False,
 ) -> None:
     """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
     from robotouille_client.window import require_pygame, require_screen
