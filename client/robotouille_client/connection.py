@@ -5,20 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
-from urllib.parse import urlsplit, urlunsplit
 
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
 from websockets.exceptions import (
     ConnectionClosed,
     InvalidHandshake,
-    InvalidMessage,
-    InvalidStatus,
     InvalidURI,
 )
 from websockets.typing import Subprotocol
@@ -26,6 +22,7 @@ from websockets.typing import Subprotocol
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
+from robotouille_client.addresses import moved_url, why_not
 from robotouille_client.game import Game
 
 __all__ = ["Client", "ConnectionFailedError", "connect"]
@@ -191,7 +188,7 @@ class Client:
 
     async def _move(self, moved: messages.Moved) -> None:
         """Go to the process that has the episode."""
-        self.url, self._resume = _moved_url(self.url, moved), None
+        self.url, self._resume = moved_url(self.url, moved), None
         self.connected.clear()
         self._moving = True
         if self._socket is not None:
@@ -254,7 +251,7 @@ class Client:
                 await self._open()
                 return
             except MovedError as error:
-                self.url = _moved_url(self.url, error.moved)
+                self.url = moved_url(self.url, error.moved)
         raise ConnectionFailedError(f"{self.url} sends us from one process to the next")
 
     async def _open(self) -> None:
@@ -300,7 +297,7 @@ class Client:
             )
         except (OSError, InvalidHandshake, InvalidURI, TimeoutError) as error:
             raise ConnectionFailedError(
-                f"cannot connect to {self.url}: {_why(error, self.url)}"
+                f"cannot connect to {self.url}: {why_not(error, self.url)}"
             ) from None
 
     async def _greet(self, socket: ClientConnection) -> messages.Welcome:
@@ -490,7 +487,7 @@ class Client:
     def _rejoining(self, answer: messages.ServerMessage) -> None:
         """Our place was lost, and it is not simply given back."""
         if isinstance(answer, messages.Moved) and self._socket is not None:
-            self.url, self._resume, self._moving = _moved_url(self.url, answer), None, True
+            self.url, self._resume, self._moving = moved_url(self.url, answer), None, True
             self._moved = asyncio.create_task(self._socket.close())
         elif isinstance(answer, messages.Error) and answer.code in TEMPORARY:
             again = asyncio.get_running_loop().call_later
@@ -565,33 +562,3 @@ async def connect(
         seed=seed,
     ) as client:
         yield client
-
-
-def _why(error: Exception, url: str) -> str:
-    """Why a connection could not be made, and what to do."""
-    if isinstance(error, InvalidStatus) and error.response.body:
-        said = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
-        return "that is no Robotouille server, but a web page" if said.startswith("<") else said
-    if isinstance(error, InvalidMessage) and url.startswith("ws:"):
-        return f"{error}. If it speaks TLS, it is at wss://"
-    if isinstance(error, ssl.SSLCertVerificationError):
-        if "not valid for" in error.verify_message:
-            return f"{error.verify_message} Say --url with a name that is in it"
-        return (
-            f"its certificate is not trusted here ({error.verify_message}); "
-            "SSL_CERT_FILE=FILE names the file of the authority that signed it, which must exist"
-        )
-    reset = isinstance(error, ConnectionResetError) and url.startswith("wss:")
-    if isinstance(error, ssl.SSLError) or reset:
-        reason = getattr(error, "reason", None) or "the handshake was cut off"
-        return f"{reason}. Does the server speak TLS? If not, it is at ws://"
-    return f"{error}. Is robotouille-server running there?"
-
-
-def _moved_url(url: str, moved: messages.Moved) -> str:
-    """The address of the process that a server sends us to."""
-    if moved.url:
-        return moved.url
-    parts = urlsplit(url)
-    host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
-    return urlunsplit(parts._replace(netloc=f"{host}:{moved.port}"))
