@@ -41,6 +41,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         return self._jumping.now
 
+    async def shutdown_default_executor(self, timeout: float | None = None) -> None:
+        """Threads end in real time, of which none passes here: wait for them without a limit."""
+        await super().shutdown_default_executor()
+
 
 def run(coroutine: Any) -> Any:
     """Run a coroutine in virtual time."""
