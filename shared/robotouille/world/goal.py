@@ -21,7 +21,7 @@ Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
 Rows = list[list[tuple[str, ...]]]
 
-MAX_KEPT = 100_000
+MAX_KEPT = 20_000
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,8 @@ from robotouille.world.objects import Atom
 
 __all__ = ["SuccessorTree"]
 
-MAX_NODES = 200_000
+MAX_NODES = 20_000
+"""Of one player's tree; then it grows anew."""
 
 
 class Partial(NamedTuple):
@@ -85,9 +86,6 @@ class SuccessorTree:
         return result
 
     def _new_bucket(self, facts: int) -> tuple[Node, ...]:
-        if self._size > MAX_NODES:
-            self._buckets.clear()
-            self._size = 0
         partials = [p for start in self._start for p in self._advance(start, facts)]
         bucket = tuple(self._node(tuple(group)) for group in self._groups(partials))
         self._buckets[facts & self._root_mask] = bucket
@@ -99,6 +97,9 @@ class SuccessorTree:
         return child
 
     def _node(self, partials: tuple[Partial, ...]) -> Node:
+        if self._size >= MAX_NODES:
+            self._buckets.clear()
+            self._size = 0
         self._size += 1
         partials = tuple(
             p

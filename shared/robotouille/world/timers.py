@@ -9,6 +9,7 @@ create or delete objects depend on more, and are computed anew each time.
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
+from weakref import WeakValueDictionary
 
 from robotouille.world.effects import DONE, Effect, EffectRun
 
@@ -20,7 +21,8 @@ __all__ = ["Change", "TimerTable", "Timers"]
 
 Entry = tuple[Effect, tuple[int, ...]]
 
-MAX_KEPT = 200_000
+MAX_KEPT = 20_000
+"""Transitions that a world knows; then it learns anew."""
 
 
 class Change(NamedTuple):
@@ -34,7 +36,7 @@ class Change(NamedTuple):
 class Timers:
     """Active effects in order of creation with their counters; equal values are one object."""
 
-    __slots__ = ("busy", "entries", "reads", "started", "table", "ticked")
+    __slots__ = ("__weakref__", "busy", "entries", "reads", "started", "table", "ticked")
 
     def __init__(
         self, table: TimerTable, entries: tuple[Entry, ...], busy: tuple[tuple[str, int], ...]
@@ -71,6 +73,7 @@ class Timers:
         if change is None:
             change, repeatable = self.table.begin(self, action, facts)
             if repeatable:
+                self.table.make_room()
                 self.started[key] = change
         return change
 
@@ -80,8 +83,14 @@ class Timers:
         if change is None:
             change, repeatable = self.table.tick(self, facts)
             if repeatable:
+                self.table.make_room()
                 self.ticked[facts & self.reads] = change
         return change
+
+    def forget(self) -> None:
+        """Know no transition any more; they are computed again where they are needed."""
+        self.ticked.clear()
+        self.started.clear()
 
 
 class TimerTable:
@@ -89,7 +98,10 @@ class TimerTable:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._known: dict[tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers] = {}
+        self._known: WeakValueDictionary[
+            tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers
+        ] = WeakValueDictionary()
+        self._transitions = 0
         self.reads: dict[GroundAction, int] = {}
         self.none = self.get((), ())
 
@@ -98,10 +110,16 @@ class TimerTable:
         key = (entries, busy)
         timers = self._known.get(key)
         if timers is None:
-            if len(self._known) > MAX_KEPT:
-                self._known.clear()
             timers = self._known[key] = Timers(self, entries, busy)
         return timers
+
+    def make_room(self) -> None:
+        """One more transition is about to be kept."""
+        if self._transitions >= MAX_KEPT:
+            self._transitions = 0
+            for timers in list(self._known.values()):
+                timers.forget()
+        self._transitions += 1
 
     def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
         run = self._world.effect_run(facts)
