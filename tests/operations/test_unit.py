@@ -1,0 +1,73 @@
+"""systemd takes the unit of the operations guide, as a service and as a template of two."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from robotouille_server import ServerSettings
+from tests.docs.pages import read, titled
+
+PAGE = "operations.md"
+UNIT = "/etc/systemd/system/robotouille.service"
+CONFIG = "/etc/robotouille.toml"
+SERVER = "/opt/robotouille/bin/robotouille-server"
+
+needs_systemd = pytest.mark.skipif(
+    not shutil.which("systemd-analyze"), reason="systemd-analyze is not installed"
+)
+
+
+def complaints(folder: Path, name: str, unit: str, instance: str) -> str:
+    """What systemd says of a unit whose programs and user are there."""
+    assert unit.count(SERVER) == unit.count("User=robotouille") == 1
+    unit = unit.replace(SERVER, sys.executable).replace("User=robotouille", "User=root")
+    (folder / name).write_text(unit)
+    command = ["systemd-analyze", "verify", "--man=no", str(folder / instance)]
+    environment = {**os.environ, "SYSTEMD_UNIT_PATH": f"{folder}:"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    lines = [line for line in done.stderr.splitlines() if "robotouille" in line]
+    return "\n".join(lines or ([done.stderr] if done.returncode else []))
+
+
+@needs_systemd
+def test_the_unit_is_accepted(tmp_path: Path) -> None:
+    name = "robotouille.service"
+    assert complaints(tmp_path, name, titled(PAGE, UNIT), name) == ""
+
+
+@needs_systemd
+def test_so_is_the_template_for_rolling_restarts(tmp_path: Path) -> None:
+    (flag,) = re.findall(r"`(--operator-port %i)` in `ExecStart`", read(PAGE))
+    (name,) = re.findall(r"Name the unit `(\S+)`", read(PAGE))
+    (command,) = re.findall("^ExecStart=.*$", titled(PAGE, UNIT), re.MULTILINE)
+    unit = titled(PAGE, UNIT).replace(command, f"{command} {flag}")
+    instances = set(re.findall(r"systemctl enable --now (robotouille@\d+)", read(PAGE)))
+    assert len(instances) == 2
+    for instance in instances:
+        assert complaints(tmp_path, name, unit, f"{instance}.service") == ""
+
+
+@needs_systemd
+def test_a_wrong_line_would_be_found(tmp_path: Path) -> None:
+    name = "robotouille.service"
+    unit = titled(PAGE, UNIT).replace("ProtectHome=yes", "ProtectHouse=yes")
+    assert "ProtectHouse" in complaints(tmp_path, name, unit, name)
+
+
+def test_the_unit_gives_the_server_the_time_and_the_files_it_asks_for() -> None:
+    """The settings of the guide's file are valid, and fit the unit's limits and folders."""
+    given = tomllib.loads(titled(PAGE, CONFIG))
+    settings = ServerSettings(**given)
+    unit = dict(line.split("=", 1) for line in titled(PAGE, UNIT).splitlines() if "=" in line)
+    assert unit["ExecStart"] == f"{SERVER} --config {CONFIG}"
+    assert float(unit["TimeoutStopSec"]) > settings.drain_seconds
+    assert int(unit["LimitNOFILE"]) > settings.max_connections
+    assert settings.recordings.is_relative_to(f"/var/lib/{unit['StateDirectory']}")
