@@ -45,7 +45,8 @@ class AtomTable:
         self.static_predicates = frozenset(self.types) - changing
         self.transient = transient
         self._names: list[str] = []
-        self._static_names = [(atom, atom_name(atom)) for atom in self.static]
+        self._static_names = [(atom_name(atom), atom) for atom in self.static]
+        self._needed: dict[Atom, int] = {}
         self.atoms: list[Atom] = []
         self.bit: dict[Atom, int] = {}
         self.by_type: dict[str, list[str]] = {kind: [] for kind in domain.object_types}
@@ -68,6 +69,7 @@ class AtomTable:
                 if any(a in new for a in arguments) or (first and not arguments):
                     self._append((predicate, *arguments))
         self._patterns.clear()
+        self._needed = {atom: self._existence(atom) for atom in self.static}
 
     def _append(self, atom: Atom) -> int:
         mask = 1 << len(self.atoms)
@@ -114,7 +116,7 @@ class AtomTable:
         for atom, is_true in conditions:
             bit = self.bit.get(atom, 0)
             if not bit and atom in self.static:
-                bit = self.mask((EXISTS, n) for n in atom[1:] if (EXISTS, n) in self.bit)
+                bit = self._existence(atom)
                 possible &= is_true or bool(bit)
             elif not bit:
                 possible &= not is_true
@@ -134,12 +136,15 @@ class AtomTable:
         names = self._names
         names += map(atom_name, self.atoms[len(names) :])
         found = [names[i] for i in bits_of(facts & ~self.internal)]
-        return found + [name for atom, name in self._static_names if self._exists(atom, facts)]
+        return found + [name for name, atom in self._static_names if self._exists(atom, facts)]
+
+    def _existence(self, atom: Atom) -> int:
+        """The bits that say that everything an atom is about is there."""
+        return self.mask((EXISTS, name) for name in atom[1:])
 
     def _exists(self, atom: Atom, facts: int) -> bool:
-        return all(
-            facts & bit for bit in (self.bit.get((EXISTS, n)) for n in atom[1:]) if bit is not None
-        )
+        needed = self._needed[atom]
+        return facts & needed == needed
 
     def holds(self, atom: Atom, facts: int) -> bool:
         """Whether an atom is true, be it static or not."""
