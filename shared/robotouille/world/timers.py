@@ -117,8 +117,9 @@ class TimerTable:
         """One more transition is about to be kept."""
         if self._transitions >= MAX_KEPT:
             self._transitions = 0
-            for timers in list(self._known.values()):
-                timers.forget()
+            for reference in self._known.valuerefs():  # A list, whatever other threads do.
+                if (timers := reference()) is not None:
+                    timers.forget()
         self._transitions += 1
 
     def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
