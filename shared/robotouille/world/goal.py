@@ -21,7 +21,7 @@ Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
 Rows = list[list[tuple[str, ...]]]
 
-MAX_KEPT = 20_000
+MAX_KEPT = 5_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +87,14 @@ class Goal:
         relevant = facts & self.relevant
         known = self._known.get(relevant)
         if known is None:
-            if len(self._known) > MAX_KEPT:
-                self._known.clear()
+            if len(self._known) >= MAX_KEPT:
+                self.forget()
             known = self._known[relevant] = next(self.assignments(facts), None) is not None
         return known
+
+    def forget(self) -> None:
+        """Know of no state any more whether the goal holds."""
+        self._known.clear()
 
     def assignments(self, facts: int) -> Iterator[Binding]:
         """Every choice of objects that makes the goal true in `facts`."""

@@ -19,7 +19,7 @@ from robotouille.world.objects import Atom
 
 __all__ = ["SuccessorTree"]
 
-MAX_NODES = 20_000
+MAX_NODES = 10_000
 """Of one player's tree; then it grows anew."""
 
 
@@ -85,6 +85,11 @@ class SuccessorTree:
             result += node.actions
         return result
 
+    def forget(self) -> None:
+        """Let the tree grow anew."""
+        self._buckets.clear()
+        self._size = 0
+
     def _new_bucket(self, facts: int) -> tuple[Node, ...]:
         partials = [p for start in self._start for p in self._advance(start, facts)]
         bucket = tuple(self._node(tuple(group)) for group in self._groups(partials))
@@ -98,8 +103,7 @@ class SuccessorTree:
 
     def _node(self, partials: tuple[Partial, ...]) -> Node:
         if self._size >= MAX_NODES:
-            self._buckets.clear()
-            self._size = 0
+            self.forget()
         self._size += 1
         partials = tuple(
             p

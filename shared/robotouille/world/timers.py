@@ -21,7 +21,7 @@ __all__ = ["Change", "TimerTable", "Timers"]
 
 Entry = tuple[Effect, tuple[int, ...]]
 
-MAX_KEPT = 20_000
+MAX_KEPT = 5_000
 """Transitions that a world knows; then it learns anew."""
 
 
@@ -116,11 +116,15 @@ class TimerTable:
     def make_room(self) -> None:
         """One more transition is about to be kept."""
         if self._transitions >= MAX_KEPT:
-            self._transitions = 0
-            for reference in self._known.valuerefs():  # A list, whatever other threads do.
-                if (timers := reference()) is not None:
-                    timers.forget()
+            self.forget()
         self._transitions += 1
+
+    def forget(self) -> None:
+        """Know no transition any more."""
+        self._transitions = 0
+        for reference in self._known.valuerefs():  # A list, whatever other threads do.
+            if (timers := reference()) is not None:
+                timers.forget()
 
     def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
         run = self._world.effect_run(facts)
