@@ -20,8 +20,8 @@ from pydantic_settings import BaseSettings
 
 from robotouille.episode import Phase
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
+from robotouille.program import VersionOption
 from robotouille.protocol import messages
-from robotouille.release import VersionOption
 from robotouille_server.collector import rare_collections
 from robotouille_server.settings import ServerSettings
 
@@ -46,8 +46,8 @@ def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Ca
         values = {name: value for name, value in given.items() if value is not None}
         run(_settings(model, values))
 
-    at_will = inspect.Parameter.KEYWORD_ONLY
-    parameters = [inspect.Parameter("version", at_will, default=False, annotation=VersionOption)]
+    by_name = inspect.Parameter.KEYWORD_ONLY
+    parameters = [inspect.Parameter("version", by_name, default=False, annotation=VersionOption)]
     for name, field in model.model_fields.items():
         if field.annotation in SECRET:
             continue
@@ -60,7 +60,7 @@ def _flags(model: type[BaseSettings], run: Callable[[BaseSettings], None]) -> Ca
         )
         kind: Any = bool if field.annotation is bool else str
         annotation = Annotated[kind | None, option]
-        parameter = inspect.Parameter(name, at_will, default=None, annotation=annotation)
+        parameter = inspect.Parameter(name, by_name, default=None, annotation=annotation)
         parameters.append(parameter)
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return command

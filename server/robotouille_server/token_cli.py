@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.release import VersionOption
+from robotouille.program import VersionOption
 from robotouille_server.keys import (
     KEPT_KEYS,
     MAX_KEYS,

@@ -148,7 +148,7 @@ class Day(Simulation):
         reach; without it, anything else that grows is seen.
         """
         for memory in gc.get_objects():
-            if isinstance(memory, TimerTable | SuccessorTree | Goal):
+            if type(memory) in (TimerTable, SuccessorTree, Goal):
                 memory.forget()
         dead = [process for process in self.processes if process.dead]
         for process in dead:

@@ -4,78 +4,85 @@ from __future__ import annotations
 
 import gc
 import random
-import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robotouille import State, World, load_task
+from robotouille import World, load_task
 from robotouille.world import goal, successors, timers
+from robotouille.world.successors import Node, SuccessorTree
 from tests.world.differential import walk_both
 from tests.world.test_world_equals_reference import WALKS
 
 SMALL = 7
+LIMIT = 50
+UNLIMITED = 10**6
 
 
-@pytest.fixture
-def forgetful(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timers, "MAX_KEPT", SMALL)
-    monkeypatch.setattr(goal, "MAX_KEPT", SMALL)
-    monkeypatch.setattr(successors, "MAX_NODES", SMALL)
+def limit(patch: pytest.MonkeyPatch, most: int) -> None:
+    patch.setattr(timers, "MAX_KEPT", most)
+    patch.setattr(goal, "MAX_KEPT", most)
+    patch.setattr(successors, "MAX_NODES", most)
 
 
-@pytest.mark.usefixtures("forgetful")
 @pytest.mark.parametrize(("name", "timing", "steps"), WALKS)
-def test_a_forgetful_world_is_the_same_world(name: str, timing: str, steps: int) -> None:
+def test_a_forgetful_world_is_the_same_world(
+    name: str, timing: str, steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit(monkeypatch, SMALL)
     assert walk_both(load_task(name, timing=timing), steps, seed=3) > steps // 8
 
 
-def play(world: World, steps: int, seed: int) -> State:
-    """Where random play ends."""
-    choose = random.Random(seed)
-    state = world.initial
-    for _ in range(steps):
-        valid = [state.actions(player) for player in world.players]
-        state = state.step([choose.choice(actions) for actions in valid if actions]).state
-    return state
+def long_play(name: str, timing: str) -> World:
+    """A world in which there has been random play, ten times from the beginning."""
+    world = World(load_task(name, timing=timing))
+    for seed in range(10):
+        choose = random.Random(seed)
+        state = world.initial
+        for _ in range(300):
+            valid = [state.actions(player) for player in world.players]
+            state = state.step([choose.choice(actions) for actions in valid if actions]).state
+    return world
 
 
 def timers_in_memory(world: World) -> list[timers.Timers]:
     gc.collect()
-    return [t for t in gc.get_objects() if isinstance(t, timers.Timers) and t.table is world.timers]
+    return [t for t in gc.get_objects() if type(t) is timers.Timers and t.table is world.timers]
 
 
-def test_long_play_in_one_world_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timers, "MAX_KEPT", 50)
-    world = World(load_task("multi_agent/01@4", timing="people"))
-    for seed in range(10):
-        play(world, 300, seed)
-        known = timers_in_memory(world)
-        assert sum(len(t.ticked) + len(t.started) for t in known) <= 50
-        assert len(known) <= 2 * 50 + 2
+def transitions(world: World) -> int:
+    return sum(len(t.ticked) + len(t.started) for t in timers_in_memory(world))
 
 
-def test_the_same_play_would_fill_it_several_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(timers, "MAX_KEPT", 10**6)
-    world = World(load_task("multi_agent/01@4", timing="people"))
-    for seed in range(10):
-        play(world, 300, seed)
-    assert sum(len(t.ticked) + len(t.started) for t in timers_in_memory(world)) > 3 * 50
+def nodes(tree: SuccessorTree) -> int:
+    def below(node: Node) -> int:
+        return 1 + sum(map(below, node.children.values()))
+
+    return sum(below(node) for bucket in tree._buckets.values() for node in bucket)
 
 
-@pytest.mark.usefixtures("forgetful")
-def test_threads_play_in_one_world(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bots that stand in think in threads, in the world in which the game goes on."""
-    task = load_task("multi_agent/01@4", timing="people")
-    seeds = range(4)
-    alone = [play(World(task), 200, seed).digest for seed in seeds]
-    world = World(task)
-    interval = sys.getswitchinterval()
-    monkeypatch.setattr(timers, "MAX_KEPT", 30)
-    sys.setswitchinterval(1e-6)
-    try:
-        with ThreadPoolExecutor() as threads:
-            together = list(threads.map(lambda seed: play(world, 200, seed).digest, seeds))
-    finally:
-        sys.setswitchinterval(interval)
-    assert together == alone
+def test_transitions_of_timers_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit(monkeypatch, LIMIT)
+    world = long_play("multi_agent/01@4", "people")
+    assert transitions(world) <= LIMIT
+    # Where each transition leads from and to, the one without any timer and the present one.
+    assert len(timers_in_memory(world)) <= 2 * LIMIT + 2
+
+
+def test_nodes_of_trees_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit(monkeypatch, LIMIT)
+    world = long_play("multi_agent/01@4", "benchmark")
+    assert world._trees
+    assert all(nodes(tree) <= LIMIT for tree in world._trees.values())
+
+
+def test_what_is_known_of_the_goal_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit(monkeypatch, LIMIT)
+    assert len(long_play("synchronous/01", "benchmark").goal._known) <= LIMIT
+
+
+def test_without_bounds_the_same_play_takes_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit(monkeypatch, UNLIMITED)
+    assert transitions(long_play("multi_agent/01@4", "people")) > 3 * LIMIT
+    world = long_play("multi_agent/01@4", "benchmark")
+    assert min(nodes(tree) for tree in world._trees.values()) > 3 * LIMIT
+    assert len(long_play("synchronous/01", "benchmark").goal._known) > LIMIT

@@ -12,7 +12,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille.release import VersionOption
+from robotouille.program import VersionOption
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url

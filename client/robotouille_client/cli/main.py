@@ -10,7 +10,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.release import VersionOption
+from robotouille.program import VersionOption
 from robotouille_client.cli.certify import certify
 from robotouille_client.cli.console import explain, fail
 from robotouille_client.cli.export import pddl

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from rich.console import Console
 
 from robotouille.errors import RobotouilleError
-from robotouille.release import VersionOption
+from robotouille.program import VersionOption
 from robotouille_client.cli.console import explain, fail, server_url
 from robotouille_client.load.cores import keep_to_cores, parse_cores
 from robotouille_client.load.share import LoadPlan, parse_mix

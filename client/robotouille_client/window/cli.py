@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from robotouille.episode.rules import Absence
 from robotouille.errors import RobotouilleError
-from robotouille.release import VersionOption
+from robotouille.program import VersionOption
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import Game

@@ -6,10 +6,10 @@ import asyncio
 from collections import Counter
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
-from importlib.metadata import version
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RecordingError
+from robotouille.release import VERSION
 from robotouille.replay.frames import unwrap
 from robotouille_server.app import Server
 from robotouille_server.logs import get_logger
@@ -52,7 +52,6 @@ class Desk:
         self._server = server
         self._now = now
         self._opened = now()
-        self._version = version("robotouille")
         self._rows = Rows(server)
         self._history = History(server.metrics)
         self._storage: Readable = server.storage or NoRecordings()
@@ -82,7 +81,7 @@ class Desk:
         now = self._now()
         return Overview(
             server=ServerInfo(
-                version=self._version,
+                version=VERSION,
                 url=self._server.url,
                 uptime=round(now - self._opened, 1),
             ),

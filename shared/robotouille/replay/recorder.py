@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from typing import Any
 
 from robotouille.domain.task import Task
@@ -28,13 +27,13 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.rules import Rules
 from robotouille.protocol.states import StateWriter, unmet_rows
+from robotouille.release import VERSION
 from robotouille.replay.frames import MAGIC, pack_frame
 from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
 
 __all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "step_frames"]
 
-SOFTWARE = version("robotouille")
 HASH_EVERY = 10
 SNAPSHOT_EVERY = 100
 
@@ -53,7 +52,7 @@ def header(
     what one joins with, `owner` the pseudonym of who opened the episode."""
     return {
         "kind": "header",
-        "software": SOFTWARE,
+        "software": VERSION,
         "episode": episode,
         "created": created,
         "task": task.json,

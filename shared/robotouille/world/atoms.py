@@ -69,7 +69,8 @@ class AtomTable:
                 if any(a in new for a in arguments) or (first and not arguments):
                     self._append((predicate, *arguments))
         self._patterns.clear()
-        self._needed = {atom: self._existence(atom) for atom in self.static}
+        if first:
+            self._needed = {atom: self._existence(atom) for atom in self.static}
 
     def _append(self, atom: Atom) -> int:
         mask = 1 << len(self.atoms)

@@ -21,7 +21,8 @@ Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
 Rows = list[list[tuple[str, ...]]]
 
-MAX_KEPT = 5_000
+MAX_KEPT = 20_000
+"""Parts of states of which a goal knows whether it holds; then it learns anew."""
 
 
 @dataclass(frozen=True, slots=True)

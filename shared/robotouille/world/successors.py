@@ -19,7 +19,7 @@ from robotouille.world.objects import Atom
 
 __all__ = ["SuccessorTree"]
 
-MAX_NODES = 10_000
+MAX_NODES = 40_000
 """Of one player's tree; then it grows anew."""
 
 

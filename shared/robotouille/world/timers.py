@@ -21,7 +21,7 @@ __all__ = ["Change", "TimerTable", "Timers"]
 
 Entry = tuple[Effect, tuple[int, ...]]
 
-MAX_KEPT = 5_000
+MAX_KEPT = 50_000
 """Transitions that a world knows; then it learns anew."""
 
 
@@ -122,7 +122,7 @@ class TimerTable:
     def forget(self) -> None:
         """Know no transition any more."""
         self._transitions = 0
-        for reference in self._known.valuerefs():  # A list, whatever other threads do.
+        for reference in self._known.valuerefs():
             if (timers := reference()) is not None:
                 timers.forget()
 
