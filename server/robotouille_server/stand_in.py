@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
 
 from robotouille.episode import Controller, Episode, Phase, Stepped
 from robotouille.episode.rules import StandIn as Kind
@@ -18,6 +20,8 @@ from robotouille.world.world import World
 from robotouille_server.logs import get_logger
 
 if TYPE_CHECKING:
+    from robotouille.domain.task import Task
+    from robotouille.planning.anytime import Anytime
     from robotouille.planning.policies import Policy
     from robotouille.planning.script import Did
 
@@ -26,6 +30,10 @@ __all__ = ["StandIn"]
 MAX_OBSERVED = 64
 """Steps that are kept for a policy until it is asked; one that has missed more begins anew."""
 MAX_THREADS = 2
+TURN = 0.0005
+"""Seconds after which a thinking thread gives way."""
+EXPANSIONS = 200
+"""Of the search for a first plan: some hundredths of a second, so that the next step has it."""
 
 
 class StandIn:
@@ -116,54 +124,91 @@ class StandIn:
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    """Few, so that thoughts take little from the steps of all other games."""
+    """Few, so that thoughts take little from the steps of all other games; and whenever the event
+    loop wants to go on, it does not wait for them as long as Python would let it (5 ms)."""
+    sys.setswitchinterval(min(TURN, sys.getswitchinterval()))
     return ThreadPoolExecutor(MAX_THREADS, "stand-in")
 
 
+class _Kitchen:
+    """A task's own world and planner, for all stand-ins in episodes of it: one thought at a time.
+
+    What takes longest is to learn the kitchen, so it is learnt once, while everybody still plays.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.thinking = threading.Lock()
+        self._task = task
+        self._anytime: Anytime | None = None
+
+    @cached_property
+    def world(self) -> World:
+        """To be used while `thinking` is held."""
+        return World(self._task)
+
+    def learn(self, player: str) -> Anytime:
+        """The planner that knows the kitchen, also while `thinking` is held."""
+        if self._anytime is None:
+            # Compiling the planner would take longer than any seat can wait.
+            os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
+            from robotouille.planning.anytime import Anytime
+
+            self._anytime = Anytime(self.world)
+            next(self._anytime.answers(self.world.initial, team=(player,), beam=EXPANSIONS))
+        return self._anytime
+
+
+_kitchens: WeakValueDictionary[str, _Kitchen] = WeakValueDictionary()
+
+
+def _kitchen(task: Task) -> _Kitchen:
+    kitchen = _kitchens.get(task.digest)
+    if kitchen is None:
+        kitchen = _kitchens[task.digest] = _Kitchen(task)
+    return kitchen
+
+
 class _Mind:
-    """The policy and its own world, for one thread at a time."""
+    """What a stand-in knows: the kitchen, and what has been done since it plays."""
 
     def __init__(self, episode: Episode, player: str, kind: Kind) -> None:
-        self._task = episode.world.task
+        self._kitchen = _kitchen(episode.world.task)
         self._player = player
         self._kind = kind
         self._seed = episode.step
-        self._awake = threading.Lock()
-        self._made: tuple[World, Policy] | None = None
+        self._policy: Policy | None = None
         self.played = False
 
     def wake(self) -> None:
-        """Make the world and the policy, and let it think once: the first time takes longest."""
-        with self._awake:
-            world, policy = self._ready()
-            if not self.played:
-                policy.act(world.initial)
-                self._made = world, self._make(world)
+        """Learn the kitchen, if nobody has yet."""
+        if self._kind != "random":
+            with self._kitchen.thinking:
+                self._kitchen.learn(self._player)
 
-    def _ready(self) -> tuple[World, Policy]:
-        if self._made is None:
-            world = World(self._task)
-            self._made = world, self._make(world)
-        return self._made
-
-    def _make(self, world: World) -> Policy:
+    def _make(self) -> Policy:
         from robotouille.planning.policies import RandomPolicy
 
         if self._kind == "random":
             return RandomPolicy(self._player, self._seed)
-        # Compiling the planner would take longer than any seat can wait.
-        os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
+        anytime = self._kitchen.learn(self._player)
         from robotouille.planning.policy import PlannerPolicy
 
-        return PlannerPolicy(world, self._player, seed=self._seed, alone=True)
+        return PlannerPolicy(
+            self._kitchen.world,
+            self._player,
+            seed=self._seed,
+            expansions=EXPANSIONS,
+            alone=True,
+            anytime=anytime,
+        )
 
     def think(
         self, facts: int, timers: object, busy: object, observed: list[Did]
     ) -> GroundAction | None:
         """The policy's action in a state, in this episode's own terms."""
-        with self._awake:
-            world, policy = self._ready()
-            state: State = world.restore(facts, timers, busy)  # type: ignore[arg-type]
+        with self._kitchen.thinking:
+            self._policy = policy = self._policy or self._make()
+            state: State = self._kitchen.world.restore(facts, timers, busy)  # type: ignore[arg-type]
             if self.played:
                 for did in observed:
                     policy.observe(did)

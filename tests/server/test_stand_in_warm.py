@@ -1,0 +1,94 @@
+"""A stand-in is ready before it is needed, and acts in the next step also where time runs."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille.domain.catalogue import load_task
+from robotouille.episode import Episode, Rules
+from robotouille.planning.anytime import Anytime
+from robotouille.replay.recording import read_recording
+from robotouille.world.world import shared_world
+from robotouille_server import Server
+from robotouille_server.stand_in import EXPANSIONS, StandIn, _kitchens
+from tests.support.servers import Raw, raw, serving
+
+
+async def begin(server: Server, ada: Raw, bob: Raw, **options: Any) -> str:
+    """Both have joined a new game; its code."""
+    request = {"type": "create", "absence": "bot", "stand_in": "planner", **options}
+    code: str = (await ada.ask(request, "created"))["code"]
+    for one in (ada, bob):
+        await one.ask({"type": "join", "episode": code}, "joined")
+    return code
+
+
+def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as ada, raw(server) as bob:
+            code = await begin(server, ada, bob, task="multi_agent/03")
+            kitchen = _kitchens[server.lobby.find(code).world.task.digest]
+            async with asyncio.timeout(60):
+                while kitchen._anytime is None or kitchen.thinking.locked():
+                    await asyncio.sleep(0.01)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("task", ["multi_agent/01", "multi_agent/10"])
+def test_it_acts_in_the_next_step_of_real_time(task: str, tmp_path: Path) -> None:
+    """With a second for a step, which is many times what its first thought takes."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as bob:
+            async with raw(server, name="ada") as ada:
+                code = await begin(server, ada, bob, task=task, clock="realtime", step_rate=1)
+                room = server.lobby.find(code)
+                kitchen = _kitchens[room.world.task.digest]
+                async with asyncio.timeout(60):
+                    while kitchen._anytime is None or room.episode.step < 1:
+                        await asyncio.sleep(0.01)
+            async with asyncio.timeout(60):
+                while not room.episode.seats["robot1"].tally.applied:
+                    await asyncio.sleep(0.01)
+            room.abort("seen")
+
+    asyncio.run(main())
+    (file,) = tmp_path.glob("*.rbt")
+    recording = read_recording(file)
+    assert recording.verify().ok
+    (left,) = [n["step"] for n in recording.notes() if n.get("controller") == "stand-in"]
+    moved = [f["step"] for f in recording.steps if any(m["player"] == "robot1" for m in f["moves"])]
+    assert moved[0] == left + 1
+
+
+async def minds(number: int) -> list[StandIn]:
+    world = shared_world(load_task("multi_agent/05"))
+    episodes = [Episode(world, Rules()) for _ in range(number)]
+    return [StandIn(e, "robot1", "planner", lambda *_: None) for e in episodes]
+
+
+def test_all_games_of_a_task_learn_its_kitchen_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    learnt: list[dict[str, Any]] = []
+    answers = Anytime.answers
+
+    def counted(self: Anytime, *arguments: Any, **options: Any) -> Any:
+        learnt.append(options)
+        return answers(self, *arguments, **options)
+
+    async def main() -> None:
+        stand_ins = await minds(20)
+        for stand_in in stand_ins:
+            stand_in.warm()
+        async with asyncio.timeout(60):
+            for stand_in in stand_ins:
+                assert stand_in._mind is not None
+                await asyncio.to_thread(stand_in._mind.wake)
+
+    monkeypatch.setattr(Anytime, "answers", counted)
+    asyncio.run(main())
+    assert [options["beam"] for options in learnt] == [EXPANSIONS]
