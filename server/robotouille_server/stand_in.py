@@ -30,6 +30,8 @@ __all__ = ["StandIn"]
 MAX_OBSERVED = 64
 """Steps that are kept for a policy until it is asked; one that has missed more begins anew."""
 MAX_THREADS = 2
+MOST_MINDS = 50
+"""Stand-ins that plan with one planner, which remembers all that it has found out."""
 TURN = 0.0005
 """Seconds after which a thinking thread gives way."""
 EXPANSIONS = 200
@@ -140,6 +142,7 @@ class _Kitchen:
         self.thinking = threading.Lock()
         self._task = task
         self._anytime: Anytime | None = None
+        self.minds = 0
 
     @cached_property
     def world(self) -> World:
@@ -156,6 +159,11 @@ class _Kitchen:
             self._anytime = Anytime(self.world)
             next(self._anytime.answers(self.world.initial, team=(player,), beam=EXPANSIONS))
         return self._anytime
+
+    def tidy(self) -> None:
+        """Forget what was found out for many games, when another begins."""
+        if self.minds >= MOST_MINDS:
+            self._anytime, self.minds = None, 0
 
 
 _kitchens: WeakValueDictionary[str, _Kitchen] = WeakValueDictionary()
@@ -183,6 +191,7 @@ class _Mind:
         """Learn the kitchen, if nobody has yet."""
         if self._kind != "random":
             with self._kitchen.thinking:
+                self._kitchen.tidy()
                 self._kitchen.learn(self._player)
 
     def _make(self) -> Policy:
@@ -190,6 +199,7 @@ class _Mind:
 
         if self._kind == "random":
             return RandomPolicy(self._player, self._seed)
+        self._kitchen.minds += 1
         anytime = self._kitchen.learn(self._player)
         from robotouille.planning.policy import PlannerPolicy
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from robotouille.planning.anytime import Anytime
 from robotouille.replay.recording import read_recording
 from robotouille.world.world import shared_world
 from robotouille_server import Server
-from robotouille_server.stand_in import EXPANSIONS, StandIn, _kitchens
+from robotouille_server.stand_in import EXPANSIONS, StandIn, _Kitchen, _kitchens
 from tests.support.servers import Raw, raw, serving
 
 
@@ -27,14 +28,19 @@ async def begin(server: Server, ada: Raw, bob: Raw, **options: Any) -> str:
     return code
 
 
+async def known(kitchen: _Kitchen) -> None:
+    """The kitchen has been learnt."""
+    async with asyncio.timeout(60):
+        while kitchen._anytime is None or kitchen.thinking.locked():
+            await asyncio.sleep(0.01)
+
+
 def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as ada, raw(server) as bob:
             code = await begin(server, ada, bob, task="multi_agent/03")
             kitchen = _kitchens[server.lobby.find(code).world.task.digest]
-            async with asyncio.timeout(60):
-                while kitchen._anytime is None or kitchen.thinking.locked():
-                    await asyncio.sleep(0.01)
+            await known(kitchen)
 
     asyncio.run(main())
 
@@ -49,8 +55,9 @@ def test_it_acts_in_the_next_step_of_real_time(task: str, tmp_path: Path) -> Non
                 code = await begin(server, ada, bob, task=task, clock="realtime", step_rate=1)
                 room = server.lobby.find(code)
                 kitchen = _kitchens[room.world.task.digest]
+                await known(kitchen)
                 async with asyncio.timeout(60):
-                    while kitchen._anytime is None or room.episode.step < 1:
+                    while room.episode.step < 1:
                         await asyncio.sleep(0.01)
             async with asyncio.timeout(60):
                 while not room.episode.seats["robot1"].tally.applied:
@@ -92,3 +99,22 @@ def test_all_games_of_a_task_learn_its_kitchen_once(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Anytime, "answers", counted)
     asyncio.run(main())
     assert [options["beam"] for options in learnt] == [EXPANSIONS]
+
+
+def test_what_was_found_out_is_forgotten_when_many_have_planned(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def main() -> None:
+        monkeypatch.setattr("robotouille_server.stand_in.MOST_MINDS", 3)
+        planners = []
+        for stand_in in await minds(7):
+            stand_in.warm()
+            mind = stand_in._mind
+            assert mind is not None
+            state = stand_in._episode.state
+            await asyncio.to_thread(mind.wake)
+            await asyncio.to_thread(mind.think, state.facts, (), (), [])
+            planners.append(mind._kitchen._anytime)
+        assert [a is b for a, b in pairwise(planners)] == [True, True, False, True, True, False]
+
+    asyncio.run(main())
