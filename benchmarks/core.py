@@ -151,7 +151,7 @@ def memory(world: World, course: list[tuple[State, str, GroundAction]]) -> float
 
 
 # What is asked for, by column: at least (+) or at most (-).
-TARGETS = {
+TARGETS: dict[str, dict[str, float]] = {
     "synchronous/01": {"steps": 500_000, "steps_and_actions": 250_000},
     "multi_agent/09": {"steps": 300_000, "steps_and_actions": 100_000, "load": 0.05},
     "multi_agent/10": {"steps": 300_000, "steps_and_actions": 100_000, "load": 0.05},

@@ -39,10 +39,11 @@ CHECKS = 40
 
 @dataclass(frozen=True)
 class Growth:
-    """Bytes in the second quarter of the steps and in the last one, as medians."""
+    """Bytes in the second quarter of the steps and in the last one, as medians; how many steps."""
 
     first: float
     last: float
+    steps: int
 
     @property
     def flat(self) -> bool:
@@ -82,11 +83,10 @@ class Memory:
     def read(self, name: str) -> bytes:
         return bytes(self.files[name])
 
-    def create(self, name: str) -> Any:
+    def create(self, name: str) -> Growing:
         return Growing(self.files.setdefault(name, bytearray()))
 
-    def resume(self, name: str, size: int) -> Any:
-        del self.files[name][size:]
+    def resume(self, name: str) -> Growing:
         return Growing(self.files[name])
 
     def replace(self, name: str, content: bytes) -> None:
@@ -97,11 +97,16 @@ class Memory:
 
 
 class Growing:
+    """A file of `Memory`."""
+
     def __init__(self, content: bytearray) -> None:
         self._content = content
 
     def append(self, data: bytes) -> None:
         self._content += data
+
+    def cut(self, size: int) -> None:
+        del self._content[size:]
 
     def close(self) -> None:
         pass
@@ -180,8 +185,8 @@ class Bot:
             self.say(type="act", seq=self._seq, action=self._moves[(self._seq - 1) % 2])
 
 
-async def play(steps: int) -> list[int]:
-    """The memory at regular intervals, in bytes."""
+async def play(steps: int) -> tuple[int, list[int]]:
+    """The steps taken, and the memory at regular intervals, in bytes."""
     process = psutil.Process()
     with tempfile.TemporaryDirectory() as folder:
         settings = ServerSettings(
@@ -192,23 +197,23 @@ async def play(steps: int) -> list[int]:
         for number in range(ROOMS):
             bots.append(Bot(server, Bot(server), length=500 + 60 * number))
             await asyncio.sleep(1 / RATE / ROOMS)
-        seen: list[int] = []
+        done, seen = 0, list[int]()
         for _ in range(CHECKS):
             await asyncio.sleep(steps / CHECKS / ROOMS / RATE)
             seen.append(process.memory_info().rss)
             done = sum(bot.steps for bot in bots)
             print(f"  {done:,} steps, {seen[-1] / 2**20:.1f} MiB", file=sys.stderr, flush=True)
-        return seen
+        return done, seen
 
 
 def memory_over_steps(steps: int) -> Growth:
-    """Play so many steps in a process of its own."""
+    """Play about so many steps in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.flat", "--steps", str(steps)]
     root = Path(__file__).resolve().parents[1]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=root)
-    seen = json.loads(done.stdout)
+    taken, seen = json.loads(done.stdout)
     quarter = len(seen) // 4
-    return Growth(median(seen[quarter : 2 * quarter]), median(seen[-quarter:]))
+    return Growth(median(seen[quarter : 2 * quarter]), median(seen[-quarter:]), taken)
 
 
 def main() -> None:

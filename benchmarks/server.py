@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.flat import memory_over_steps
+from benchmarks.flat import Growth, memory_over_steps
 from robotouille_client.load.conductor import Conductor
 from robotouille_client.load.cores import keep_to_cores
 from robotouille_client.load.page import render_page
@@ -39,6 +39,9 @@ OURS, BARE = "robotouille-server", "bare websockets"
 LATE = "0.05"
 MIX = "realtime:20,lockstep:1"
 """One lockstep room for 20 in real time: an action is answered at once there, as by an echo."""
+STEPS, ENOUGH = 10_000_000, 0.95
+"""Over which the memory has to be flat, and the share of them that counts as all: episodes that
+end and begin take time, too."""
 
 
 @dataclass(frozen=True)
@@ -80,18 +83,21 @@ def server(which: str, bench: Bench, *flags: str) -> Iterator[tuple[int, str]]:
                 "--no-operator", *flags,
             ]  # fmt: skip
         root = Path(__file__).resolve().parents[1]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root)
-        try:
-            if hasattr(os, "sched_setaffinity"):
-                os.sched_setaffinity(process.pid, bench.servers)
-            yield process.pid, _url(process)
-        finally:
-            process.terminate()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root) as process:
             try:
-                process.wait(timeout=20)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+                if hasattr(os, "sched_setaffinity"):
+                    os.sched_setaffinity(process.pid, bench.servers)
+                yield process.pid, _url(process)
+            finally:
+                _stop(process)
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.wait(timeout=20)
+    except subprocess.TimeoutExpired:
+        process.kill()
 
 
 def _url(process: subprocess.Popen[str]) -> str:
@@ -142,16 +148,18 @@ def realtime(bench: Bench, rooms: int, rate: float) -> list[Row]:
 def _steps(title: str, ours: Report, bare: Report) -> list[Row]:
     late = [_late(report) for report in (ours, bare)]
     held = [report.figures["steps"]["rate held"] or 0.0 for report in (ours, bare)]
-    arrived = [report.figures["durations"].get("delta age") for report in (ours, bare)]
+    ages = [report.figures["durations"].get("delta age") for report in (ours, bare)]
+    arrived = [milliseconds(age["p50"]) if age else "?" for age in ages]
     sent = ours.figures["steps"].get("age when sent")
     age = sent["p50"] if sent else None
     return [
-        Row(f"{title}: less than 50 ms late", "99.9 %", *map(_share, late), met=late[0] >= 0.999),
-        Row("  nominal rate held", "100 %", *map(_share, held), met=held[0] >= 0.995),
+        Row(f"{title}: less than 50 ms late", "99.9 %", _share(late[0]), _share(late[1]),
+            met=late[0] >= 0.999),
+        Row("  nominal rate held", "100 %", _share(held[0]), _share(held[1]),
+            met=held[0] >= 0.995),
         Row("  age of deltas when sent, median, ms", "1", milliseconds(age), "",
             met=age is not None and age <= 0.001),
-        Row("  … on arrival since due, median", "",
-            *(milliseconds(a["p50"]) if a else "?" for a in arrived)),
+        Row("  … on arrival since due, median", "", arrived[0], arrived[1]),
     ]  # fmt: skip
 
 
@@ -227,9 +235,15 @@ def workers(bench: Bench, rooms: int, rate: float) -> list[Row]:
 def memory(bench: Bench, steps: int) -> list[Row]:
     """The server's memory while it takes step after step."""
     bench.console.print(f"[bold]memory over {steps:,} steps[/]", highlight=False)
-    growth = memory_over_steps(steps)
+    return [memory_row(memory_over_steps(steps))]
+
+
+def memory_row(growth: Growth) -> Row:
+    """Fewer steps than the aim names can miss it, but not meet it."""
+    name = f"memory over {growth.steps:,} steps, MiB"
     shown = f"{growth.first / 2**20:.1f} → {growth.last / 2**20:.1f}"
-    return [Row(f"memory over {steps:,} steps, MiB", "flat", shown, "", met=growth.flat)]
+    met = None if growth.flat and growth.steps < ENOUGH * STEPS else growth.flat
+    return Row(name, f"flat over {STEPS:,}", shown, "", met)
 
 
 def print_rows(rows: list[Row], console: Console) -> None:
@@ -247,7 +261,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="to measure, each time")
     parser.add_argument("--scale", type=float, default=1.0, help="factor of all numbers of clients")
-    parser.add_argument("--steps", type=int, default=1_000_000, help="for the memory (10,000,000)")
+    parser.add_argument(
+        "--steps", type=int, default=1_000_000, help=f"for the memory (aim: {STEPS:,})"
+    )
     parser.add_argument("--out", type=Path, help="folder for the reports, as JSON and HTML")
     parser.add_argument(
         "--only", nargs="*", choices=("realtime", "spectators", "storm", "workers", "memory")

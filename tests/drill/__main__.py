@@ -1,4 +1,4 @@
-"""`python -m tests.drill`: kill a real server a hundred times during fifty games."""
+"""`python -m tests.drill`: kill a real server a hundred times (SIGKILL) during fifty games."""
 
 from __future__ import annotations
 
@@ -17,7 +17,12 @@ from tests.drill.report import table, write_json
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.drill", description=__doc__)
-    parser.add_argument("--kills", type=int, default=100, help="how often the server is killed")
+    parser.add_argument(
+        "--kills",
+        type=int,
+        default=100,
+        help="how often the server gets SIGKILL; SIGTERMs come on top",
+    )
     parser.add_argument("--games", type=int, default=50, help="games at a time")
     parser.add_argument("--windows", type=int, default=2, help="people's windows (under Xvfb)")
     parser.add_argument("--processes", type=int, default=3, help="processes for the bots")

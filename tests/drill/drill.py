@@ -30,8 +30,9 @@ EVENT_SECONDS = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How much is played and killed. `steps` bounds the step limits of the games, and
-    `patience` the seconds that games have to finish after the last kill."""
+    """How much is played and killed. `kills` counts SIGKILLs only; SIGTERMs come on top. `steps`
+    bounds the step limits of the games, and `patience` the seconds that games have to finish
+    after the last kill."""
 
     kills: int = 100
     games: int = 50
@@ -49,6 +50,7 @@ class Result:
 
     plan: Plan
     kills: Counter[str] = field(default_factory=Counter)
+    signals: Counter[str] = field(default_factory=Counter)
     lives: int = 0
     seconds: float = 0.0
     start_seconds: list[float] = field(default_factory=list)
@@ -95,15 +97,16 @@ async def run_drill(plan: Plan, folder: Path, say: Callable[[str], None]) -> Res
 async def _kill_and_restart(
     plan: Plan, server: ServerProcess, crowd: Crowd, result: Result, say: Callable[[str], None]
 ) -> None:
-    told = 0
-    for number, kill in enumerate(draw_kills(plan.seed, plan.kills), 1):
+    told, kills = 0, draw_kills(plan.seed, plan.kills)
+    for number, kill in enumerate(kills, 1):
         await _moment(kill, server, crowd)
         there, playing = len(crowd.present), len(crowd.playing)
         crowd.killed(time.monotonic())
         await server.kill(kill.signal)
         result.kills[f"{kill.signal.name} {kill.when.value}"] += 1
+        result.signals[kill.signal.name] += 1
         say(
-            f"kill {number:3} of {plan.kills}: {kill.signal.name} {kill.when.value:9}"
+            f"kill {number:3} of {len(kills)}: {kill.signal.name} {kill.when.value:9}"
             f" {there} of {playing} players were there,"
             f" {sum(crowd.ended.values())} seats have finished"
         )

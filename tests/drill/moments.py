@@ -42,15 +42,18 @@ DELAYS = {
 
 
 def draw_kills(seed: int, count: int) -> list[Kill]:
-    """As many kills, from a seed; one in ten is a SIGTERM without time to drain."""
+    """So many SIGKILLs, from a seed, and on top some SIGTERMs without time to drain: less than one
+    in ten of all. The last is a SIGKILL."""
     chance = random.Random(f"kills {seed}")
     kills: list[Kill] = []
-    while len(kills) < count:
+    hard = 0
+    while hard < count:
         (when,) = chance.choices(list(WEIGHTS), list(WEIGHTS.values()))
         last = kills[-MAX_IN_ROW:]
         if when is When.STARTING and sum(k.when is When.STARTING for k in last) == MAX_IN_ROW:
             when = When.PLAYING
         term = when is not When.STARTING and chance.random() < 0.1
         number = signal.SIGTERM if term else signal.SIGKILL
+        hard += not term
         kills.append(Kill(when, chance.uniform(*DELAYS[when]), number))
     return kills

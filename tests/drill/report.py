@@ -19,7 +19,9 @@ def table(result: Result) -> str:
     verdict = result.verdict
     kills = ", ".join(f"{count} {kind}" for kind, count in sorted(result.kills.items()))
     rows = [
-        ("kills", f"{sum(result.kills.values())}: {kills}"),
+        ("kills", f"{result.signals['SIGKILL']} SIGKILL ({result.plan.kills} asked for), and"
+                  f" {result.signals['SIGTERM']} SIGTERM on top"),
+        ("when", kills or "none"),
         ("lives of the server", f"{result.lives}"),
         ("time", f"{result.seconds:.0f} s"),
         ("episodes restored", f"{sum(result.restored)}, at most {max(result.restored, default=0)}"),

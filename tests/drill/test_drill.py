@@ -21,9 +21,9 @@ def test_games_go_on_through_five_kills(tmp_path: Path) -> None:
     write_json(result, tmp_path / "figures.json")
     figures = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert figures["verdict"]["outcomes"] == result.verdict.outcomes
-    assert figures["plan"]["kills"] == 5
-    assert sum(result.kills.values()) == 5
-    assert result.lives == 6
+    assert figures["plan"]["kills"] == figures["signals"]["SIGKILL"] == 5
+    assert sum(result.kills.values()) == result.signals.total()
+    assert result.lives == 1 + result.signals.total()
     assert sum(result.restored) >= 6
     assert result.verdict.games >= 6
     assert result.verdict.verified >= result.verdict.games

@@ -25,7 +25,7 @@ from tests.fuzz.assault import HANG, Report, Share, assault
 from tests.fuzz.process import ServerProcess, server_process
 from tests.fuzz.siege import ask_honestly
 
-__all__ = ["Verdict", "main", "run"]
+__all__ = ["Verdict", "judge", "main", "run"]
 
 SERVER_FLAGS = (
     "--messages-per-second", "1000000", "--max-episodes", "50", "--grace", "2",
@@ -63,7 +63,7 @@ def run(count: int, jobs: int, seed: int, keep: Path | None = None) -> Verdict:
     with tempfile.TemporaryDirectory(prefix="robotouille-hostile-") as folder:
         with server_process(Path(folder), *SERVER_FLAGS) as server:
             verdict = _attack(server, count, jobs, seed, keep)
-            _judge(server, verdict)
+            judge(verdict, server.log)
     return verdict
 
 
@@ -136,10 +136,11 @@ def _keep(report: Report, folder: Path | None) -> None:
         path.write_bytes(data)
 
 
-def _judge(server: ServerProcess, verdict: Verdict) -> None:
+def judge(verdict: Verdict, server_log: Path) -> None:
+    """Add the faults that show only in the end: growing memory, and errors in the server's log."""
     if verdict.growth > MAX_GROWTH:
         verdict.faults[f"the server's memory grew by {verdict.growth / 2**20:.1f} MiB"] += 1
-    log = server.log.read_text(encoding="utf-8", errors="replace")
+    log = server_log.read_text(encoding="utf-8", errors="replace")
     if "Traceback" in log or "failed" in log:
         verdict.faults["the server's log has an error: " + log[-2000:]] += 1
 

@@ -1,0 +1,84 @@
+"""The nightly run in a few seconds: seed after seed until the time is up, and what it says."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.simulation import runs
+from tests.simulation.__main__ import main
+from tests.simulation.runs import Progress, run_many
+from tests.simulation.simulation import Report, run_seed
+from tests.simulation.test_oracle_sees import told_though_not_written
+
+ROOT = Path(__file__).resolve().parents[2]
+SECONDS = 1.0
+FIRST = 12
+"""From here on the seeds that are run are short, and the fault is soon found."""
+HOURS = ["--hours", f"{SECONDS / 3600:.6f}", "--seeds", f"{FIRST}:", "--jobs", "1"]
+
+
+def faulty_block(first: int, last: int) -> list[Report]:
+    """The reports of some seeds of a server with a fault; it is run in other processes."""
+    with pytest.MonkeyPatch.context() as patch:
+        told_though_not_written(patch)
+        return [run_seed(seed) for seed in range(first, last)]
+
+
+def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """The exit status of the command."""
+    monkeypatch.setattr(sys, "argv", ["tests.simulation", *arguments])
+    return main()
+
+
+def test_the_command_ends_after_its_hours() -> None:
+    command = [sys.executable, "-m", "tests.simulation", "--hours", "0.001", "--jobs", "1"]
+    done = subprocess.run([*command, "--seeds", f"{FIRST}:"], cwd=ROOT, capture_output=True)
+    said = done.stdout.decode()
+    assert done.returncode == 0, said + done.stderr.decode()
+    found = re.search(r"^(\d+) seeds, 0 failed", said, re.MULTILINE)
+    assert found is not None and int(found[1]) >= 2 * runs.BLOCK, said
+
+
+def test_each_seed_is_run_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "BLOCK", 3)
+    seeds: list[int] = []
+    count = Progress._count
+
+    def noted(progress: Progress, report: Report) -> None:
+        seeds.append(report.seed)
+        count(progress, report)
+
+    monkeypatch.setattr(Progress, "_count", noted)
+    began = time.monotonic()
+    progress = run_many(FIRST, None, 1, SECONDS)
+    assert time.monotonic() - began >= SECONDS
+    assert sorted(seeds) == list(range(FIRST, FIRST + progress.seeds))
+    assert progress.seeds >= 6
+    assert progress.finish() == 0
+
+
+def test_a_seed_that_fails_is_named_and_fails_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(runs, "BLOCK", 3)
+    monkeypatch.setattr(runs, "run_block", faulty_block)
+    assert run_main(monkeypatch, *HOURS) == 1
+    said = capsys.readouterr().out
+    failed = re.findall(r"^seed (\d+) FAILED: python -m tests\.simulation (.+)$", said, re.M)
+    assert failed, said
+    assert f"failed: {' '.join(sorted((seed for seed, _ in failed), key=int))}\n" in said
+    seed, arguments = failed[0]
+    assert run_main(monkeypatch, *arguments.split()) == 0, "it fails without the fault, too"
+    assert f"seed {seed}: ok" in capsys.readouterr().out
+    told_though_not_written(monkeypatch)
+    assert run_main(monkeypatch, *arguments.split()) == 1
+    alone = capsys.readouterr().out
+    assert f"seed {seed}: FAILED" in alone
+    (first_fault,) = re.findall(rf"^seed {seed} FAILED.*\n    (.*)$", said, re.M)
+    assert first_fault in alone

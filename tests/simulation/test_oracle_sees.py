@@ -1,0 +1,191 @@
+"""Whether the simulation would notice what it looks for: faults put into the server on purpose.
+
+The seeds are some of those that find a fault soon. When scenarios are drawn in another way they
+stand for other courses; then look for new ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from robotouille.episode import Event, Said, Stepped
+from robotouille.protocol import messages
+from robotouille_server.audience import Audience
+from robotouille_server.journal import Journal
+from robotouille_server.room import Room
+from robotouille_server.session import Session
+from tests.simulation.simulation import run_seed
+
+Plant = Callable[[pytest.MonkeyPatch], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What is put in, seeds of which one at least must find it, and words of what it says."""
+
+    plant: Plant
+    seeds: tuple[int, ...]
+    says: str
+
+
+# Told before it is written
+
+
+def told_though_not_written(patch: pytest.MonkeyPatch) -> None:
+    """A room takes no notice when its recording cannot be written."""
+    write = Journal.write
+
+    def careless(journal: Journal) -> bool:
+        write(journal)
+        return True
+
+    patch.setattr(Journal, "write", careless)
+
+
+def told_before_written(patch: pytest.MonkeyPatch) -> None:
+    """A room tells first and writes then: nobody notices but when it is killed in between."""
+    written, tell = Room._written, Room._tell
+    told: list[Event] = []
+
+    def hasty(room: Room) -> bool:
+        if not room._failing:
+            for event in room._untold:
+                tell(room, event)
+                told.append(event)
+        return written(room)
+
+    def tell_others(room: Room, event: Event) -> None:
+        if not any(event is known for known in told):
+            tell(room, event)
+
+    patch.setattr(Room, "_written", hasty)
+    patch.setattr(Room, "_tell", tell_others)
+
+
+# An action that acts twice
+
+
+def numbers_not_looked_at(patch: pytest.MonkeyPatch) -> None:
+    """Every action is new, whatever its number."""
+    act = Room.act
+
+    def forgetful(room: Room, session: Session, request: messages.Act) -> None:
+        if session.player is not None:
+            seat = room.episode.seat(session.player)
+            seat.seq = min(seat.seq, request.seq - 1)
+        act(room, session, request)
+
+    patch.setattr(Room, "act", forgetful)
+
+
+def numbers_forgotten_at_a_restart(patch: pytest.MonkeyPatch) -> None:
+    """A room that goes on with a recording does not know which actions were heard."""
+    init = Room.__init__
+
+    def forgetful(room: Room, *values: Any, **options: Any) -> None:
+        init(room, *values, **options)
+        for seat in room.episode.seats.values():
+            seat.seq = 0
+
+    patch.setattr(Room, "__init__", forgetful)
+
+
+# Another episode's
+
+
+def all_audiences(patch: pytest.MonkeyPatch) -> list[Audience]:
+    """The audiences of all rooms from now on."""
+    known: list[Audience] = []
+    init = Audience.__init__
+
+    def noted(audience: Audience, *values: Any, **options: Any) -> None:
+        init(audience, *values, **options)
+        known.append(audience)
+
+    patch.setattr(Audience, "__init__", noted)
+    return known
+
+
+def chat_heard_elsewhere(patch: pytest.MonkeyPatch) -> None:
+    """What is said in one episode is told in all."""
+    audiences, tell_said = all_audiences(patch), Audience.tell_said
+
+    def tell_all(_: Audience, event: Said) -> None:
+        for audience in audiences:
+            tell_said(audience, event)
+
+    patch.setattr(Audience, "tell_said", tell_all)
+
+
+def deltas_seen_elsewhere(patch: pytest.MonkeyPatch) -> None:
+    """A step's delta goes to the members of all episodes."""
+    audiences, tell_step = all_audiences(patch), Audience.tell_step
+
+    def tell_all(audience: Audience, event: Stepped) -> None:
+        members = audience.members
+        audience.members = [session for known in audiences for session in known.members]
+        tell_step(audience, event)
+        audience.members = members
+
+    patch.setattr(Audience, "tell_step", tell_all)
+
+
+# A step that is missing
+
+
+def delta_not_sent(patch: pytest.MonkeyPatch) -> None:
+    """Every fifth step is told nobody. Clients ask for a picture when the next one comes; where
+    all wait for it, the game stands still."""
+    tell_step = Audience.tell_step
+
+    def sparing(audience: Audience, event: Stepped) -> None:
+        members = audience.members
+        audience.members = [] if event.step % 5 == 3 else members
+        tell_step(audience, event)
+        audience.members = members
+
+    patch.setattr(Audience, "tell_step", sparing)
+
+
+def step_not_recorded(patch: pytest.MonkeyPatch) -> None:
+    """The fourth step is told, but not in the recording."""
+    add = Journal.add
+
+    def sparing(journal: Journal, events: Iterable[Event]) -> None:
+        add(journal, [e for e in events if not (isinstance(e, Stepped) and e.step == 4)])
+
+    patch.setattr(Journal, "add", sparing)
+
+
+FAULTS = [
+    Fault(told_though_not_written, (14, 21, 30), "recorded"),
+    Fault(told_before_written, (20, 30, 38), "recorded"),
+    Fault(numbers_not_looked_at, (128, 354, 359), "acted twice"),
+    Fault(numbers_forgotten_at_a_restart, (17,), "acted twice"),
+    Fault(chat_heard_elsewhere, (13, 30), "of another episode"),
+    Fault(deltas_seen_elsewhere, (7, 13), "is another state than the recorded one"),
+    Fault(delta_not_sent, (14, 21), "not over"),
+    Fault(step_not_recorded, (4, 7), "recorded"),
+]
+SEEDS = sorted({seed for fault in FAULTS for seed in fault.seeds})
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.plant.__name__)
+def test_a_fault_of_the_server_is_found(fault: Fault, monkeypatch: pytest.MonkeyPatch) -> None:
+    fault.plant(monkeypatch)
+    found: list[str] = []
+    for seed in fault.seeds:
+        found += run_seed(seed).faults
+        if found:
+            break
+    assert any(fault.says in what for what in found), found or "not found"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_without_it_the_same_seeds_find_nothing(seed: int) -> None:
+    report = run_seed(seed)
+    assert report.ok, report.faults

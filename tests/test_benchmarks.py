@@ -1,0 +1,104 @@
+"""The benchmarks still run, in tiny form: what they find means nothing here."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import os
+import re
+from typing import Any
+
+import msgpack
+import pytest
+from benchmarks import core, flat, planning
+from benchmarks.flat import Growth, Memory, memory_over_steps
+from benchmarks.server import BARE, OURS, STEPS, Bench, memory_row, print_rows, server
+from rich.console import Console
+from websockets.asyncio.client import connect
+from websockets.typing import Subprotocol
+
+from robotouille.protocol.codec import MSGPACK
+from robotouille_server.storage import Storage
+
+MIB = 2**20
+
+
+async def answer(url: str, **message: Any) -> dict[str, Any]:
+    """What a server answers to one message."""
+    async with connect(url, subprotocols=[Subprotocol(MSGPACK.name)]) as socket:
+        await socket.send(msgpack.packb(message))
+        answered: dict[str, Any] = msgpack.unpackb(await socket.recv(decode=False))
+        return answered
+
+
+def test_the_hot_paths_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(core, "WALK", 400)
+    row = core.measure("synchronous/01")
+    assert min(row.load, row.steps, row.actions, row.memory) > 0
+    assert 0 < row.delta_p95 < row.snapshot
+    lines = core.table([row])
+    assert all(len(line) == 2 for line in lines)
+    assert any(re.search(r"\(\d+\.\d×\)", cell) for _, cell in lines), "nothing beside its aim"
+
+
+def test_planning_is_measured() -> None:
+    ((seconds, proven, expansions),) = planning.certify(["synchronous/01"])
+    assert seconds < planning.SECONDS and proven and expansions > 0
+    assert planning.transitions("synchronous/01", 200) > 0
+
+
+@pytest.mark.parametrize("which", [BARE, OURS])
+def test_both_servers_answer_a_hello(which: str) -> None:
+    everyone = tuple(range(os.cpu_count() or 1))
+    bench = Bench(1.0, None, everyone, everyone, Console(quiet=True))
+    with server(which, bench) as (pid, url):
+        assert pid > 0
+        welcome = asyncio.run(answer(url, type="hello", protocol=1, name="ada"))
+    assert welcome["type"] == "welcome"
+    assert ("bare" in welcome["server"]) == (which == BARE)
+
+
+def test_the_memory_is_looked_at_over_some_thousand_steps() -> None:
+    growth = memory_over_steps(2000)
+    assert 1900 < growth.steps < 2100
+    assert min(growth.first, growth.last) > 10 * MIB
+
+
+def test_the_servers_storage_in_memory_does_what_a_storage_does() -> None:
+    storage: Storage = Memory()
+    file = storage.create("a.part")
+    file.append(b"whole, torn")
+    file.close()
+    again = storage.resume("a.part")
+    again.cut(5)
+    again.append(b"!")
+    assert storage.read("a.part") == b"whole!"
+    storage.replace("a", b"closed")
+    storage.remove("a.part")
+    assert storage.names() == []
+
+
+@pytest.mark.parametrize(
+    ("growth", "met"),
+    [
+        (Growth(100 * MIB, 101 * MIB, STEPS - 1000), True),
+        (Growth(100 * MIB, 101 * MIB, 1_000_000), None),
+        (Growth(100 * MIB, 106 * MIB, 1_000_000), False),
+        (Growth(100 * MIB, 106 * MIB, STEPS), False),
+    ],
+)
+def test_the_row_of_the_memory_says_over_how_many_steps_it_was(
+    growth: Growth, met: bool | None
+) -> None:
+    row = memory_row(growth)
+    assert f"over {growth.steps:,} steps" in row.name
+    assert row.target == "flat over 10,000,000"
+    assert row.met is met
+    console = Console(record=True, width=120, file=io.StringIO())
+    print_rows([row], console)
+    assert f"{growth.steps:,}" in console.export_text()
+
+
+def test_simulated_time_passes_at_once() -> None:
+    with asyncio.Runner(loop_factory=flat.SimulatedLoop) as runner:
+        runner.run(asyncio.sleep(3600))
