@@ -23,12 +23,12 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille_client.addresses import moved_url, why_not
+from robotouille_client.backoff import pauses
 from robotouille_client.game import Game
 
 __all__ = ["Client", "ConnectionFailedError", "connect"]
 
 DEFAULT_URL = "ws://127.0.0.1:8765"
-FIRST_DELAY, LONGEST_DELAY = 0.1, 5.0
 ANSWER_SECONDS = 15.0
 REPEAT_SECONDS = 5.0
 """After which an action without an answer is sent again; it acts once all the same."""
@@ -407,10 +407,9 @@ class Client:
 
     async def _come_back(self) -> None:
         """Reconnect with growing pauses (100 ms to 5 s, with jitter)."""
-        delay = FIRST_DELAY
+        waits = pauses(self._jitter)
         while not self._closing:
-            await asyncio.sleep(delay * self._jitter.uniform(0.5, 1.0))
-            delay = min(LONGEST_DELAY, delay * 2)
+            await asyncio.sleep(next(waits))
             try:
                 await self._open_somewhere()
             except ConnectionFailedError as error:

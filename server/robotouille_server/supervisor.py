@@ -69,12 +69,12 @@ class _Supervisor:
         self._started = [0.0] * count
         self._pauses = [FIRST_PAUSE] * count
         self._next = [0.0] * count
-        self._stopping: signal.Signals | None = None
+        self._signals: list[int] = []
 
     def run(self) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._stop)
-        while self._stopping is None:
+        while not self._signals:
             for index in range(len(self._processes)):
                 self._look_after(index)
             if self._hopeless():
@@ -83,7 +83,7 @@ class _Supervisor:
         return self._wait()
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
-        self._stopping = signal.Signals(number)
+        self._signals.append(number)
 
     def _look_after(self, index: int) -> None:
         process, now = self._processes[index], time.monotonic()
@@ -96,7 +96,7 @@ class _Supervisor:
             self._next[index] = now + pause
             get_logger().error("worker died", worker=index, status=process.returncode)
             self._processes[index] = None
-        elif now >= self._next[index] and self._stopping is None:
+        elif now >= self._next[index] and not self._signals:
             environment = {**os.environ, INDEX: str(index), PARENT: str(os.getpid())}
             command = [sys.executable, "-m", "robotouille_server", *sys.argv[1:]]
             self._processes[index] = subprocess.Popen(command, env=environment)  # noqa: S603
@@ -108,8 +108,13 @@ class _Supervisor:
         return dead and all(pause >= LONGEST_PAUSE for pause in self._pauses)
 
     def _wait(self) -> int:
-        for process in self._processes:
-            if process is not None and process.poll() is None:
-                process.send_signal(self._stopping or signal.SIGTERM)
-        statuses = [process.wait() for process in self._processes if process is not None]
-        return max(map(abs, statuses), default=0)
+        """Pass every signal on, until all workers have ended; their worst exit status."""
+        workers = [process for process in self._processes if process is not None]
+        told = 0
+        while living := [worker for worker in workers if worker.poll() is None]:
+            for number in self._signals[told:]:
+                told += 1
+                for worker in living:
+                    worker.send_signal(number)
+            time.sleep(LOOK_SECONDS)
+        return max((abs(worker.returncode) for worker in workers), default=0)

@@ -19,7 +19,7 @@ from robotouille.episode import Absence, Controller, Hold
 from robotouille.errors import ProtocolError
 from robotouille.planning.certifying import BUDGET
 from robotouille.protocol import codec, messages
-from robotouille_client import connection as client
+from robotouille_client import backoff
 from robotouille_server import ServerSettings, audience, conversation, lobby, peer
 from robotouille_server.access import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
@@ -159,7 +159,7 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     assert f"After {defaults.stall_seconds:g} seconds behind" in page
     assert f"more than {audience.KEPT_DELTAS}, or" in page
     assert f"of the last {audience.KEPT_SAID};" in page
-    first, longest = client.FIRST_DELAY * 1000, client.LONGEST_DELAY
+    first, longest = backoff.FIRST_DELAY * 1000, backoff.LONGEST_DELAY
     assert f"After {first:g} ms, then after pauses that double up to {longest:g} s" in page
     words = {120: "two minutes", 10: "ten letters", 20: "Twenty wrong codes a minute"}
     assert words[int(lobby.LINGER_SECONDS)] in page

@@ -52,6 +52,8 @@ def test_an_interrupt_gives_the_report_of_what_was_measured(tmp_path: Path) -> N
     assert "Interrupted: this is what was measured until then." in output
     assert re.search(r"load +2 realtime, 1 lockstep, 1 turn rooms at 10 actions/s", output)
     assert re.search(r"action to delta, lockstep +\d", output)
+    to_the_server = r"traffic +[1-9][\d,]* messages/s, [\d,]+ KiB/s to the server"
+    assert re.search(to_the_server + r"; [1-9][\d,]* messages/s, [1-9][\d,]* KiB/s from it", output)
     assert re.search(r"server +\d+\.\d\d cores, \d+ MiB; .* KiB an idle spectator", output)
 
     plain = json.loads(report.read_text())
@@ -61,6 +63,9 @@ def test_an_interrupt_gives_the_report_of_what_was_measured(tmp_path: Path) -> N
     assert figures["server"].startswith("robotouille ")
     assert figures["steps"]["by the server"]["count"] > 0
     assert figures["durations"]["action, realtime"]["count"] > 0
+    for flow in ("messages in", "messages out", "bytes in", "bytes out"):
+        assert figures["traffic"][flow] > 0, flow
+        assert figures["traffic"][f"{flow} a second"] > 0, flow
     assert plain["plan"]["mix"] == {"realtime": 2, "lockstep": 1, "turn": 1}
     assert {row["measured"] for row in plain["series"]} == {True, False}
 

@@ -18,7 +18,8 @@ from websockets.asyncio.server import ServerConnection, serve
 
 from robotouille_client import Client
 from robotouille_client.connection import ConnectionFailedError
-from robotouille_server.tls import ServerTLS, TLSFileError
+from robotouille_server.tls import POLL_SECONDS, ServerTLS, TLSFileError
+from tests.support.servers import serving
 from tests.support.virtual_time import run
 
 
@@ -90,6 +91,18 @@ def test_a_renewed_certificate_is_served_and_open_connections_live_on(pair: Pair
                 assert await serial_now(url, pair) != serial(old)
                 await old.send("still here")
                 assert await old.recv() == "still here"
+
+    run(scenario())
+
+
+def test_a_server_that_runs_takes_the_renewed_certificate(pair: Pair, tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path / "r", tls_cert=pair.cert, tls_key=pair.key) as server:
+            async with connect(server.url, ssl=pair.client(), proxy=None) as old:
+                assert await serial_now(server.url, pair) == serial(old)
+                pair.renew()
+                await asyncio.sleep(POLL_SECONDS + 1)
+                assert await serial_now(server.url, pair) != serial(old)
 
     run(scenario())
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from urllib.request import urlopen
 
+import psutil
 import pytest
 
 from robotouille.replay.recording import read_recording
@@ -22,10 +23,10 @@ COMMAND = [sys.executable, "-c", "from robotouille_server.cli import main; main(
 
 
 @contextmanager
-def process(
+def started(
     folder: Path, *flags: str, **environment: str
-) -> Iterator[tuple[subprocess.Popen[str], str, str]]:
-    """A server process, its URL and the code of its first kitchen."""
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A server process that serves, and what it has printed."""
     arguments = [*COMMAND, "--port", "0", "--recordings", str(folder), *flags]
     server = subprocess.Popen(
         arguments,
@@ -41,13 +42,23 @@ def process(
             text += line
             if "stop:" in line:
                 break
-        found = re.search(r"(ws://\S+)[\s\S]*code is ([A-Z-]+)", text)
-        assert found, (text, server.stderr.read() if server.stderr else "")
-        yield server, found.group(1), found.group(2)
+        assert "stop:" in text, (text, server.stderr.read() if server.stderr else "")
+        yield server, text
     finally:
         if server.poll() is None:
             server.kill()
         server.communicate()
+
+
+@contextmanager
+def process(
+    folder: Path, *flags: str, **environment: str
+) -> Iterator[tuple[subprocess.Popen[str], str, str]]:
+    """A server process, its URL and the code of its first kitchen."""
+    with started(folder, *flags, **environment) as (server, text):
+        found = re.search(r"(ws://\S+)[\s\S]*code is ([A-Z-]+)", text)
+        assert found, text
+        yield server, found.group(1), found.group(2)
 
 
 async def play_until_signal(
@@ -200,3 +211,15 @@ def test_logs_as_json(tmp_path: Path) -> None:
     rows = [json.loads(line) for line in errors.splitlines()]
     assert any({"event": "episode opened", "code": code}.items() <= row.items() for row in rows)
     assert rows[-1]["event"] == "stopped"
+
+
+def test_only_this_machine_is_served_unless_told_otherwise(tmp_path: Path) -> None:
+    def served(*flags: str) -> tuple[set[str], bool]:
+        with started(tmp_path, "--task", "synchronous/01", *flags) as (server, greeting):
+            sockets = psutil.Process(server.pid).net_connections("tcp")
+            hosts = {one.laddr.ip for one in sockets if one.status == psutil.CONN_LISTEN}
+            return hosts, "only programs on this machine can connect" in greeting
+
+    assert served() == ({"127.0.0.1"}, True)
+    assert served("--host", "0.0.0.0", "--no-operator") == ({"0.0.0.0"}, False)
+    assert served("--host", "0.0.0.0") == ({"0.0.0.0", "127.0.0.1"}, False)

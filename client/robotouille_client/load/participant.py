@@ -12,13 +12,13 @@ from websockets.uri import WebSocketURI
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.messages import PROTOCOL_VERSION
+from robotouille_client.backoff import pauses
 from robotouille_client.load.histogram import Measurements
 from robotouille_client.load.link import Link, Traffic, open_link, server_address
 
 __all__ = ["Environment", "LostError", "Participant"]
 
 ANSWER_SECONDS = 30.0
-FIRST_DELAY, LONGEST_DELAY = 0.1, 5.0
 
 Message = dict[str, Any]
 
@@ -110,9 +110,9 @@ class Participant:
 
         ProtocolError where the server does not let us.
         """
-        delay = FIRST_DELAY
+        waits = pauses(self.environment.chance)
         while True:
-            await asyncio.sleep(self.environment.chance.uniform(0, delay))
+            await asyncio.sleep(next(waits))
             try:
                 return await self._resumed()
             except ProtocolError:
@@ -120,7 +120,6 @@ class Participant:
             except RobotouilleError:
                 self.environment.measured.count("failed attempts to return")
                 self.cut()
-                delay = min(2 * delay, LONGEST_DELAY)
 
     async def _resumed(self) -> Message:
         seated = self._expect("joined", "moved")

@@ -1,0 +1,145 @@
+"""A server process that is told to stop lets its running games end first."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import psutil
+import pytest
+
+from robotouille import GroundAction, ProtocolError, World, load_task
+from robotouille.planning.plan import read_plan
+from robotouille.replay.recording import Recording, read_recording
+from robotouille.resources import data_folder
+from robotouille_client import Game, Over, connect
+from tests.server.test_process import process
+from tests.server.test_workers import workers
+
+TASK = "synchronous/01_cheese_sandwich"
+DRAIN = ("--drain-seconds", "120")
+SOON = 30
+"""Seconds in which a process ends that waits for nothing: far fewer than it may drain."""
+
+Moves = Sequence[GroundAction | None]
+
+
+def the_plan() -> Moves:
+    """The moves of the plan that is shipped with the task."""
+    world = World(load_task(TASK))
+    text = (data_folder("problems") / f"{TASK}.plan").read_text()
+    return [action for (action,) in read_plan(text, world)]
+
+
+def the_recording(folder: Path, ending: str) -> Recording:
+    (file,) = folder.glob(f"*{ending}")
+    recording = read_recording(file)
+    assert recording.verify().ok
+    return recording
+
+
+async def turned_away(url: str) -> None:
+    """Wait until nobody new is accepted."""
+    where = urlsplit(url)
+    for _ in range(600):
+        with socket.socket() as probe:
+            if probe.connect_ex((where.hostname, where.port)) != 0:
+                return
+        await asyncio.sleep(0.05)
+    raise AssertionError(f"{url} still accepts connections")
+
+
+async def ending(game: Game) -> Over:
+    async for event in game:
+        if isinstance(event, Over):
+            return event
+    raise AssertionError("the game did not end")
+
+
+async def play_on(
+    url: str, code: str, moves: Moves, last: int, told: Callable[[], None]
+) -> tuple[str, Over]:
+    """A game whose server is told to stop before its `last` moves: why it opens no other one
+    then, and how the game ends."""
+    async with connect(url, name="ada", reconnect=False) as client:
+        game = await client.join(code)
+        for move in moves[:-last]:
+            assert (await game.act(move)).applied
+        told()
+        await turned_away(url)
+        with pytest.raises(ProtocolError) as refused:
+            await client.create(TASK)
+        for move in moves[-last:]:
+            assert (await game.act(move)).applied
+        return refused.value.code, await ending(game)
+
+
+@pytest.mark.parametrize("reason", ["goal", "step_limit"])
+def test_a_game_that_is_nearly_over_ends_before_the_process(tmp_path: Path, reason: str) -> None:
+    moves = the_plan() if reason == "goal" else [None] * 5
+    flags = ("--task", TASK, "--max-steps", str(len(moves)), *DRAIN)
+    with process(tmp_path / "r", *flags) as (server, url, code):
+        refused, over = asyncio.run(play_on(url, code, moves, 3, server.terminate))
+        assert server.wait(timeout=SOON) == 0
+    assert refused == "server/draining"
+    assert over.outcome["reason"] == reason
+    recording = the_recording(tmp_path / "r", ".rbt")
+    assert recording.verify().complete
+    assert recording.outcome == over.outcome
+    assert not list((tmp_path / "r").glob("*.part"))
+    assert len(recording.steps) == len(moves)
+
+
+async def told_twice(url: str, told: Callable[[], None]) -> Over:
+    """How a game ends whose server is told to stop, and told again while it waits."""
+    async with asyncio.timeout(SOON), connect(url, name="ada", reconnect=False) as client:
+        game = await client.join((await client.create(TASK)).code)
+        assert (await game.act(None)).applied
+        told()
+        await turned_away(url)
+        assert (await game.act(None)).applied
+        told()
+        return await ending(game)
+
+
+def handed_over(over: Over, folder: Path) -> bool:
+    """Whether a game is left to the next process as it was."""
+    files = {file.name: read_recording(file) for file in folder.iterdir()}
+    (left,) = [recording for recording in files.values() if recording.steps]
+    assert left.verify().ok
+    return over.outcome == {} and left.outcome is None and len(left.steps) == 2
+
+
+def test_a_second_signal_leaves_the_game_to_the_next_process_at_once(tmp_path: Path) -> None:
+    with process(tmp_path / "r", *DRAIN) as (server, url, _code):
+        over = asyncio.run(told_twice(url, server.terminate))
+        assert server.wait(timeout=SOON) == 0
+    assert handed_over(over, tmp_path / "r")
+
+
+def test_workers_are_told_a_second_time_too(tmp_path: Path) -> None:
+    with workers(tmp_path / "r", 2, *DRAIN) as (supervisor, port):
+        over = asyncio.run(told_twice(f"ws://127.0.0.1:{port}", supervisor.terminate))
+        assert supervisor.wait(timeout=SOON) == 0
+    assert handed_over(over, tmp_path / "r")
+
+
+def test_workers_are_told_and_let_their_games_end(tmp_path: Path) -> None:
+    async def main(url: str, told: Callable[[], None]) -> tuple[str, Over]:
+        async with connect(url, name="host") as host:
+            code = (await host.create(TASK, max_steps=5)).code
+            return await play_on(url, code, [None] * 5, 3, told)
+
+    with workers(tmp_path, 2, *DRAIN) as (supervisor, port):
+        children = psutil.Process(supervisor.pid).children()
+        refused, over = asyncio.run(main(f"ws://127.0.0.1:{port}", supervisor.terminate))
+        assert supervisor.wait(timeout=SOON) == 0
+        assert not [child for child in children if child.is_running()]
+    assert refused == "server/draining"
+    assert over.outcome["reason"] == "step_limit"
+    recording = the_recording(tmp_path, ".rbt")
+    assert recording.verify().complete
+    assert recording.outcome == over.outcome
