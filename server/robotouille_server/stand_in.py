@@ -160,10 +160,9 @@ class _Kitchen:
             next(self._anytime.answers(self.world.initial, team=(player,), beam=EXPANSIONS))
         return self._anytime
 
-    def tidy(self) -> None:
-        """Forget what was found out for many games, when another begins."""
-        if self.minds >= MOST_MINDS:
-            self._anytime, self.minds = None, 0
+    def forget(self) -> None:
+        """Know nothing any more of what was found out for earlier games."""
+        self._anytime, self.minds = None, 0
 
 
 _kitchens: WeakValueDictionary[str, _Kitchen] = WeakValueDictionary()
@@ -191,7 +190,8 @@ class _Mind:
         """Learn the kitchen, if nobody has yet."""
         if self._kind != "random":
             with self._kitchen.thinking:
-                self._kitchen.tidy()
+                if self._kitchen.minds >= MOST_MINDS:
+                    self._kitchen.forget()
                 self._kitchen.learn(self._player)
 
     def _make(self) -> Policy:
