@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from concurrent.futures import Executor, Future
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from robotouille.episode import Episode, Rules
 from robotouille.planning.anytime import Anytime
 from robotouille.replay.recording import read_recording
 from robotouille.world.world import shared_world
-from robotouille_server import Server
+from robotouille_server import Server, stand_in
 from robotouille_server.stand_in import EXPANSIONS, StandIn, _Kitchen, _kitchens
 from tests.support.servers import Raw, raw, serving
+from tests.support.virtual_time import run
 
 
 async def begin(server: Server, ada: Raw, bob: Raw, **options: Any) -> str:
@@ -45,26 +47,33 @@ def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
+class AtOnce(Executor):
+    """Thinks while time stands still."""
+
+    def submit(self, function: Any, /, *arguments: Any, **options: Any) -> Future[Any]:
+        thought: Future[Any] = Future()
+        thought.set_result(function(*arguments, **options))
+        return thought
+
+
 @pytest.mark.parametrize("task", ["multi_agent/01", "multi_agent/10"])
-def test_it_acts_in_the_next_step_of_real_time(task: str, tmp_path: Path) -> None:
-    """With a second for a step, which is many times what its first thought takes."""
+def test_it_acts_in_the_next_step_of_real_time(
+    task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stand_in, "_threads", AtOnce)
 
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as bob:
             async with raw(server, name="ada") as ada:
-                code = await begin(server, ada, bob, task=task, clock="realtime", step_rate=1)
+                code = await begin(server, ada, bob, task=task, clock="realtime", step_rate=5)
                 room = server.lobby.find(code)
-                kitchen = _kitchens[room.world.task.digest]
-                await known(kitchen)
-                async with asyncio.timeout(60):
-                    while room.episode.step < 1:
-                        await asyncio.sleep(0.01)
-            async with asyncio.timeout(60):
-                while not room.episode.seats["robot1"].tally.applied:
-                    await asyncio.sleep(0.01)
+                while room.episode.step < 3:
+                    await asyncio.sleep(0.1)
+            while not room.episode.seats["robot1"].tally.applied:
+                await asyncio.sleep(0.1)
             room.abort("seen")
 
-    asyncio.run(main())
+    run(main())
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert recording.verify().ok
@@ -89,12 +98,12 @@ def test_all_games_of_a_task_learn_its_kitchen_once(monkeypatch: pytest.MonkeyPa
 
     async def main() -> None:
         stand_ins = await minds(20)
-        for stand_in in stand_ins:
-            stand_in.warm()
+        for one in stand_ins:
+            one.warm()
         async with asyncio.timeout(60):
-            for stand_in in stand_ins:
-                assert stand_in._mind is not None
-                await asyncio.to_thread(stand_in._mind.wake)
+            for one in stand_ins:
+                assert one._mind is not None
+                await asyncio.to_thread(one._mind.wake)
 
     monkeypatch.setattr(Anytime, "answers", counted)
     asyncio.run(main())
@@ -107,11 +116,11 @@ def test_what_was_found_out_is_forgotten_when_many_have_planned(
     async def main() -> None:
         monkeypatch.setattr("robotouille_server.stand_in.MOST_MINDS", 3)
         planners = []
-        for stand_in in await minds(7):
-            stand_in.warm()
-            mind = stand_in._mind
+        for one in await minds(7):
+            one.warm()
+            mind = one._mind
             assert mind is not None
-            state = stand_in._episode.state
+            state = one._episode.state
             await asyncio.to_thread(mind.wake)
             await asyncio.to_thread(mind.think, state.facts, (), (), [])
             planners.append(mind._kitchen._anytime)
