@@ -101,4 +101,6 @@ def test_the_row_of_the_memory_says_over_how_many_steps_it_was(
 
 def test_simulated_time_passes_at_once() -> None:
     with asyncio.Runner(loop_factory=flat.SimulatedLoop) as runner:
+        begun = runner.get_loop().time()
         runner.run(asyncio.sleep(3600))
+        assert runner.get_loop().time() - begun >= 3600

@@ -150,7 +150,7 @@ class _Kitchen:
         return World(self._task)
 
     def learn(self, player: str) -> Anytime:
-        """The planner that knows the kitchen, also while `thinking` is held."""
+        """The planner that knows the kitchen; to be asked for while `thinking` is held."""
         if self._anytime is None:
             # Compiling the planner would take longer than any seat can wait.
             os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")

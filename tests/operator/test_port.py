@@ -50,7 +50,8 @@ def test_it_stops_while_pages_are_open_and_leaves_no_task_and_no_socket(tmp_path
 def test_its_address_is_good_from_the_moment_it_is_told(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, operator_view(server, port=0) as port:
-            socket.create_connection(("127.0.0.1", port.port), timeout=5).close()
+            with socket.create_connection(("127.0.0.1", port.port), timeout=5) as visitor:
+                assert visitor.getpeername()[1] == port.port
 
     run(main())
 

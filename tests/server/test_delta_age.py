@@ -9,37 +9,21 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from robotouille_client import connect
 from robotouille_server import Server
-from robotouille_server.storage import Appender, Folder
+from tests.support.disks import TroubledFolder
 from tests.support.servers import serving
 from tests.support.virtual_time import VirtualTimeLoop, run
 
 WRITING = 0.3
 
 
-class SlowDisk(Folder):
+class SlowDisk(TroubledFolder):
     """A folder in which each append takes its time, once it is slow."""
 
     slow = False
 
-    def create(self, name: str) -> Appender:
-        return SlowFile(self, super().create(name))
-
-
-class SlowFile:
-    def __init__(self, disk: SlowDisk, file: Appender) -> None:
-        self._disk = disk
-        self._file = file
-
-    def append(self, data: bytes) -> None:
-        if self._disk.slow:
+    def before_append(self, name: str) -> None:
+        if self.slow:
             pass_time(WRITING)
-        self._file.append(data)
-
-    def cut(self, size: int) -> None:
-        self._file.cut(size)
-
-    def close(self) -> None:
-        self._file.close()
 
 
 def pass_time(seconds: float) -> None:

@@ -43,6 +43,7 @@ def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
             code = await begin(server, ada, bob, task="multi_agent/03")
             kitchen = _kitchens[server.lobby.find(code).world.task.digest]
             await known(kitchen)
+            assert all(seat.present for seat in server.lobby.find(code).episode.seats.values())
 
     asyncio.run(main())
 
@@ -114,15 +115,15 @@ def test_what_was_found_out_is_forgotten_when_many_have_planned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def main() -> None:
-        monkeypatch.setattr("robotouille_server.stand_in.MOST_MINDS", 3)
+        monkeypatch.setattr(stand_in, "MOST_MINDS", 3)
+        monkeypatch.setattr(stand_in, "_threads", AtOnce)
         planners = []
         for one in await minds(7):
             one.warm()
             mind = one._mind
             assert mind is not None
             state = one._episode.state
-            await asyncio.to_thread(mind.wake)
-            await asyncio.to_thread(mind.think, state.facts, (), (), [])
+            mind.think(state.facts, (), (), [])
             planners.append(mind._kitchen._anytime)
         assert [a is b for a, b in pairwise(planners)] == [True, True, False, True, True, False]
 

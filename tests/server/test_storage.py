@@ -13,39 +13,24 @@ from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Heard, connect
 from robotouille_server.storage import Appender, Folder
+from tests.support.disks import TroubledFolder
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 
 
-class FullDisk(Folder):
-    """A folder on a disk that is full at times; half of what is written then gets through."""
+class FullDisk(TroubledFolder):
+    """A folder on a disk that is full at times."""
 
     full = False
 
-    def create(self, name: str) -> Appender:
-        return FullFile(self, super().create(name))
+    def before_append(self, name: str) -> None:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
 
     def replace(self, name: str, content: bytes) -> None:
         if self.full:
             raise OSError(errno.ENOSPC, "No space left on device")
         super().replace(name, content)
-
-
-class FullFile:
-    def __init__(self, disk: FullDisk, file: Appender) -> None:
-        self._disk = disk
-        self._file = file
-
-    def append(self, data: bytes) -> None:
-        if self._disk.full:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        self._file.append(data)
-
-    def cut(self, size: int) -> None:
-        self._file.cut(size)
-
-    def close(self) -> None:
-        self._file.close()
 
 
 def test_the_game_stands_still_until_there_is_room_again(tmp_path: Path) -> None:
@@ -126,7 +111,7 @@ def test_an_episode_that_cannot_be_recorded_is_not_opened(tmp_path: Path) -> Non
             connect(host.url, name="ada") as ada,
         ):
             disk.full = True
-            blocked = FullFile(disk, Folder(tmp_path).create("x.rbt.part"))
+            blocked = disk.create("x.rbt.part")
             with pytest.raises(OSError, match="No space"):
                 blocked.append(b"x")
             with pytest.raises(ProtocolError, match="No space left") as error:

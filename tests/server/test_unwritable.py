@@ -16,8 +16,8 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Changed, Game, Heard, connect
-from robotouille_server.storage import Appender, Folder
 from tests.server.test_process import process
+from tests.support.disks import TroubledFolder
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
@@ -152,31 +152,14 @@ def test_no_episode_is_opened_that_cannot_be_recorded(tmp_path: Path) -> None:
     assert read_recording(file).verify().ok
 
 
-class OneBadFile(Folder):
+class OneBadFile(TroubledFolder):
     """A folder on a disk with a fault, under a single file."""
 
     bad = ""
 
-    def create(self, name: str) -> Appender:
-        return Fragile(self, name, super().create(name))
-
-
-class Fragile:
-    def __init__(self, disk: OneBadFile, name: str, file: Appender) -> None:
-        self._disk = disk
-        self._name = name
-        self._file = file
-
-    def append(self, data: bytes) -> None:
-        if self._disk.bad and self._disk.bad in self._name:
+    def before_append(self, name: str) -> None:
+        if self.bad and self.bad in name:
             raise OSError(errno.EIO, "Input/output error")
-        self._file.append(data)
-
-    def cut(self, size: int) -> None:
-        self._file.cut(size)
-
-    def close(self) -> None:
-        self._file.close()
 
 
 def test_only_the_affected_episode_stands_still(tmp_path: Path) -> None:

@@ -1,0 +1,34 @@
+"""Folders in which writing does not always go well."""
+
+from __future__ import annotations
+
+from robotouille_server.storage import Appender, Folder
+
+__all__ = ["TroubledFolder"]
+
+
+class TroubledFolder(Folder):
+    """`before_append` comes before each append to a file made here, and may fail or take time."""
+
+    def before_append(self, name: str) -> None:
+        raise NotImplementedError
+
+    def create(self, name: str) -> Appender:
+        return _TroubledFile(self, name, super().create(name))
+
+
+class _TroubledFile:
+    def __init__(self, folder: TroubledFolder, name: str, file: Appender) -> None:
+        self._folder = folder
+        self._name = name
+        self._file = file
+
+    def append(self, data: bytes) -> None:
+        self._folder.before_append(self._name)
+        self._file.append(data)
+
+    def cut(self, size: int) -> None:
+        self._file.cut(size)
+
+    def close(self) -> None:
+        self._file.close()
