@@ -322,7 +322,7 @@ class Server:
 
     def _accept(self, *arguments: Any, **options: Any) -> Connection:
         self._accepted += 1
-        return Connection(*arguments, **options)
+        return Connection(*arguments, metrics=self.metrics, **options)
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:

@@ -18,7 +18,9 @@ from robotouille.replay.recorder import HASH_EVERY
 from robotouille.world.state import State
 from robotouille_server.connection import frame_of
 from robotouille_server.metrics import Metrics
+from robotouille_server.peer import Peer
 from robotouille_server.session import Session
+from robotouille_server.snapshots import Snapshots
 
 __all__ = ["Audience"]
 
@@ -43,6 +45,7 @@ class Audience:
         "_now",
         "_said",
         "_seat_number",
+        "_snapshots",
         "_told",
         "_writer",
         "members",
@@ -64,6 +67,7 @@ class Audience:
         self._code = code
         self._episode = episode
         self._writer = writer
+        self._snapshots = Snapshots(episode_id, episode, writer)
         self._metrics = metrics
         self._now = now
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
@@ -141,6 +145,7 @@ class Audience:
 
     def tell_step(self, event: Stepped) -> None:
         """The delta of a step, to everybody who keeps up."""
+        self._snapshots.forget()
         delta = self._delta(event)
         payload = MSGPACK.pack(delta)
         self._deltas.append(payload)  # type: ignore[arg-type]
@@ -246,19 +251,43 @@ class Audience:
 
     # Pictures
 
+    def ask_picture(self, session: Session) -> None:
+        """A picture now; what else is asked for in the same turn of the event loop is answered
+        by one more in the next."""
+        peer = session.peer
+        if peer is None:
+            return
+        if peer.pictured:
+            peer.picture_due = True
+        else:
+            self._show(session, peer)
+
+    def _show(self, session: Session, peer: Peer) -> None:
+        peer.pictured, peer.picture_due = True, False
+        peer.socket.loop.call_soon(self._turn_over, session, peer)
+        self.paint(session)
+
+    def _turn_over(self, session: Session, peer: Peer) -> None:
+        peer.pictured = False
+        if peer.picture_due and session.peer is peer and session in self.members:
+            self._show(session, peer)
+
     def send_picture(self, session: Session) -> None:
         """The whole state, as a snapshot or in words or both."""
-        if session.peer is None:
+        peer = session.peer
+        if peer is None:
             return
         if session.wants_state:
-            codec = session.peer.codec
-            session.peer.send_frame(frame_of(codec.pack(self._snapshot(session))))
+            known = self._episode.world.task.digest in session.known
+            session.known.add(self._episode.world.task.digest)
+            own = self._own_fields(session)
+            peer.answer_frame(self._snapshots.frame(peer.codec, own, with_task=not known))
         if session.wants_text:
             episode = self._episode
             observation = self._observation(
                 session.player, episode.state, episode.step, episode.on_turn, self.phase
             )
-            self.send(session, observation)
+            peer.answer(observation)
             if not session.wants_state and episode.outcome is not None:
                 self.send(session, self.ended(episode.outcome))
 
@@ -269,16 +298,12 @@ class Audience:
             step=episode.step, outcome=outcome.to_json(), hash=episode.state.digest
         )
 
-    def _snapshot(self, session: Session) -> dict[str, Any]:
-        """The fields of a `snapshot` message, as plain values: most of it is the same for all."""
-        episode, state = self._episode, self._episode.state
-        task = episode.world.task
+    def _own_fields(self, session: Session) -> dict[str, Any]:
+        """The fields of a `snapshot` message that change between steps, or by who gets it."""
+        episode = self._episode
         answer = self.answer(session)
-        known = task.digest in session.known
-        session.known.add(task.digest)
         pause = self._pause()
         there_or_not: dict[str, Any] = {
-            "task": None if known else task.json,
             "seat": session.player,
             "seq": self._seq(session),
             "last_seq": answer.seq,
@@ -290,21 +315,14 @@ class Audience:
             "spectators": self.spectators,
             "outcome": episode.outcome and episode.outcome.to_json(),
         }
-        if (due := episode.due()) is not None:
-            there_or_not["left"] = max(0.0, due - self._now())
-        return {
-            "type": "snapshot",
-            "episode": self._id,
-            "step": episode.step,
+        own: dict[str, Any] = {
             "phase": self.phase,
-            "digest": task.digest,
-            "hash": self._writer.digest(state),
-            "clock": episode.rules.model_dump(mode="json"),
             "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
-            **self._writer.tables(state),
-            **self._writer.values(state),
-            **{name: value for name, value in there_or_not.items() if value or name == "left"},
+            **{name: value for name, value in there_or_not.items() if value},
         }
+        if (due := episode.due()) is not None:
+            own["left"] = max(0.0, due - self._now())
+        return own
 
     def _observation(
         self, player: str | None, state: State, step: int, turn: str | None, phase: str

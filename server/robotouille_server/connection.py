@@ -1,4 +1,9 @@
-"""A WebSocket that hands each message over at once: no queue, no task that wakes for it."""
+"""A WebSocket that hands each message over at once, and meters whatever else comes on it.
+
+No queue, no task that wakes for a message. Frames are told apart here before the library's parser
+sees any: a frame that is a whole message goes straight to its receiver, all others (control frames,
+parts of messages) are charged first, and those beyond what a connection may send are dropped.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +16,8 @@ from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
+from robotouille_server.limits import Budget
+from robotouille_server.metrics import Metrics
 
 try:
     from websockets.speedups import apply_mask
@@ -19,16 +26,23 @@ except ImportError:
 
 __all__ = ["Connection", "cut", "frame_of"]
 
-MAX_EARLY = 16
-"""Messages that may come before the handshake's end is dealt with."""
-
-MAX_PARTS = 1024
-"""Frames of one message: those without content would count for nothing else."""
-
-WHOLE_BINARY, MASKED = 0x82, 0x80
 MAX_OWN = 2 * MAX_CLIENT_BYTES
-"""Bytes of the largest message that is not the library's business."""
+"""Bytes of the largest message, and of all that may come before the handshake is over."""
+MAX_UNSENT = 128 * 1024
+"""Bytes that wait for a client from which on it is sent less, and no pong at all."""
+MAX_HELD = 1024 * 1024
+"""Bytes that wait for a client at which it is cut off."""
 
+FRAMES_A_SECOND = 50.0
+"""Control frames and parts of messages; each KiB of a part counts as one more."""
+FRAMES_AT_ONCE = 200.0
+MAX_EXCESS = 200
+"""Frames beyond that, in all, after which the connection is cut off."""
+
+TEXT, BINARY, CLOSE, PING = 0x81, 0x82, 0x88, 0x89
+"""First bytes of frames that are whole."""
+MASKED = 0x80
+END_OF_REQUEST = b"\r\n\r\n"
 DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 
@@ -53,51 +67,72 @@ def frame_of(payload: bytes | str) -> bytes:
 class Connection(ServerConnection):
     """The library's connection, with messages going straight to `receiver`."""
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
+    def __init__(self, *arguments: Any, metrics: Metrics, **options: Any) -> None:
         super().__init__(*arguments, **options)
+        self._metrics = metrics
         self._receiver: Callable[[bytes | str], None] | None = None
-        self._early: list[bytes | str] = []
         self._parts: list[bytes] = []
         self._is_text = False
         self._leaving: asyncio.Task[None] | None = None
         self._rest = b""
-        self._by_frames = self._at_frame = False
+        self._request_end = b""
+        self._requested = False
+        self._frames = Budget(FRAMES_A_SECOND, self.loop.time(), FRAMES_AT_ONCE)
+        self._excess = 0
 
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
         self._receiver = receiver
-        early, self._early = self._early, []
-        for payload in early:
-            receiver(payload)
+        if self._rest:
+            self._take(b"")
 
     def say_goodbye(self, status: int, reason: str) -> None:
         """Close politely, without waiting for the client."""
         if self._leaving is None:
             self._leaving = asyncio.create_task(self.close(status, cut(reason)))
 
-    def data_received(self, data: bytes) -> None:
-        """Take whole binary messages apart here, give everything else to the library.
+    def drop(self, reason: str) -> None:
+        """Cut the connection off without waiting for the client."""
+        if not self.transport.is_closing():
+            self._metrics.dropped.labels(reason).inc()
+        self.transport.abort()
 
-        The library is given whole frames only, so that its parser always stands at the beginning
-        of a frame when one goes past it.
-        """
-        if not self._by_frames:
-            self._by_frames = self._receiver is not None and self._at_frame
-            if not self._by_frames:
-                self._at_frame = data.endswith(b"\r\n\r\n")
-                super().data_received(data)
-                return
+    # What comes
+
+    def data_received(self, data: bytes) -> None:
+        """Take the frames apart; the library's parser is given the request and whole frames."""
+        if not self._requested:
+            data = self._take_request(data)
+        if data:
+            self._take(data)
+
+    def _take_request(self, data: bytes) -> bytes:
+        """Give the HTTP request to the library; what is behind its end is frames."""
+        seen = self._request_end + data
+        end = seen.find(END_OF_REQUEST)
+        self._requested = end >= 0
+        if not self._requested:
+            self._request_end = seen[-3:]
+            super().data_received(data)
+            return b""
+        size = end + len(END_OF_REQUEST) - len(self._request_end)
+        super().data_received(data[:size])
+        return data[size:]
+
+    def _take(self, data: bytes) -> None:
         if self._rest:
             data = self._rest + data
-        at = self._take_frames(data)
-        self._rest = data[at:]
+        if self._receiver is not None:
+            self._rest = data[self._take_frames(data) :]
+        elif len(data) <= MAX_OWN:
+            self._rest = data
+        else:
+            self.drop("early")
 
     def _take_frames(self, data: bytes) -> int:
         """Where the first frame begins that is not whole yet."""
         at, size = 0, len(data)
         while size - at >= 2:
-            if data[at + 1] < MASKED:
-                return self._leave_to_library(data, at)
             length, start = data[at + 1] & 0x7F, at + 6
             if length >= 126:
                 start += 2 if length == 126 else 8
@@ -105,54 +140,64 @@ class Connection(ServerConnection):
                     break
                 length = int.from_bytes(data[at + 2 : start - 4], "big")
             end = start + length
-            if length > MAX_OWN:  # The library says what is wrong with it.
-                return self._leave_to_library(data, at)
+            if data[at + 1] < MASKED or length > MAX_OWN:
+                super().data_received(data[at:])  # It says what is wrong, and takes no more.
+                return size
             if end > size:
                 break
-            if data[at] == WHOLE_BINARY and self._between_messages:
-                self._receiver(apply_mask(data[start:end], data[start - 4 : start]))  # type: ignore[misc]
-            else:
+            if self.transport.is_closing():
+                return size
+            first = data[at]
+            if (first == BINARY or first == TEXT) and self._between_messages:  # noqa: PLR1714
+                payload = apply_mask(data[start:end], data[start - 4 : start])
+                self._hand_over(payload, first == TEXT)
+            elif first == CLOSE or self._charge(first, end - at):
                 super().data_received(data[at:end])
             at = end
         return at
 
-    def _leave_to_library(self, data: bytes, at: int) -> int:
-        """Let the library's parser have all that comes from here on."""
-        self._by_frames = self._at_frame = False
-        super().data_received(data[at:])
-        return len(data)
+    def _charge(self, first: int, size: int) -> bool:
+        """Take a frame that is no message off the budget; whether it may be looked at.
+
+        The pong of a ping would only wait with what the client does not read.
+        """
+        if self.protocol.state is not State.OPEN:
+            return False
+        unread = first == PING and self.transport.get_write_buffer_size() > MAX_UNSENT
+        if not unread and self._frames.take(self.loop.time(), 1 + size / 1024):
+            return True
+        self._excess += 1
+        if self._excess > MAX_EXCESS or first & 0x0F in DATA:
+            self.drop("flood")
+        return False
 
     @property
     def _between_messages(self) -> bool:
         return self.protocol.state is State.OPEN and not self._parts
 
+    # Messages
+
     def process_event(self, event: Any) -> None:
         if isinstance(event, Frame) and event.opcode in DATA:
-            self._take(event)
+            self._take_part(event)
         else:
             super().process_event(event)
 
-    def _take(self, frame: Frame) -> None:
+    def _take_part(self, frame: Frame) -> None:
         if frame.opcode is not Opcode.CONT:
             self._is_text = frame.opcode is Opcode.TEXT
         self._parts.append(bytes(frame.data))
-        if len(self._parts) > MAX_PARTS:
+        if frame.fin:
+            content = b"".join(self._parts)
             self._parts.clear()
-            self.protocol.fail(1008, "a message in too many parts")
-            self.send_data()
-        if not frame.fin or not self._parts:
-            return
-        content = self._parts[0] if len(self._parts) == 1 else b"".join(self._parts)
-        self._parts.clear()
+            self._hand_over(content, self._is_text)
+
+    def _hand_over(self, content: bytes, is_text: bool) -> None:
         try:
-            payload = content.decode() if self._is_text else content
+            payload = content.decode() if is_text else content
         except UnicodeDecodeError:
             self.protocol.fail(1007, "text that is not UTF-8")
             self.send_data()
             return
         if self._receiver is not None:
             self._receiver(payload)
-        elif len(self._early) < MAX_EARLY:
-            self._early.append(payload)
-        else:
-            self.transport.abort()

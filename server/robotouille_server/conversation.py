@@ -23,10 +23,23 @@ if TYPE_CHECKING:
 
 __all__ = ["Conversation"]
 
-COSTS: dict[type[messages.Message], float] = {messages.Create: 10, messages.ListEpisodes: 3}
-"""What a message takes of a connection's budget, where that is not one."""
+COSTS: dict[type[messages.Message], float] = {
+    messages.Create: 10,
+    messages.Join: 5,
+    messages.Resync: 5,
+    messages.ListEpisodes: 3,
+}
+"""What a message takes of a connection's budget, where that is not one. Each KiB of it, and of
+the snapshots and lists that it is answered with, is one more."""
+KIB = 1024
+MAX_HELLO_BYTES = 8 * KIB
+"""Of a message before `hello` is answered: that is the longest anybody needs."""
 MAX_REFUSED = 200
 """Messages over the limit, in about a minute, after which a connection is closed."""
+
+
+class FloodError(Exception):
+    """A connection has sent far more than it may."""
 
 
 class Conversation:
@@ -74,34 +87,51 @@ class Conversation:
             return
         server.metrics.received += 1
         peer.received += 1
-        message = ref = None
+        ref = None
         try:
+            affordable = self._pay(payload)
             message = peer.codec.decode_client(payload)
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
-            self._heed(message)
+            self._heed(message, affordable)
+        except FloodError:
+            server.metrics.dropped.labels("flood").inc()
+            peer.part("rate/limited", "far too many messages")
         except ProtocolError as error:
-            if message is not None or self._may_err():
-                self._answer_error(error, ref)
+            self._answer_error(error, ref)
         except Exception:
             get_logger().exception("a message failed")
             failure = ProtocolError("server/internal", "the server failed to handle this")
             self._answer_error(failure, ref)
         peer.throttle()
 
-    def _may_err(self) -> bool:
-        """Whether a message that cannot be read is answered; with too many of them it is over."""
+    def _pay(self, payload: bytes | str) -> bool:
+        """Take a message off the budget, and what the last one was answered with; whether there
+        was so much. One that is refused is not free either: it was read, and is answered."""
+        size = len(payload)
+        if self.session is None and size > MAX_HELLO_BYTES:
+            self._lose_patience(size / KIB)
+            message = f"{size:,} bytes; at most {MAX_HELLO_BYTES:,} are read before hello"
+            raise ProtocolError("message/too-large", message)
         now = self._loop.time()
-        if self._budget.take(now) or self._patience.take(now):
+        self._budget.owe(now, self.peer.take_answered() / KIB)
+        if self._budget.take(now, 1 + size / KIB):
             return True
-        self._end_flood()
+        self._lose_patience(1 + size / KIB)
+        if size > MAX_HELLO_BYTES:
+            raise ProtocolError("rate/limited", self._limit)  # Not worth looking for its `ref`.
         return False
 
-    def _end_flood(self) -> None:
-        self._server.metrics.dropped.labels("flood").inc()
-        self.peer.part("rate/limited", "far too many messages")
+    def _lose_patience(self, cost: float) -> None:
+        if not self._patience.take(self._loop.time(), cost):
+            raise FloodError
 
-    def _heed(self, message: messages.ClientMessage) -> None:
-        if not self._budget.take(self._loop.time(), COSTS.get(type(message), 1)):
+    @property
+    def _limit(self) -> str:
+        return f"more than {self._server.settings.messages_per_second:g} messages a second"
+
+    def _heed(self, message: messages.ClientMessage, affordable: bool) -> None:
+        extra = COSTS.get(type(message), 1) - 1
+        if not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
             self._refuse(message)
         elif self.session is None:
             self._greet(message)
@@ -110,12 +140,9 @@ class Conversation:
             HANDLERS[type(message)](self, self.session, message)
 
     def _refuse(self, message: messages.ClientMessage) -> None:
-        """Too many messages: an action is rejected, anything else an error, a flood the end."""
-        if not self._patience.take(self._loop.time()):
-            self._end_flood()
-            return
+        """Too many messages: an action is rejected, anything else an error."""
         code = "rate/limited"
-        reason = f"more than {self._server.settings.messages_per_second:g} messages a second"
+        reason = self._limit
         if not isinstance(message, messages.Act):
             raise ProtocolError(code, reason)
         self._server.metrics.errors.labels(code).inc()
@@ -205,7 +232,7 @@ class Conversation:
 
     def _list(self, session: Session, message: messages.ListEpisodes) -> None:
         infos = self._server.lobby.infos()
-        self.peer.send(messages.Episodes(ref=message.ref, episodes=infos))
+        self.peer.answer(messages.Episodes(ref=message.ref, episodes=infos))
 
     def _create(self, session: Session, message: messages.Create) -> None:
         owner = session.participant if session.participant != session.id else ""
@@ -262,7 +289,7 @@ class Conversation:
         self._room(session).say(session, message.text)
 
     def _resync(self, session: Session, message: messages.Resync) -> None:
-        self._room(session).send_picture(session)
+        self._room(session).ask_picture(session)
 
     def _room(self, session: Session) -> Room:
         if session.room is None:

@@ -8,7 +8,8 @@ __all__ = ["Budget"]
 class Budget:
     """How much of something may still be had: a bucket that refills with time.
 
-    It holds `burst` at most (twice the rate if left out) and gains `per_second`.
+    It holds `burst` at most (twice the rate if left out) and gains `per_second`; with what is owed
+    it may hold less than nothing.
     """
 
     __slots__ = ("_at", "_burst", "_left", "_rate")
@@ -31,3 +32,8 @@ class Budget:
             return False
         self._left -= cost
         return True
+
+    def owe(self, now: float, cost: float) -> None:
+        """Take `cost`, whether there is so much or not."""
+        if cost > 0:
+            self._left = self.left(now) - cost

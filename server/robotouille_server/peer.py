@@ -9,13 +9,11 @@ from websockets.protocol import State as Connected
 
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
-from robotouille_server.connection import Connection, frame_of
+from robotouille_server.connection import MAX_HELD, MAX_UNSENT, Connection, frame_of
 from robotouille_server.metrics import Metrics
 
-__all__ = ["Peer"]
+__all__ = ["MAX_HELD", "MAX_UNSENT", "Peer"]
 
-MAX_UNSENT = 128 * 1024
-MAX_HELD = 1024 * 1024
 LOOK_AGAIN = 0.05
 
 
@@ -29,6 +27,7 @@ class Peer:
 
     __slots__ = (
         "_behind_since",
+        "_answered",
         "_metrics",
         "_parted",
         "_protocol",
@@ -36,6 +35,8 @@ class Peer:
         "_transport",
         "_when_caught_up",
         "codec",
+        "picture_due",
+        "pictured",
         "received",
         "sent",
         "socket",
@@ -49,6 +50,8 @@ class Peer:
         self.codec = codec
         self.sent = 0
         self.received = 0
+        self.pictured = self.picture_due = False
+        self._answered = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
         self._parted = False
@@ -90,6 +93,21 @@ class Peer:
         metrics.sent_messages += 1
         metrics.sent_bytes += len(frame)
         transport.write(frame)
+
+    def answer(self, message: BaseModel) -> None:
+        """Send what was asked for, and is paid for by its size."""
+        if self.open:
+            self.answer_frame(frame_of(self.codec.encode(message)))
+
+    def answer_frame(self, frame: bytes) -> None:
+        """The same with a frame that is made already."""
+        self._answered += len(frame)
+        self.send_frame(frame)
+
+    def take_answered(self) -> int:
+        """Bytes of answers since the last call."""
+        answered, self._answered = self._answered, 0
+        return answered
 
     @property
     def behind(self) -> bool:
@@ -150,5 +168,4 @@ class Peer:
 
     def drop(self, reason: str) -> None:
         """Cut the connection off without waiting for the client."""
-        self._metrics.dropped.labels(reason).inc()
-        self.socket.transport.abort()
+        self.socket.drop(reason)

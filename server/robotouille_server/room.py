@@ -263,7 +263,7 @@ class Room:
         if answer.seq != request.seq:
             return
         if not answer.reasons:
-            self.send_picture(session)
+            self.ask_picture(session)
             return
         rejected = messages.Rejected(
             seq=answer.seq,
@@ -285,7 +285,7 @@ class Room:
         )
         self.audience.send(session, rejected)
         if error.code == "action/stale":
-            self.send_picture(session)
+            self.ask_picture(session)
 
     def _check_recording(self) -> None:
         if self._failing:
@@ -295,6 +295,10 @@ class Room:
         self._check_recording()
         self.episode.say(session.name, session.player or "", text, self._now())
         self.flush()
+
+    def ask_picture(self, session: Session) -> None:
+        """The whole state, once for each turn of the event loop."""
+        self.audience.ask_picture(session)
 
     def send_picture(self, session: Session) -> None:
         """The whole state, once all that led to it is written."""

@@ -7,7 +7,8 @@ becomes a ProtocolError with a stable code and the name of the field.
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -20,14 +21,25 @@ from robotouille.protocol.messages import (
     server_messages,
 )
 
-__all__ = ["JSON", "MAX_CLIENT_BYTES", "MSGPACK", "SUBPROTOCOLS", "Codec", "codec_for"]
+__all__ = ["JSON", "MAX_CLIENT_BYTES", "MAX_FIELDS", "MAX_ITEMS", "MSGPACK", "SUBPROTOCOLS", "Codec", "Fields", "codec_for"]
 
 MAX_CLIENT_BYTES = 64 * 1024
 MAX_SERVER_BYTES = 8 * 1024 * 1024
 MAX_DEPTH = 16
+MAX_FIELDS = 32
+"""Fields of a client's message, and of each value in it."""
+MAX_ITEMS = 256
+"""Values in a client's message, however they are nested."""
 
 
 _pack = msgpack.Packer(autoreset=True).pack
+
+
+class Fields(NamedTuple):
+    """Encoded fields of a message, without what stands around them; `count` is how many."""
+
+    packed: bytes | str
+    count: int
 
 
 class Codec:
@@ -53,18 +65,35 @@ class Codec:
         packed: bytes = _pack(plain)
         return packed
 
+    def pack_fields(self, plain: dict[str, Any]) -> Fields:
+        """Some fields of a message, to be joined with others; they are at least one."""
+        packed = self.pack(plain)
+        if isinstance(packed, str):
+            return Fields(packed[1:-1], len(plain))
+        return Fields(packed[1 if len(plain) < 16 else 3 :], len(plain))
+
+    def join(self, parts: Sequence[Fields]) -> bytes | str:
+        """One message of parts, as `pack` makes it of all their fields."""
+        if self.text:
+            return "{" + ",".join(str(part.packed) for part in parts) + "}"
+        count = sum(part.count for part in parts)
+        head = bytes([0x80 | count]) if count < 16 else b"\xde" + count.to_bytes(2, "big")
+        return head + b"".join([bytes(part.packed) for part in parts])  # type: ignore[arg-type]
+
     def decode_client(self, payload: bytes | str) -> ClientMessage:
         """A client's message; ProtocolError says what is wrong with it."""
-        message: ClientMessage = self._decode(payload, MAX_CLIENT_BYTES, client_messages)
+        plain = self._unpack(payload, MAX_CLIENT_BYTES)
+        _check_items(plain)
+        message: ClientMessage = self._validate(plain, client_messages)
         return message
 
     def decode_server(self, payload: bytes | str) -> ServerMessage:
         """A server's message."""
-        message: ServerMessage = self._decode(payload, MAX_SERVER_BYTES, server_messages)
+        plain = self._unpack(payload, MAX_SERVER_BYTES)
+        message: ServerMessage = self._validate(plain, server_messages)
         return message
 
-    def _decode(self, payload: bytes | str, limit: int, adapter: TypeAdapter[Any]) -> Any:
-        plain = self._unpack(payload, limit)
+    def _validate(self, plain: Any, adapter: TypeAdapter[Any]) -> Any:
         if not isinstance(plain, dict):
             found = type(plain).__name__
             raise ProtocolError("message/malformed", f"expected an object, found {found}")
@@ -116,6 +145,25 @@ def _unpack_msgpack(payload: bytes, limit: int) -> Any:
         reason = str(error) or type(error).__name__
         raise ProtocolError("message/malformed", f"is not MessagePack: {reason}") from None
     return plain
+
+
+def _check_items(value: Any) -> None:
+    """Before anything is validated: every value that is wrong would become an error of its own."""
+    waiting, found = [value], 0
+    while waiting:
+        inner = waiting.pop()
+        if isinstance(inner, dict):
+            if len(inner) > MAX_FIELDS:
+                message = f"{len(inner):,} fields in one object; at most {MAX_FIELDS} are read"
+                raise ProtocolError("message/malformed", message)
+            inner = inner.values()
+        elif not isinstance(inner, list):
+            continue
+        found += len(inner)
+        if found > MAX_ITEMS:
+            message = f"more than {MAX_ITEMS} values in one message"
+            raise ProtocolError("message/malformed", message)
+        waiting.extend(inner)
 
 
 def _check_depth(value: Any) -> None:
