@@ -51,7 +51,9 @@ from robotouille_server.workers import Worker
 
 __all__ = ["CannotListenError", "Server", "serve"]
 
-BACKLOG = 4096
+ACCEPTED_AT_ONCE = 32
+"""Connections after which what is there already has its turn."""
+WAITING_TO_BE_ACCEPTED = 4096
 SENT_OUT_SECONDS = 600.0
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 DRAIN_LOOK_SECONDS = 0.2
@@ -163,13 +165,16 @@ class Server:
                 ssl_handshake_timeout=(
                     self.settings.hello_seconds if self._tls is not None else None
                 ),
-                backlog=BACKLOG,
+                backlog=ACCEPTED_AT_ONCE,
                 write_limit=2 * MAX_HELD,
                 reuse_port=shared or None,
             )
         except OSError as error:
             where = f"{self.settings.host}:{port}"
             raise CannotListenError(f"cannot listen on {where}: {error.strerror}") from None
+        for listening in socket.sockets:
+            with listening.dup() as same:  # asyncio has one number for both.
+                same.listen(WAITING_TO_BE_ACCEPTED)
         self._sockets.append(socket)
 
     @property

@@ -111,12 +111,14 @@ def _config(values: dict[str, Any]) -> str:
 def run(settings: BaseSettings) -> None:
     """Serve until SIGINT or SIGTERM; exit status 1 if the server cannot start."""
     from robotouille_server.app import CannotListenError
+    from robotouille_server.descriptors import raise_limit
     from robotouille_server.logs import configure_logs
     from robotouille_server.supervisor import supervise, this_worker
 
     if not isinstance(settings, ServerSettings):
         raise TypeError("not the server's settings")
     configure_logs(settings.log_level, settings.log_format)
+    raise_limit(settings)
     try:
         worker = this_worker(settings)
         if settings.workers > 1 and worker is None:
@@ -131,6 +133,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
     """Serve until a signal: SIGINT ends all episodes, SIGTERM lets them finish for a while and
     leaves the rest to the next process; a second signal does so at once."""
     from robotouille_server.app import serve
+    from robotouille_server.logs import LoopErrors
 
     signals: asyncio.Queue[signal.Signals] = asyncio.Queue()
     loop = asyncio.get_running_loop()
@@ -141,6 +144,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
         _operator(server) as operator,
         rare_collections(lambda: server.there, lambda: server.closed),
     ):
+        loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
         if worker is None or worker.index == 0:
             print(_greeting(server, first_room(server), operator), flush=True)
         if await signals.get() is signal.SIGTERM:

@@ -16,6 +16,7 @@ from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
+from robotouille_server.descriptors import few_left
 from robotouille_server.limits import Budget
 from robotouille_server.metrics import Metrics
 
@@ -33,15 +34,18 @@ MAX_UNSENT = 128 * 1024
 MAX_HELD = 1024 * 1024
 """Bytes that wait for a client at which it is cut off."""
 
+FRAMES_AT_A_TIME = 32
+"""Frames of one connection that are dealt with before all others have their turn."""
 FRAMES_A_SECOND = 50.0
 """Control frames and parts of messages; each KiB of a part counts as one more."""
-FRAMES_AT_ONCE = 200.0
+FRAMES_BURST = 200.0
 MAX_EXCESS = 200
 """Frames beyond that, in all, after which the connection is cut off."""
 
 TEXT, BINARY, CLOSE, PING = 0x81, 0x82, 0x88, 0x89
 """First bytes of frames that are whole."""
 MASKED = 0x80
+TURN = "turn"
 END_OF_REQUEST = b"\r\n\r\n"
 DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
@@ -77,8 +81,14 @@ class Connection(ServerConnection):
         self._rest = b""
         self._request_end = b""
         self._requested = False
-        self._frames = Budget(FRAMES_A_SECOND, self.loop.time(), FRAMES_AT_ONCE)
+        self._frames = Budget(FRAMES_A_SECOND, self.loop.time(), FRAMES_BURST)
         self._excess = 0
+        self._paused: set[str] = set()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if few_left(transport.get_extra_info("socket")):
+            self.drop("descriptors")
 
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
@@ -96,6 +106,33 @@ class Connection(ServerConnection):
         if not self.transport.is_closing():
             self._metrics.dropped.labels(reason).inc()
         self.transport.abort()
+
+    def pause_reading(self, why: str) -> None:
+        """Take nothing more from the client, until no such reason is left."""
+        if not self._paused:
+            self.transport.pause_reading()
+        self._paused.add(why)
+
+    def resume_reading(self, why: str) -> None:
+        """This is no reason any more."""
+        if why not in self._paused:
+            return
+        self._paused.discard(why)
+        if not self._paused and not self.transport.is_closing():
+            self._give_way()
+
+    def _give_way(self) -> None:
+        """Go on with what has come already when all others have had their turn."""
+        self.pause_reading(TURN)
+        self.loop.call_soon(self._go_on)
+
+    def _go_on(self) -> None:
+        self._paused.discard(TURN)
+        if self._paused or self.transport.is_closing():
+            return
+        self._take(b"")
+        if not self._paused:
+            self.transport.resume_reading()
 
     # What comes
 
@@ -122,16 +159,16 @@ class Connection(ServerConnection):
     def _take(self, data: bytes) -> None:
         if self._rest:
             data = self._rest + data
-        if self._receiver is not None:
-            self._rest = data[self._take_frames(data) :]
-        elif len(data) <= MAX_OWN:
+        if self._receiver is None and len(data) > MAX_OWN:
+            self.drop("early")
+        elif self._receiver is None or self._paused:
             self._rest = data
         else:
-            self.drop("early")
+            self._rest = data[self._take_frames(data) :]
 
     def _take_frames(self, data: bytes) -> int:
-        """Where the first frame begins that is not whole yet."""
-        at, size = 0, len(data)
+        """Where the first frame begins that is not whole yet, or has to wait."""
+        at, size, left = 0, len(data), FRAMES_AT_A_TIME
         while size - at >= 2:
             length, start = data[at + 1] & 0x7F, at + 6
             if length >= 126:
@@ -145,16 +182,23 @@ class Connection(ServerConnection):
                 return size
             if end > size:
                 break
+            self._take_frame(data, at, start, end)
+            at = end
             if self.transport.is_closing():
                 return size
-            first = data[at]
-            if (first == BINARY or first == TEXT) and self._between_messages:  # noqa: PLR1714
-                payload = apply_mask(data[start:end], data[start - 4 : start])
-                self._hand_over(payload, first == TEXT)
-            elif first == CLOSE or self._charge(first, end - at):
-                super().data_received(data[at:end])
-            at = end
+            left -= 1
+            if left == 0:
+                self._give_way()
+            if self._paused:
+                break
         return at
+
+    def _take_frame(self, data: bytes, at: int, start: int, end: int) -> None:
+        first = data[at]
+        if (first == BINARY or first == TEXT) and self._between_messages:  # noqa: PLR1714
+            self._hand_over(apply_mask(data[start:end], data[start - 4 : start]), first == TEXT)
+        elif first == CLOSE or self._charge(first, end - at):
+            super().data_received(data[at:end])
 
     def _charge(self, first: int, size: int) -> bool:
         """Take a frame that is no message off the budget; whether it may be looked at.

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import sys
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import structlog
 
-__all__ = ["configure_logs", "get_logger"]
+__all__ = ["LoopErrors", "configure_logs", "get_logger"]
+
+LINE_SECONDS = 10.0
+"""Between two lines of the event loop that say the same."""
+MAX_KINDS = 100
 
 
 def configure_logs(level: str, log_format: str) -> None:
@@ -33,3 +39,38 @@ def configure_logs(level: str, log_format: str) -> None:
 
 def get_logger() -> Any:
     return structlog.get_logger()
+
+
+class Suppressed(Protocol):
+    """Where lines are counted that were not written."""
+
+    log_suppressed: int
+
+
+class LoopErrors:
+    """What the event loop complains of: each complaint once in a while, and how often since.
+
+    Out of descriptors it would say so hundreds of times a second, with a traceback each time.
+    """
+
+    def __init__(self, now: Callable[[], float], counts: Suppressed) -> None:
+        self._now = now
+        self._counts = counts
+        self._said: dict[str, tuple[float, int]] = {}
+
+    def handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """An exception handler for `loop.set_exception_handler`."""
+        text, error = str(context.get("message", "")), context.get("exception")
+        kind = f"{text} {type(error).__name__}"
+        said, since = self._said.get(kind, (-LINE_SECONDS, 0))
+        if self._now() - said < LINE_SECONDS:
+            self._said[kind] = said, since + 1
+            self._counts.log_suppressed += 1
+            return
+        if len(self._said) >= MAX_KINDS:
+            self._said.pop(next(iter(self._said)))
+        self._said[kind] = self._now(), 0
+        trace = None if isinstance(error, OSError) else error
+        get_logger().error(
+            "event loop", message=text, error=repr(error), repeated=since, exc_info=trace
+        )

@@ -44,6 +44,7 @@ class Metrics(Collector):
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         self.steps = self.applied = self.rejected = 0
+        self.log_suppressed = 0
         self.received = self.sent_messages = self.sent_bytes = 0
         self.lateness = Durations()
         self.age = Durations()

@@ -127,12 +127,12 @@ class Peer:
     def throttle(self) -> None:
         """Read no more from a client that does not read what it is answered."""
         if self.unsent > MAX_UNSENT and "reading" not in self._when_caught_up:
-            self.socket.transport.pause_reading()
+            self.socket.pause_reading("unread")
             self._await("reading", MAX_UNSENT, self._read_on)
 
     def _read_on(self) -> None:
         if self.open:
-            self.socket.transport.resume_reading()
+            self.socket.resume_reading("unread")
 
     def _await(self, what: str, size: int, then: Callable[[], None]) -> None:
         loop = self.socket.loop

@@ -81,6 +81,7 @@ class Flood:
 
 
 FLOODS = {
+    "none": Flood("nothing at all"),
     "pings": Flood("empty pings before hello", lambda code: frame(b"", PING)),
     "unread-pings": Flood(
         "pings whose pongs nobody reads", lambda code: frame(b"x" * 125, PING), reads=False
@@ -165,6 +166,8 @@ def attack(name: str, port: int, code: str) -> None:
     """Flood a server until the process is killed."""
     os.nice(5)
     flood = FLOODS[name]
+    if name == "none":
+        time.sleep(3600)
     if flood.silent:
         _keep_silent(port, flood.silent)
     attackers = [Attacker(flood, port, code) for _ in range(CONNECTIONS)]

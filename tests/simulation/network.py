@@ -26,6 +26,18 @@ class _Socket:
     def getsockname(self) -> tuple[str, int]:
         return ("127.0.0.1", self._port)
 
+    def dup(self) -> _Socket:
+        return self
+
+    def __enter__(self) -> _Socket:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        return None
+
+    def listen(self, backlog: int) -> None:
+        return None
+
 
 class Listener:
     """What `create_server` gives: it accepts connections until it is closed."""
