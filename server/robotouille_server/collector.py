@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
@@ -22,6 +23,8 @@ NEVER = 1_000_000
 LOOK_SECONDS = 1.0
 CLOSED_AT_LEAST = 300
 """A TLS connection that goes before its handshake may leave 300 KiB."""
+SHARE = 1 / 200
+"""Of all time, the most that goes into looks at everything."""
 
 
 @asynccontextmanager
@@ -31,6 +34,8 @@ async def rare_collections(
     """Meanwhile, garbage among old objects is collected once half as much was closed as is there.
 
     `there` says how many connections and rooms there are, `closed` how many have ever been closed.
+    What was there before, modules above all, is not looked at any more. Somebody who comes and
+    goes without end leaves new objects, and those are looked at by themselves.
     """
     looking = asyncio.create_task(_look(there, closed))
     try:
@@ -41,15 +46,27 @@ async def rare_collections(
 
 
 async def _look(there: Callable[[], int], closed: Callable[[], int]) -> None:
-    usual = gc.get_threshold()
+    usual, now = gc.get_threshold(), asyncio.get_running_loop().time
     gc.set_threshold(NEW, MANY, NEVER)
     try:
         gc.collect()
-        before = closed()
+        gc.freeze()
+        before = young = closed()
+        rested = now()
         while True:
             await asyncio.sleep(LOOK_SECONDS)
-            if closed() - before >= max(CLOSED_AT_LEAST, there() // 2):
-                gc.collect()
-                before = closed()
+            if closed() - before >= max(CLOSED_AT_LEAST, there() // 2) and now() >= rested:
+                rested = now() + _seconds(gc.collect) / SHARE
+                before = young = closed()
+            elif closed() - young >= CLOSED_AT_LEAST:
+                gc.collect(1)
+                young = closed()
     finally:
+        gc.unfreeze()
         gc.set_threshold(*usual)
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    work()
+    return time.perf_counter() - begun

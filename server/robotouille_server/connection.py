@@ -90,6 +90,11 @@ class Connection(ServerConnection):
         if few_left(transport.get_extra_info("socket")):
             self.drop("descriptors")
 
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._rest = b""
+        self._parts.clear()
+
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
         self._receiver = receiver
