@@ -10,7 +10,7 @@ from typing import Any
 import msgpack
 from pydantic import BaseModel
 
-from robotouille.episode import Answer, Episode, Outcome, Rejected, Said, Stepped
+from robotouille.episode import Answer, Episode, Outcome, QuotaReached, Rejected, Said, Stepped
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
 from robotouille.protocol.states import StateWriter, unmet_rows
@@ -218,6 +218,13 @@ class Audience:
                 reasons=list(event.reasons),
             )
             self.send(session, rejected)
+
+    def tell_quota(self, event: QuotaReached) -> None:
+        """To the seat whose words are not recorded any more; spectators notice when they talk."""
+        session = self.holder(event.player)
+        if session is not None:
+            text = "no more of what you write is recorded here: act without reasoning from now on"
+            self.send(session, messages.Notice(text=text))
 
     def tell_said(self, event: Said) -> None:
         said = messages.Said(

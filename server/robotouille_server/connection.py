@@ -44,6 +44,7 @@ MAX_EXCESS = 200
 
 TEXT, BINARY, CLOSE, PING = 0x81, 0x82, 0x88, 0x89
 """First bytes of frames that are whole."""
+MESSAGES = (BINARY, TEXT)
 MASKED = 0x80
 TURN = "turn"
 END_OF_REQUEST = b"\r\n\r\n"
@@ -200,7 +201,7 @@ class Connection(ServerConnection):
 
     def _take_frame(self, data: bytes, at: int, start: int, end: int) -> None:
         first = data[at]
-        if (first == BINARY or first == TEXT) and self._between_messages:  # noqa: PLR1714
+        if first in MESSAGES and self._between_messages:
             self._hand_over(apply_mask(data[start:end], data[start - 4 : start]), first == TEXT)
         elif first == CLOSE or self._charge(first, end - at):
             super().data_received(data[at:end])

@@ -109,20 +109,21 @@ class Conversation:
         was so much. One that is refused is not free either: it was read, and is answered."""
         size = len(payload)
         if self.session is None and size > MAX_HELLO_BYTES:
-            self._lose_patience(size / KIB)
+            self._lose_patience(size)
             message = f"{size:,} bytes; at most {MAX_HELLO_BYTES:,} are read before hello"
             raise ProtocolError("message/too-large", message)
         now = self._loop.time()
         self._budget.owe(now, self.peer.take_answered() / KIB)
         if self._budget.take(now, 1 + size / KIB):
             return True
-        self._lose_patience(1 + size / KIB)
+        self._lose_patience(size)
         if size > MAX_HELLO_BYTES:
             raise ProtocolError("rate/limited", self._limit)  # Not worth looking for its `ref`.
         return False
 
-    def _lose_patience(self, cost: float) -> None:
-        if not self._patience.take(self._loop.time(), cost):
+    def _lose_patience(self, size: int) -> None:
+        """One more message that is refused; a long one counts for more."""
+        if not self._patience.take(self._loop.time(), 1 + size / MAX_HELLO_BYTES):
             raise FloodError
 
     @property

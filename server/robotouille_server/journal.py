@@ -13,6 +13,8 @@ from robotouille_server.storage import Appender, Storage
 
 __all__ = ["CLOSED", "OPEN", "Journal", "file_name"]
 
+MAX_RECORDING_BYTES = 192 * 1024 * 1024
+"""At which an episode is ended; what is written until then, and its end, can always be read."""
 OPEN, CLOSED = ".rbt.part", ".rbt"
 
 
@@ -55,6 +57,11 @@ class Journal:
         self._storage = storage
         self._file = found
         self._pending = begin
+
+    @property
+    def full(self) -> bool:
+        """Whether the episode has to end: readers take no more than so much."""
+        return self.size > MAX_RECORDING_BYTES
 
     def add(self, events: Iterable[Event]) -> None:
         """What happened; it is written by the next `write`."""

@@ -26,8 +26,8 @@ class Peer:
     """
 
     __slots__ = (
-        "_behind_since",
         "_answered",
+        "_behind_since",
         "_metrics",
         "_parted",
         "_protocol",

@@ -17,6 +17,7 @@ from robotouille.episode import (
     Hold,
     Paused,
     Phase,
+    QuotaReached,
     Rejected,
     Restarted,
     Resumed,
@@ -384,6 +385,8 @@ class Room:
             self._metrics.age.observe(self._now() - begun)
         if self.episode.phase is Phase.OVER:
             self._close()
+        elif self.journal is not None and self.journal.full:
+            self.abort("the recording is as long as one may be")
 
     def _gather(self) -> None:
         events = self.episode.events()
@@ -446,6 +449,8 @@ class Room:
             case Rejected():
                 self._metrics.rejected += 1
                 self.audience.tell_rejection(event)
+            case QuotaReached():
+                self.audience.tell_quota(event)
             case Said():
                 self.audience.tell_said(event)
             case Announced():

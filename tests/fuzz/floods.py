@@ -172,7 +172,7 @@ def attack(name: str, port: int, code: str) -> None:
         _keep_silent(port, flood.silent)
     attackers = [Attacker(flood, port, code) for _ in range(CONNECTIONS)]
     while True:
-        if any([attacker.push() for attacker in attackers]):
+        if any(attacker.push() for attacker in attackers):
             continue
         waiting = [attacker for attacker in attackers if attacker.fileno() >= 0]
         reading = waiting if flood.reads else []

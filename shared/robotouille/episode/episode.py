@@ -18,6 +18,7 @@ from robotouille.episode.events import (
     Move,
     Outcome,
     Paused,
+    QuotaReached,
     Reason,
     Rejected,
     Restarted,
@@ -30,6 +31,13 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.holds import Hold
 from robotouille.episode.presence import Presence
+from robotouille.episode.quota import (
+    MAX_AUDIENCE_BYTES,
+    NOTE_BYTES,
+    Quota,
+    check_words,
+    size_of_rejection,
+)
 from robotouille.episode.rules import Absence, Clock, Rules
 from robotouille.episode.seats import Answer, Controller, Departure, Pending, Seat
 from robotouille.errors import ProtocolError
@@ -79,6 +87,7 @@ class Episode:
         "_started",
         "_told_holds",
         "_turn",
+        "audience_words",
         "holds",
         "outcome",
         "phase",
@@ -101,6 +110,7 @@ class Episode:
         self.outcome: Outcome | None = None
         self.seats = {p: Seat(p, tally=SeatTally(p)) for p in world.players}
         self.said = 0
+        self.audience_words = Quota(MAX_AUDIENCE_BYTES)
         self.used = False
         self._presence = Presence(self.seats, rules)
         self.holds = self._presence.holds
@@ -271,7 +281,8 @@ class Episode:
 
         An action whose preconditions do not hold is rejected at once and may be replaced. The
         same `seq` again acts no second time (`Seat.answer` tells its fate); a lower one is stale.
-        While time stands still an action waits.
+        While time stands still an action waits. ProtocolError `rate/words` where no more reasoning
+        is recorded of the seat; it may act without.
         """
         seat = self.seat(player)
         self._check_running()
@@ -280,6 +291,8 @@ class Episode:
             raise ProtocolError("action/stale", message, "seq")
         if seq == seat.seq and seq > 0:
             return
+        if reasoning:
+            self._check_words(seat.words, len(reasoning.encode()), player, now, "act without")
         seat.seq = seq
         reasons = self._refusals(seat, action)
         if reasons:
@@ -316,10 +329,21 @@ class Episode:
         """A chat message to everybody in the episode; it is recorded."""
         if self.phase is Phase.OVER:
             raise ProtocolError("episode/over", "the episode is over", "episode")
+        words = self.seat(player).words if player else self.audience_words
+        size = NOTE_BYTES + len(name.encode()) + len(text.encode())
+        self._check_words(words, size, player, now, "you can say no more here")
         if player:
             self.seat(player).tally.said += 1
         self.said += 1
         self._emit(Said(name, player, text, self._elapsed(now), self.said))
+
+    def _check_words(self, words: Quota, size: int, player: str, now: float, what: str) -> None:
+        reached = words.reached
+        try:
+            check_words(words, size, what)
+        finally:
+            if words.reached and not reached:
+                self._emit(QuotaReached(player, self._elapsed(now)))
 
     def announce(self, text: str, now: float) -> None:
         """Something the operator says to everybody in the episode; it is recorded."""
@@ -350,8 +374,11 @@ class Episode:
         sentence = action.sentence if action is not None else "nothing"
         seat.answer = Answer(seq, self.step, reasons)
         seat.tally.rejected += 1
-        time = self._elapsed(now)
-        self._emit(Rejected(seat.player, seq, sentence, reasons, time, refused.reasoning))
+        time, reached = self._elapsed(now), seat.words.reached
+        recorded = seat.words.take(size_of_rejection(sentence, reasons))
+        if seat.words.reached and not reached:
+            self._emit(QuotaReached(seat.player, time))
+        self._emit(Rejected(seat.player, seq, sentence, reasons, time, refused.reasoning, recorded))
 
     def _thinking_steps(self, think_ms: int) -> int:
         if self.rules.clock is Clock.REALTIME and self.rules.thinking == "declared":

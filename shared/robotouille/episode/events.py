@@ -18,6 +18,7 @@ __all__ = [
     "Move",
     "Outcome",
     "Paused",
+    "QuotaReached",
     "Reason",
     "Rejected",
     "Restarted",
@@ -131,7 +132,8 @@ class RosterChanged:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """An action that was not taken into a step, and why."""
+    """An action that was not taken into a step, and why; `recorded` unless the seat's quota of
+    words is used up."""
 
     player: str
     seq: int
@@ -139,6 +141,15 @@ class Rejected:
     reasons: tuple[str, ...]
     time: float
     reasoning: str = ""
+    recorded: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class QuotaReached:
+    """What somebody writes is not recorded any more: a seat's player, or (empty) spectators."""
+
+    player: str
+    time: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +221,7 @@ Event = (
     Started
     | RosterChanged
     | Rejected
+    | QuotaReached
     | Said
     | Announced
     | Paused

@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from robotouille.episode.events import SeatTally
+from robotouille.episode.quota import MAX_SEAT_BYTES, Quota
 from robotouille.world.actions import GroundAction
 
 __all__ = ["Answer", "Controller", "Departure", "Pending", "Seat"]
@@ -56,6 +57,8 @@ class Answer(NamedTuple):
 class Seat:
     """A player of the world and who plays it.
 
+    `words` is how much of what is written in its name is recorded.
+
     `session` is who holds the seat, `participant` its pseudonym, `generation` that of the resume
     token which was used last. `asked` is when it was last asked to move, `away` since when it is
     absent, `answer` what became of the last of its actions that was decided.
@@ -76,6 +79,7 @@ class Seat:
     pending: Pending | None = None
     answer: Answer = field(default_factory=lambda: Answer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
+    words: Quota = field(default_factory=lambda: Quota(MAX_SEAT_BYTES))
 
     @property
     def active(self) -> bool:

@@ -21,7 +21,17 @@ from robotouille.protocol.messages import (
     server_messages,
 )
 
-__all__ = ["JSON", "MAX_CLIENT_BYTES", "MAX_FIELDS", "MAX_ITEMS", "MSGPACK", "SUBPROTOCOLS", "Codec", "Fields", "codec_for"]
+__all__ = [
+    "JSON",
+    "MAX_CLIENT_BYTES",
+    "MAX_FIELDS",
+    "MAX_ITEMS",
+    "MSGPACK",
+    "SUBPROTOCOLS",
+    "Codec",
+    "Fields",
+    "codec_for",
+]
 
 MAX_CLIENT_BYTES = 64 * 1024
 MAX_SERVER_BYTES = 8 * 1024 * 1024

@@ -17,6 +17,7 @@ from robotouille.episode.events import (
     Event,
     Move,
     Paused,
+    QuotaReached,
     Rejected,
     Restarted,
     Resumed,
@@ -89,6 +90,8 @@ class Recorder:
                 frame = self._step(event)
             elif isinstance(event, Ended):
                 frame = _footer(event)
+            elif isinstance(event, Rejected) and not event.recorded:
+                continue
             else:
                 notes.append(_note(event))
                 continue
@@ -196,6 +199,8 @@ def _note(event: Event) -> dict[str, Any]:
                 "generation": event.generation,
                 **({"why": event.why} if event.why else {}),
             }
+        case QuotaReached():
+            return {"note": "quota", "t": _ms(event.time), "player": event.player}
         case Announced():
             return {"note": "announced", "t": _ms(event.time), "text": event.text}
         case Paused():

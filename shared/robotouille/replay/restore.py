@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from robotouille.domain.task import Task
 from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
+from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Recording
 from robotouille.world.world import World
@@ -104,6 +105,8 @@ class _Retraced:
                 Move(row["player"], action, row["seq"], row["ms"] / 1000, row.get("reasoning", ""))
                 for row, action in zip(frame["moves"], actions, strict=True)
             ]
+            for move in moves:
+                self.episode.seats[move.player].words.take(len(move.reasoning.encode()))
             self.episode.retrace(moves, [(str(p), int(seq)) for p, seq in frame.get("idle", ())])
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
@@ -122,11 +125,17 @@ class _Retraced:
                 seat.seq = max(seat.seq, note["seq"])
                 seat.answer = Answer(note["seq"], self.episode.step, tuple(note["reasons"]))
                 seat.tally.rejected += 1
+                seat.words.take(size_of_rejection(note["action"], note["reasons"]))
+                seat.words.take(len(note.get("reasoning", "").encode()))
             case "said":
                 self.said.append(note)
                 self.episode.said += 1
+                size = NOTE_BYTES + len(note["name"].encode()) + len(note["text"].encode())
+                self._words(note).take(size)
                 if note["player"]:
                     self._seat(note).tally.said += 1
+            case "quota":
+                self._words(note).reached = True
             case "paused":
                 self.holds = note["holds"]
             case "resumed":
@@ -136,6 +145,10 @@ class _Retraced:
                 self.expected |= {seat.player for seat in seats if seat.present}
             case "started" if self.episode.phase is Phase.WAITING:
                 self.episode.retrace_start()
+
+    def _words(self, note: dict[str, Any]) -> Quota:
+        """The quota of a seat, or that of all spectators."""
+        return self._seat(note).words if note["player"] else self.episode.audience_words
 
     def _check_players(self, frame: dict[str, Any]) -> None:
         players = [row["player"] for row in frame["moves"]]

@@ -91,6 +91,12 @@ class RejectedNote(Frame):
     reasons: list[str]
 
 
+class QuotaNote(Frame):
+    note: Literal["quota"]
+    t: int
+    player: str
+
+
 class SaidNote(Frame):
     note: Literal["said"]
     t: int
@@ -130,6 +136,7 @@ Note = Annotated[
     RosterNote
     | RejectedNote
     | SaidNote
+    | QuotaNote
     | AnnouncedNote
     | StartedNote
     | PausedNote

@@ -1,0 +1,62 @@
+"""How much of what participants write is recorded: free text, which could grow without end.
+
+A step takes little of a recording, and the step limit ends them. Reasoning, chat and rejected
+actions come as often as somebody sends them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from robotouille.errors import ProtocolError
+
+__all__ = [
+    "MAX_AUDIENCE_BYTES",
+    "MAX_SEAT_BYTES",
+    "NOTE_BYTES",
+    "Quota",
+    "check_words",
+    "size_of_rejection",
+]
+
+MAX_SEAT_BYTES = 8 * 1024 * 1024
+"""Of one seat's words in an episode, whoever plays it."""
+MAX_AUDIENCE_BYTES = 1024 * 1024
+"""Of all that spectators say in an episode."""
+NOTE_BYTES = 100
+"""What a note takes beside its words."""
+
+
+def size_of_rejection(action: str, reasons: Iterable[str]) -> int:
+    """Bytes of a rejected action in a recording; its reasoning was taken off before."""
+    return NOTE_BYTES + sum(len(text.encode()) for text in (action, *reasons))
+
+
+class Quota:
+    """The bytes of somebody's words that are recorded: `used` of `limit`.
+
+    `reached` says whether something did not fit any more.
+    """
+
+    __slots__ = ("limit", "reached", "used")
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.used = 0
+        self.reached = False
+
+    def take(self, size: int) -> bool:
+        """Whether so much more is recorded."""
+        if self.reached or self.used + size > self.limit:
+            self.reached = True
+            return False
+        self.used += size
+        return True
+
+
+def check_words(quota: Quota, size: int, what: str) -> None:
+    """ProtocolError `rate/words` where words cannot be recorded any more; `what` to do then."""
+    if not quota.take(size):
+        mebibytes = quota.limit // 2**20
+        message = f"the {mebibytes} MiB that are recorded of what you write are used up; {what}"
+        raise ProtocolError("rate/words", message)

@@ -1,0 +1,124 @@
+"""How much of what participants write is recorded, and what they are told."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import ProtocolError, World
+from robotouille.episode import Clock, Episode, QuotaReached, Rejected, Rules, Said, Stepped
+from robotouille.episode.quota import Quota
+from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import restore
+from robotouille.world.actions import GroundAction
+
+WORLD = World("multi_agent/01")
+RULES = Rules(clock=Clock.REALTIME, step_rate=10.0)
+
+
+def start(limit: int = 1000) -> Episode:
+    episode = Episode(WORLD, RULES, 0.0)
+    for player in WORLD.players:
+        episode.join(player, player.upper(), "model", 0.0)
+        episode.seat(player).words.limit = limit
+    episode.audience_words.limit = limit
+    episode.events()
+    return episode
+
+
+def wrong(episode: Episode) -> GroundAction:
+    """An action from a place where robot1 is not."""
+    tables = [f"table{number}" for number in range(1, 5)]
+    moves = (WORLD.action("move", "robot1", a, b) for a in tables for b in tables if a != b)
+    return next(move for move in moves if not WORLD.applicable(episode.state, move))
+
+
+def test_reasoning_beyond_the_quota_is_refused_and_its_action_may_be_sent_again() -> None:
+    episode = start()
+    episode.submit("robot1", 1, None, 0.0, reasoning="x" * 1000)
+    episode.tick(0.1)
+    with pytest.raises(ProtocolError) as refused:
+        episode.submit("robot1", 2, None, 0.1, reasoning="y")
+    assert refused.value.code == "rate/words"
+    assert "act without" in str(refused.value)
+    episode.submit("robot1", 2, None, 0.1)
+    episode.submit("robot2", 1, None, 0.1, reasoning="its own quota")
+    episode.tick(0.2)
+    events = episode.events()
+    assert [e.player for e in events if isinstance(e, QuotaReached)] == ["robot1"]
+    last = [event for event in events if isinstance(event, Stepped)][-1]
+    assert last.idle == (("robot1", 2), ("robot2", 1))
+
+
+def test_rejections_beyond_the_quota_are_told_and_not_recorded() -> None:
+    episode = start()
+    action = wrong(episode)
+    for seq in range(1, 30):
+        episode.submit("robot1", seq, action, 0.0)
+    events = episode.events()
+    rejected = [event for event in events if isinstance(event, Rejected)]
+    assert len(rejected) == 29
+    recorded = [event.recorded for event in rejected]
+    assert recorded == sorted(recorded, reverse=True)
+    assert 0 < sum(recorded) < 10
+    assert sum(isinstance(event, QuotaReached) for event in events) == 1
+    assert events.index(next(e for e in events if isinstance(e, QuotaReached))) == sum(recorded)
+
+
+def test_chat_beyond_the_quota_is_refused() -> None:
+    episode = start()
+    for player in ("robot1", ""):
+        said = 0
+        with pytest.raises(ProtocolError) as refused:
+            while True:
+                episode.say("ADA", player, "x" * 100, 0.0)
+                said += 1
+        assert refused.value.code == "rate/words"
+        assert said == 4
+    events = episode.events()
+    assert sum(isinstance(event, Said) for event in events) == 8
+    assert [e.player for e in events if isinstance(e, QuotaReached)] == ["robot1", ""]
+
+
+def test_the_quota_stays_with_the_seat() -> None:
+    """Who leaves and comes back, or hands over to a friend, does not get another."""
+    episode = start()
+    episode.submit("robot1", 1, None, 0.0, reasoning="x" * 900)
+    episode.leave("robot1", 0.0)
+    episode.join("robot1", "EVE", "model", 0.0)
+    with pytest.raises(ProtocolError):
+        episode.submit("robot1", 1, None, 0.0, reasoning="x" * 200)
+
+
+def test_a_restart_knows_what_is_used() -> None:
+    recorder = Recorder(WORLD)
+    stream = recorder.begin(header(WORLD.task, RULES, episode="e"))
+    played = Episode(WORLD, RULES, 0.0)
+    for player in WORLD.players:
+        played.join(player, player.upper(), "model", 0.0)
+    played.submit("robot1", 1, None, 0.0, reasoning="not recorded: nothing is done")
+    played.submit("robot1", 2, wrong(played), 0.0, reasoning="é" * 50)
+    played.say("ADA", "robot2", "hello", 0.0)
+    played.say("SPY", "", "hello", 0.0)
+    right = played.state.actions("robot2")[0]
+    played.submit("robot2", 1, right, 0.0, reasoning="because")
+    played.tick(0.1)
+    played.seat("robot2").words.limit = 0
+    with pytest.raises(ProtocolError):
+        played.say("ADA", "robot2", "no more", 0.2)
+    stream += recorder.record(played.events())
+    restored = restore(Recording(stream), 10.0, 5.0).episode
+    assert restored.seat("robot1").words.used > 200
+    for player in ("robot1", "robot2"):
+        mine, theirs = restored.seat(player).words, played.seat(player).words
+        lost = len("not recorded: nothing is done") if player == "robot1" else 0
+        assert (mine.used, mine.reached) == (theirs.used - lost, theirs.reached)
+    assert restored.audience_words.used == played.audience_words.used > 0
+
+
+def test_a_quota_once_reached_stays_so() -> None:
+    quota = Quota(100)
+    assert quota.take(60)
+    assert not quota.take(50)
+    assert not quota.take(1)
+    assert (quota.used, quota.reached) == (60, True)

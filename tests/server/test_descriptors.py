@@ -1,0 +1,117 @@
+"""A server that has no more file descriptors keeps its games, its log and its wits."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import resource
+import socket
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from structlog.testing import capture_logs
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+from robotouille_server import ServerSettings, descriptors
+from robotouille_server.logs import LINE_SECONDS, LoopErrors, configure_logs
+from tests.fuzz.process import server_process
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+LIMIT = 128
+SUBPROTOCOL = "robotouille.v1.json"
+
+
+class Counts:
+    log_suppressed = 0
+
+
+def ask(client: Any, message: dict[str, Any], kind: str) -> dict[str, Any]:
+    client.send(json.dumps(message))
+    while True:
+        answer: dict[str, Any] = json.loads(client.recv(timeout=20))
+        if answer["type"] in (kind, "error"):
+            return answer
+
+
+def newcomer(url: str) -> str:
+    """What somebody is answered who comes now; "" for nothing."""
+    try:
+        with connect(url, subprotocols=[SUBPROTOCOL], open_timeout=5) as client:  # type: ignore[list-item]
+            return str(
+                ask(client, {"type": "hello", "protocol": 1, "name": "b"}, "welcome")["type"]
+            )
+    except (OSError, EOFError, TimeoutError, WebSocketException):
+        return ""
+
+
+def test_silent_connections_take_neither_games_nor_the_disk(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        command = ("--mode", "realtime", "--step-rate", "20", "--max-steps", "100000")
+        server = stack.enter_context(server_process(tmp_path, *command, "--hello-seconds", "60"))
+        resource.prlimit(server.process.pid, resource.RLIMIT_NOFILE, (LIMIT, LIMIT))
+        player = stack.enter_context(connect(server.url, subprotocols=[SUBPROTOCOL]))  # type: ignore[list-item]
+        assert ask(player, {"type": "hello", "protocol": 1, "name": "a"}, "welcome")
+        order = {"type": "create", "task": "synchronous/01", "clock": "realtime", "step_rate": 20}
+        code = ask(player, order, "created")["code"]
+        assert ask(player, {"type": "join", "episode": code}, "joined")["type"] == "joined"
+        held = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", server.port)))
+            for _ in range(2 * LIMIT)
+        ]
+        step = ask(player, {"type": "resync"}, "snapshot")["step"]
+        while ask(player, {"type": "resync"}, "snapshot")["step"] < step + 20:
+            time.sleep(0.05)
+        taken = len(list(Path(f"/proc/{server.process.pid}/fd").iterdir()))
+        assert LIMIT * 3 // 4 < taken < LIMIT - 5, "nothing is kept free for recordings"
+        assert ask(player, {"type": "leave"}, "left")["type"] == "left"
+        assert ask(player, order, "created")["type"] == "created", "no file for a recording"
+        assert server.log.stat().st_size < 20_000
+        for silent in held:
+            silent.close()
+        end = time.monotonic() + 10
+        while newcomer(server.url) != "welcome":
+            assert time.monotonic() < end, "nobody is let in when places are free again"
+
+
+def test_a_complaint_of_the_event_loop_is_logged_once_in_a_while() -> None:
+    now, counts = 0.0, Counts()
+    errors = LoopErrors(lambda: now, counts)
+    loop = asyncio.new_event_loop()
+    context = {"message": "socket.accept() out of system resource", "exception": OSError(24, "x")}
+    with capture_logs() as lines:
+        for _ in range(1000):
+            errors.handle(loop, context)
+        errors.handle(loop, {"message": "another", "exception": ValueError("y")})
+        assert [line["message"] for line in lines] == [context["message"], "another"]
+        assert counts.log_suppressed == 999
+        now += LINE_SECONDS
+        errors.handle(loop, context)
+    assert lines[-1]["repeated"] == 999
+    loop.close()
+
+
+def test_a_limit_that_is_too_small_is_said_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 2048))
+    monkeypatch.setattr(resource, "setrlimit", lambda *_: None)
+    configure_logs("warning", "console")
+    with capture_logs() as lines:
+        descriptors.raise_limit(ServerSettings(max_connections=500, max_episodes=100))
+        assert lines == []
+        descriptors.raise_limit(ServerSettings(max_connections=2000, max_episodes=100))
+    configure_logs("error", "console")
+    (told,) = lines
+    assert (told["limit"], told["needed"]) == (1024, 2356)
+    assert "LimitNOFILE" in told["event"]
+
+
+def test_the_soft_limit_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = [(1024, 524288)]
+    monkeypatch.setattr(resource, "getrlimit", lambda _: limits[-1])
+    monkeypatch.setattr(resource, "setrlimit", lambda _, both: limits.append(both))
+    descriptors.raise_limit(ServerSettings())
+    assert limits[-1] == (524288, 524288)
