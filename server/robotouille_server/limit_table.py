@@ -11,11 +11,26 @@ from typing import Any
 from pydantic import BaseModel
 
 from robotouille.domain.files import MAX_NESTING
+from robotouille.episode.quota import MAX_AUDIENCE_BYTES, MAX_SEAT_BYTES
 from robotouille.protocol import messages
-from robotouille.protocol.codec import MAX_CLIENT_BYTES, MAX_DEPTH, MAX_SERVER_BYTES
+from robotouille.protocol.codec import (
+    MAX_CLIENT_BYTES,
+    MAX_DEPTH,
+    MAX_FIELDS,
+    MAX_ITEMS,
+    MAX_SERVER_BYTES,
+)
 from robotouille_server.access import WRONG_CODES_A_MINUTE
-from robotouille_server.connection import MAX_EARLY, MAX_PARTS
-from robotouille_server.conversation import COSTS, MAX_REFUSED
+from robotouille_server.connection import (
+    FRAMES_A_SECOND,
+    FRAMES_AT_A_TIME,
+    FRAMES_BURST,
+    MAX_EXCESS,
+    MAX_OWN,
+)
+from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.descriptors import RESERVED
+from robotouille_server.journal import MAX_RECORDING_BYTES
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
 from robotouille_server.settings import ServerSettings
@@ -72,9 +87,16 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             value=f"{MAX_DEPTH} levels (MessagePack), {MAX_NESTING} (JSON)",
         ),
         Limit(
-            "frames of one message",
-            "the connection is closed with status 1008",
-            value=f"{MAX_PARTS:,}",
+            "… before `hello` is answered",
+            "refused",
+            "message/too-large",
+            value=_size(MAX_HELLO_BYTES),
+        ),
+        Limit(
+            "values in a message, and fields of one object in it",
+            "refused",
+            "message/malformed",
+            value=f"{MAX_ITEMS}, {MAX_FIELDS}",
         ),
         Limit(
             "messages a second and connection",
@@ -83,13 +105,27 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             setting="messages_per_second",
         ),
         Limit(
-            "messages beyond that rate, in all",
+            "messages beyond that rate, in about a minute; each 8 KiB count as one more",
             "the connection is closed",
             "rate/limited",
             value=f"{MAX_REFUSED}",
         ),
         Limit("cost of `create`", "counts as so many", value=_cost(messages.Create)),
+        Limit("cost of `join` and `resync`", "counts as so many", value=_cost(messages.Join)),
         Limit("cost of `list`", "counts as so many", value=_cost(messages.ListEpisodes)),
+        Limit("cost of a KiB of a message, a snapshot or a list", "counts as so many",
+              value="1 message"),
+        Limit(
+            "control frames, and parts of messages (each KiB of them counts as one more)",
+            "pings are not answered, and a message in parts ends the connection",
+            value=f"{FRAMES_A_SECOND:g} a second, {FRAMES_BURST:g} at once",
+        ),
+        Limit("… beyond that, in all", "disconnected", value=f"{MAX_EXCESS}"),
+        Limit(
+            "frames of one connection that are dealt with before all others have their turn",
+            "the rest waits, and nothing more is read",
+            value=f"{FRAMES_AT_A_TIME}",
+        ),
         Limit("a chat message", "refused", INVALID, value=_longest(messages.Say, "text")),
         Limit("a name", "refused", INVALID, value=_longest(messages.Hello, "name")),
         Limit("a token", "refused", INVALID, value=_longest(messages.Hello, "token")),
@@ -117,11 +153,17 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "time to say `hello`", "`bye`, status 1008", "auth/silent",
             setting="hello_seconds", unit="s",
         ),
-        Limit("messages before the handshake is over", "disconnected", value=f"{MAX_EARLY}"),
+        Limit("bytes before the handshake is over", "disconnected", value=_size(MAX_OWN)),
+        Limit(
+            "file descriptors that connections leave free",
+            "newcomers are disconnected until there are more",
+            value=f"{RESERVED}, or an eighth of the system's limit",
+        ),
         Limit("answer to a ping (every 20 s)", "disconnected", value="20 s"),
         Limit(
             "bytes that wait for a client",
-            "no deltas until they are read, then a snapshot; nothing it says is read meanwhile",
+            "no deltas and no pongs until they are read, then a snapshot; nothing it says is read "
+            "meanwhile",
             value=_size(MAX_UNSENT),
         ),
         Limit("… for so long", "disconnected", setting="stall_seconds", unit="s"),
@@ -153,6 +195,20 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             setting="max_episodes_per_owner",
         ),
         Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
+        Limit(
+            "words of a seat in a recording: reasoning, rejected actions, chat",
+            "reasoning and chat are refused, rejected actions told and not recorded",
+            "rate/words",
+            value=_size(MAX_SEAT_BYTES),
+        ),
+        Limit(
+            "… of all spectators of an episode", "chat is refused", "rate/words",
+            value=_size(MAX_AUDIENCE_BYTES),
+        ),
+        Limit(
+            "a recording, before it is compressed", "the episode ends: `aborted`",
+            value=_size(MAX_RECORDING_BYTES),
+        ),
         Limit("spectators of an episode", "`join` is refused", "episode/full",
               setting="max_spectators"),
         Limit("steps of an episode that asks for nothing else", "it ends: `step_limit`",

@@ -16,6 +16,7 @@ import typer
 from pydantic import SecretStr
 
 from robotouille.episode import Absence, Controller, Hold
+from robotouille.episode.quota import MAX_SEAT_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.planning.certifying import BUDGET
 from robotouille.protocol import codec, messages
@@ -23,6 +24,7 @@ from robotouille_client import backoff
 from robotouille_server import ServerSettings, audience, conversation, lobby, peer
 from robotouille_server.access import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
+from robotouille_server.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS
 from robotouille_server.limit_table import LIMITS, shown_value
 from robotouille_server.metrics import Metrics
 from robotouille_server.roles import Role
@@ -151,7 +153,15 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     create, listing = (conversation.COSTS[m] for m in (messages.Create, messages.ListEpisodes))
     assert f"at most {codec.MAX_CLIENT_BYTES // kib} KiB" in page
     assert f"{rate:g} messages a second, in bursts of {2 * rate:g}" in page
-    assert f"`create` counts as {create}, `list` as {listing}" in page
+    joining, resync = (conversation.COSTS[m] for m in (messages.Join, messages.Resync))
+    assert joining == resync
+    counts = f"`create` counts as {create}, `join` and `resync` as {joining}, `list` as {listing}"
+    assert counts in page
+    assert f"({conversation.MAX_HELLO_BYTES // kib} KiB before `hello` is answered)" in page
+    assert f"{codec.MAX_ITEMS} values in all and {codec.MAX_FIELDS} fields in one object" in page
+    assert f"parts of messages: {FRAMES_A_SECOND:g} a second, in bursts of {FRAMES_BURST:g}" in page
+    assert f"after {MAX_EXCESS} more it is cut off" in page
+    assert f"chat) are {MAX_SEAT_BYTES // kib**2} MiB in an episode" in page
     assert f"after {conversation.MAX_REFUSED} of them the connection is closed" in page
     assert f"From {peer.MAX_UNSENT // kib} KiB of unread bytes" in page
     assert f"from {peer.MAX_UNSENT // kib} KiB of unsent bytes" in page
