@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from http import HTTPStatus
 from typing import Any
 
@@ -24,6 +25,7 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
 from robotouille_server.access import (
+    Caller,
     Doorkeeper,
     Visitor,
     WrongCodes,
@@ -97,7 +99,13 @@ class Server:
         self.worker = worker or Worker()
         chance = randomness or random.SystemRandom()
         self.tokens = Tokens(_keyring(settings), wall)
-        self.sessions = Sessions(self.tokens, chance, settings.resume_hours * 3600)
+        self.sessions = Sessions(
+            self.tokens,
+            chance,
+            settings.resume_hours * 3600,
+            strict=settings.require_token,
+            max_spectators=settings.max_spectators,
+        )
         self.lobby = Lobby(
             settings,
             self.metrics,
@@ -109,7 +117,7 @@ class Server:
             vacated=self.sessions.forget,
             sent_out=self._sent_out,
         )
-        self._doorkeeper = Doorkeeper(settings.max_connections_per_address)
+        self.doorkeeper = Doorkeeper(settings.max_connections_per_address)
         self._proxies = parse_proxies(settings.trust_proxy)
         self._origins = parse_origins(settings.origins)
         self._sockets: list[SocketServer] = []
@@ -294,10 +302,6 @@ class Server:
         refusal = origin_refusal(request.headers, self._origins)
         if refusal is not None:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal)
-        if not self._has_room_for(who):
-            limit = self.settings.max_connections_per_address
-            text = f"more than {limit} connections from your address\n"
-            return connection.respond(HTTPStatus.TOO_MANY_REQUESTS, text)
         return None
 
     def _metrics_page(self, connection: ServerConnection, who: Visitor) -> Response:
@@ -308,12 +312,6 @@ class Server:
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = "text/plain; version=0.0.4; charset=utf-8"
         return response
-
-    def _has_room_for(self, who: Visitor) -> bool:
-        admitted = self._doorkeeper.admit(who)
-        if admitted:
-            self._doorkeeper.release(who)
-        return admitted
 
     def _visitor(self, connection: ServerConnection, request: Request) -> Visitor:
         return visitor(connection.remote_address, request.headers, self._proxies)
@@ -328,12 +326,11 @@ class Server:
         if not isinstance(socket, Connection) or socket.request is None:
             raise TypeError("not a connection of this server")
         who = self._visitor(socket, socket.request)
-        if not self._doorkeeper.admit(who):
-            await socket.close(1013, "too many connections from your address")
-            return
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
-        conversation = Conversation(self, peer, who)
+        caller = Caller(who, partial(self._displace, peer))
+        conversation = Conversation(self, peer, caller)
+        self.doorkeeper.arrive(caller)
         self._open[socket] = None
         self.metrics.connections.set(len(self._open))
         try:
@@ -342,11 +339,17 @@ class Server:
         finally:
             self._open.pop(socket, None)
             self.metrics.connections.set(len(self._open))
-            self._doorkeeper.release(who)
+            self.doorkeeper.release(caller)
             conversation.close()
             session = conversation.session
             if session is not None and session.peer is peer:
                 self._lost(session)
+
+    def _displace(self, peer: Peer) -> None:
+        """Somebody newer needs the place of a connection that has not said hello."""
+        self.metrics.dropped.labels("displaced").inc()
+        text = "too many connections from your address have said no hello"
+        peer.part("rate/connections", text, retry=True, status=1013)
 
     def _lost(self, session: Session) -> None:
         """A connection is gone: its session is kept for a while."""

@@ -127,6 +127,8 @@ class _Retraced:
                 self.episode.said += 1
                 if note["player"]:
                     self._seat(note).tally.said += 1
+            case "moderated":
+                self.episode.retrace_moderation(note["what"], note["session"], note["participant"])
             case "paused":
                 self.holds = note["holds"]
             case "resumed":

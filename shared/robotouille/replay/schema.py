@@ -110,6 +110,15 @@ class AnnouncedNote(Frame):
     text: str
 
 
+class ModeratedNote(Frame):
+    note: Literal["moderated"]
+    t: int
+    what: Literal["banned", "muted", "unmuted"]
+    session: str
+    participant: str
+    name: str
+
+
 class PausedNote(Frame):
     note: Literal["paused"]
     t: int
@@ -131,6 +140,7 @@ Note = Annotated[
     | RejectedNote
     | SaidNote
     | AnnouncedNote
+    | ModeratedNote
     | StartedNote
     | PausedNote
     | ResumedNote
