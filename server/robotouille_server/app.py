@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 from websockets.asyncio.server import Server as SocketServer
@@ -41,6 +42,7 @@ from robotouille_server.lobby import Lobby
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.peer import MAX_HELD, Peer
+from robotouille_server.revocation import REVOKED_FILE, Revocations
 from robotouille_server.roles import Role
 from robotouille_server.room import Room
 from robotouille_server.session import Session
@@ -48,7 +50,8 @@ from robotouille_server.sessions import Sessions
 from robotouille_server.settings import ServerSettings
 from robotouille_server.storage import Folder, Storage
 from robotouille_server.tls import ServerTLS
-from robotouille_server.tokens import Tokens
+from robotouille_server.tokens import RoleGrant, Tokens
+from robotouille_server.used_tokens import UsedTokens
 from robotouille_server.workers import Worker
 
 __all__ = ["CannotListenError", "Server", "serve"]
@@ -57,6 +60,7 @@ BACKLOG = 4096
 SENT_OUT_SECONDS = 600.0
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 DRAIN_LOOK_SECONDS = 0.2
+REVOKED_LOOK_SECONDS = 1.0
 
 
 class CannotListenError(RobotouilleError):
@@ -98,9 +102,12 @@ class Server:
             self.storage = storage or Folder(settings.recordings)
         self.worker = worker or Worker()
         chance = randomness or random.SystemRandom()
-        self.tokens = Tokens(_keyring(settings), wall)
+        self._revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
+        self.tokens = Tokens(_keyring(settings), wall, self._revoked)
+        self.used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
         self.sessions = Sessions(
             self.tokens,
+            self.used_tokens,
             chance,
             settings.resume_hours * 3600,
             strict=settings.require_token,
@@ -123,6 +130,7 @@ class Server:
         self._sockets: list[SocketServer] = []
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
+        self._token_watch: asyncio.TimerHandle | None = None
         self._open: dict[Connection, None] = {}  # In the order in which they came.
         self._accepted = 0
         self._stopping = False
@@ -143,6 +151,7 @@ class Server:
         if self.settings.tls_cert is not None or self.settings.tls_key is not None:
             self._tls = ServerTLS.from_settings(self.settings.tls_cert, self.settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
+        self.used_tokens.forget_expired()
         self.lobby.recover()
         shared = self.worker.count > 1
         await self._listen(self.settings.port, shared=shared)
@@ -253,6 +262,8 @@ class Server:
         await self._close_sockets(reason)
         if self._watching is not None:
             self._watching.cancel()
+        if self._token_watch is not None:
+            self._token_watch.cancel()
         await self.lobby.closed()
         self.lobby.stop()
         get_logger().info("stopped", reason=reason)
@@ -280,10 +291,12 @@ class Server:
         """What the sockets are encrypted with."""
         return self._tls.context if self._tls is not None else None
 
-    def authorize(self, token: str) -> None:
-        """ProtocolError unless this is an operator's token."""
-        if self.tokens.check_role(token).role is not Role.OPERATOR:
+    def authorize(self, token: str) -> RoleGrant:
+        """What an operator's token grants; ProtocolError unless it is one."""
+        grant = self.tokens.check_role(token)
+        if grant.role is not Role.OPERATOR:
             raise ProtocolError("auth/role", "this takes a token with the role operator", "token")
+        return grant
 
     # HTTP on the same port
 
@@ -386,6 +399,19 @@ class Server:
         expiry = self._expiries.pop(session, None)
         if expiry is not None:
             expiry.cancel()
+        if session.token_id:
+            self._watch_tokens()
+
+    def _watch_tokens(self) -> None:
+        """Look once a second whether a token was revoked, while anybody is here with one."""
+        if self._token_watch is None and not self._stopping:
+            later = asyncio.get_running_loop().call_later
+            self._token_watch = later(REVOKED_LOOK_SECONDS, self._look_at_tokens)
+
+    def _look_at_tokens(self) -> None:
+        self._token_watch = None
+        if self.sessions.cut_revoked(self._revoked.ids):
+            self._watch_tokens()
 
     def _expire(self, session: Session) -> None:
         self._expiries.pop(session, None)
@@ -398,7 +424,11 @@ class Server:
 def _keyring(settings: ServerSettings) -> Keyring:
     if settings.signing_keys is not None:
         return Keyring.parse(settings.signing_keys.get_secret_value())
-    return FileKeyring(settings.keys or settings.state_folder / "keys.json")
+    return FileKeyring(_key_file(settings))
+
+
+def _key_file(settings: ServerSettings) -> Path:
+    return settings.keys or settings.state_folder / "keys.json"
 
 
 def _select_subprotocol(

@@ -241,7 +241,8 @@ class Conversation:
             return
         seat = self._seat_for(session, message, room)
         request = message.model_copy(update={"seat": seat})
-        room.enter(session, request, self._server.settings.max_spectators)
+        with self._server.used_tokens.used_by(session):
+            room.enter(session, request, self._server.settings.max_spectators)
 
     def _seat_for(self, session: Session, message: messages.Join, room: Room) -> str | None:
         """The seat to ask for. A code outside of what the token is for is a wrong one."""

@@ -11,6 +11,7 @@ from robotouille_server.access import Visitor
 from robotouille_server.roles import Role, check_scope
 from robotouille_server.session import Session
 from robotouille_server.tokens import ResumeGrant, RoleGrant, Tokens
+from robotouille_server.used_tokens import UsedTokens
 
 if TYPE_CHECKING:
     from robotouille_server.room import Room
@@ -28,6 +29,7 @@ class Sessions:
     def __init__(
         self,
         tokens: Tokens,
+        used: UsedTokens,
         randomness: random.Random,
         token_seconds: float,
         *,
@@ -36,6 +38,8 @@ class Sessions:
     ) -> None:
         self.by_id: dict[str, Session] = {}
         self._tokens = tokens
+        self._used = used
+        self._judged: frozenset[str] = frozenset()
         self._random = randomness
         self._token_seconds = token_seconds
         self._strict = strict
@@ -48,6 +52,8 @@ class Sessions:
         if hello.token is None:
             return self._role_without_token(visitor, "token"), None
         grant = self._tokens.check_role(hello.token)
+        if grant.once:
+            self._used.check(grant.token_id)
         return grant.role, grant
 
     def _role_without_token(self, visitor: Visitor, field: str) -> Role:
@@ -161,6 +167,20 @@ class Sessions:
             token_id=session.token_id,
             participant=session.participant if session.participant != session.id else "",
         )
+
+    def cut_revoked(self, revoked: frozenset[str]) -> bool:
+        """End the connections of those whose tokens were revoked since this was last asked;
+        whether anybody is connected with a token."""
+        bearers = (s for s in self.by_id.values() if s.token_id and s.peer is not None)
+        if revoked is self._judged:
+            return any(bearers)
+        self._judged = revoked
+        left = 0
+        for session in list(bearers):
+            left += session.token_id not in revoked
+            if session.token_id in revoked and session.peer is not None:
+                session.peer.part("auth/revoked", "the operator has revoked your token")
+        return left > 0
 
     def forget(self, session: Session) -> None:
         """A session that has no place any more, and nobody connected to it."""
