@@ -110,6 +110,7 @@ class Server:
             self.used_tokens,
             chance,
             settings.resume_hours * 3600,
+            self.metrics,
             strict=settings.require_token,
             max_spectators=settings.max_spectators,
         )

@@ -18,6 +18,7 @@ from robotouille_server.connection import MAX_EARLY, MAX_PARTS
 from robotouille_server.conversation import COSTS, MAX_REFUSED
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
+from robotouille_server.revocation import KEPT_SECONDS, MAX_ENTRIES
 from robotouille_server.settings import ServerSettings
 
 __all__ = ["LIMITS", "Limit", "limits_page", "shown_value"]
@@ -109,8 +110,22 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     "Connections": (
         Limit("connections", "HTTP status 503", setting="max_connections"),
         Limit(
-            "connections from an address (IPv6: a /64 network), except of this machine",
-            "HTTP status 429",
+            "connections from an address (IPv6: a /64 network) without a token, except of this "
+            "machine",
+            "`bye` in answer to `hello`, status 1013",
+            "rate/connections",
+            setting="max_connections_per_address",
+        ),
+        Limit(
+            "connections with tokens of one subject, from everywhere",
+            "`bye` in answer to `hello`, status 1013",
+            "rate/connections",
+            setting="max_connections_per_address",
+        ),
+        Limit(
+            "connections from an address that have not said `hello`",
+            "the newcomer takes the place of the oldest: `bye`, status 1013",
+            "rate/connections",
             setting="max_connections_per_address",
         ),
         Limit(
@@ -129,7 +144,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     ),
     "Who may come in": (
         Limit(
-            "wrong ids or codes from an address (IPv6: a /64 network)",
+            "wrong ids or codes from an address (IPv6: a /64 network), or with tokens of one "
+            "subject",
             "`join` is refused; one more may be tried every "
             f"{60 / WRONG_CODES_A_MINUTE:g} s",
             "rate/codes",
@@ -142,6 +158,12 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         ),
         Limit("a resume token is good for", "refused", "auth/expired", setting="resume_hours",
               unit="h"),
+        Limit("sessions that join with a token of `mint --once`", "refused", "auth/used",
+              value="1"),
+        Limit("revoked tokens in the list", "`robotouille-token revoke` refuses",
+              value=f"{MAX_ENTRIES:,}"),
+        Limit("time for which a revoked token is remembered after its end, at least",
+              "it has expired", "auth/expired", value=f"{KEPT_SECONDS / 86400:g} days"),
     ),
     "Episodes": (
         Limit("episodes that are not over", "`create` is refused", "server/full",
@@ -153,7 +175,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             setting="max_episodes_per_owner",
         ),
         Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
-        Limit("spectators of an episode", "`join` is refused", "episode/full",
+        Limit("spectators of an episode", "`join` is refused, and so is coming back",
+              "episode/full",
               setting="max_spectators"),
         Limit("steps of an episode that asks for nothing else", "it ends: `step_limit`",
               setting="max_steps"),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.access import Visitor
+from robotouille_server.metrics import Metrics
 from robotouille_server.roles import Role, check_scope
 from robotouille_server.session import Session
 from robotouille_server.tokens import ResumeGrant, RoleGrant, Tokens
@@ -32,6 +33,7 @@ class Sessions:
         used: UsedTokens,
         randomness: random.Random,
         token_seconds: float,
+        metrics: Metrics,
         *,
         strict: bool = False,
         max_spectators: int = 200,
@@ -42,6 +44,7 @@ class Sessions:
         self._judged: frozenset[str] = frozenset()
         self._random = randomness
         self._token_seconds = token_seconds
+        self._metrics = metrics
         self._strict = strict
         self._max_spectators = max_spectators
 
@@ -179,6 +182,7 @@ class Sessions:
         for session in list(bearers):
             left += session.token_id not in revoked
             if session.token_id in revoked and session.peer is not None:
+                self._metrics.dropped.labels("revoked").inc()
                 session.peer.part("auth/revoked", "the operator has revoked your token")
         return left > 0
 
