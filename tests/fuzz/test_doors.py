@@ -24,8 +24,8 @@ from tests.support.servers import Raw, serving
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0
-STEPS = 60
-CAP = 2
+STEPS = 80
+CAP = 1
 KITCHEN = messages.Create(task="multi_agent/01_lettuce_burger", grace=86400.0)
 HERE: dict[str, str] = {}
 
@@ -165,12 +165,13 @@ class Walk:
             room.mute(who)
 
     async def take_back(self) -> None:
-        token = self.random.choice(self.role_tokens)
-        with suppress(Exception):
-            grant = self.server.tokens.check_role(token)
-            self.decisions.revoked.add(grant.token_id)
+        ids = [session.token_id for session in self.sessions() if session.token_id]
+        if ids:
+            token_id = self.random.choice(ids)
+            self.decisions.revoked.add(token_id)
             path = self.server.settings.state_folder / "revoked.json"
-            revoke(path, [grant.token_id], grant.expires, NOW)
+            revoke(path, [token_id], NOW + 1e7, NOW)
+            self.mint(self.random.choice(tuple(Role)), "p-3")
 
     async def restart(self) -> None:
         self.strict = self.random.random() < 0.5
