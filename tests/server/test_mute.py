@@ -48,7 +48,9 @@ def test_what_a_muted_participant_says_is_neither_told_nor_recorded(tmp_path: Pa
                 await eve.expect("ended")
             await server.lobby.closed()
         (path,) = tmp_path.glob("*.rbt")
-        notes = list(read_recording(path).notes())
+        recording = read_recording(path)
+        assert recording.verify().complete
+        notes = list(recording.notes())
         assert [n["text"] for n in notes if n["note"] == "said"] == ["first", "still here", "third"]
         moderated = [n for n in notes if n["note"] == "moderated"]
         assert [(n["what"], n["name"]) for n in moderated] == [("muted", "eve"), ("unmuted", "eve")]
