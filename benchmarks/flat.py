@@ -26,7 +26,7 @@ from websockets.protocol import State
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.load.walk import to_and_fro
 from robotouille_server import Server, ServerSettings
-from robotouille_server.access import Visitor
+from robotouille_server.access import Caller, Visitor
 from robotouille_server.conversation import Conversation
 from robotouille_server.logs import configure_logs
 from robotouille_server.peer import Peer
@@ -141,6 +141,9 @@ class Wire:
         raise AssertionError("the server drops the connection")
 
 
+HERE = Caller(Visitor("127.0.0.1", True, "local"), lambda: None)
+
+
 class Bot:
     """Plays one episode after the other; the first of a pair opens them and acts."""
 
@@ -151,7 +154,7 @@ class Bot:
         self._seq = 0
         self._moves = to_and_fro(TASK, "robot1")
         peer = Peer(Wire(self.heard), MSGPACK, server.metrics, 15.0)  # type: ignore[arg-type]
-        self._conversation = Conversation(server, peer, Visitor("127.0.0.1", True, "local"))
+        self._conversation = Conversation(server, peer, HERE)
         self.say(type="hello", protocol=1, name="bot", kind="bot")
         if partner is not None:
             self.open()

@@ -36,7 +36,7 @@ AGAIN_SECONDS = 0.5
 """After which a request is sent again that the server asked us to repeat."""
 MAX_MOVES = 4
 
-LOST_TOKEN = ("auth/expired", "auth/invalid")
+LOST_TOKEN = ("auth/expired", "auth/invalid", "auth/required", "auth/revoked")
 TRY_AGAIN = "server/handover"
 TEMPORARY = (TRY_AGAIN, "server/recording", "rate/limited")
 

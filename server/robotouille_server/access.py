@@ -9,8 +9,8 @@ from __future__ import annotations
 import ipaddress
 import re
 from collections import Counter, OrderedDict
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
 from urllib.parse import urlsplit
 
 from websockets.datastructures import Headers
@@ -20,9 +20,12 @@ from robotouille_server.limits import Budget
 
 __all__ = [
     "AccessSettingError",
+    "Caller",
     "Doorkeeper",
+    "NoPlaceError",
     "Visitor",
     "WrongCodes",
+    "counted_as",
     "origin_refusal",
     "parse_origins",
     "parse_proxies",
@@ -45,6 +48,10 @@ PROXY_HEADERS = ("X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Forwarded-Host"
 MAX_HOPS = 32
 WRONG_CODES_A_MINUTE = 20
 UNKNOWN = "unknown"
+
+
+class NoPlaceError(ProtocolError):
+    """`rate/connections`: somebody has as many connections as one may have."""
 
 
 class AccessSettingError(RobotouilleError):
@@ -192,41 +199,85 @@ def origin_refusal(headers: Headers, allowed: Collection[str]) -> str | None:
 # How often
 
 
+def counted_as(who: Visitor, subject: str) -> Visitor:
+    """As whom limits count somebody: whoever brings a token by its subject, from everywhere, so
+    that strangers behind the same address take nothing from them."""
+    return replace(who, group=f"subject {subject}") if subject else who
+
+
+@dataclass(eq=False, slots=True)
+class Caller:
+    """A connection at the door. `send_away` ends it; `place` is the group of which it has taken
+    a place, None while it is on probation."""
+
+    who: Visitor
+    send_away: Callable[[], None]
+    place: str | None = None
+
+
 class Doorkeeper:
-    """Counts connections per group of addresses; programs on this machine are not limited."""
+    """Counts connections; programs on this machine are not limited.
 
-    def __init__(self, per_address: int) -> None:
-        self._limit = per_address
-        self._open: Counter[str] = Counter()
+    A connection is on probation until it has said who it is: `limit` of each address are, and one
+    more takes the place of that which has been silent the longest. Then it needs one of the
+    `limit` places of its address or, with a token, of its subject.
+    """
 
-    def full(self, who: Visitor) -> bool:
-        """Whether one more connection would be one too many."""
-        return not who.local and self._open[who.group] >= self._limit
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._waiting: dict[str, dict[Caller, None]] = {}
+        self._places: Counter[str] = Counter()
 
-    def admit(self, who: Visitor) -> bool:
-        """Count one more connection, if it is not one too many."""
-        if self.full(who):
-            return False
-        if not who.local:
-            self._open[who.group] += 1
-        return True
+    def arrive(self, caller: Caller) -> None:
+        """One more connection, on probation; the oldest of the address may have to go for it."""
+        if caller.who.local:
+            return
+        waiting = self._waiting.setdefault(caller.who.group, {})
+        waiting[caller] = None
+        if len(waiting) > self._limit:
+            oldest = next(iter(waiting))
+            del waiting[oldest]
+            oldest.send_away()
 
-    def release(self, who: Visitor) -> None:
-        """An admitted connection is over."""
-        if not who.local:
-            self._open[who.group] -= 1
-            if self._open[who.group] <= 0:
-                del self._open[who.group]
+    def admit(self, caller: Caller, who: Visitor, instead_of: Caller | None = None) -> None:
+        """Give a connection one of the places of `who`, or that of the connection which it
+        replaces; NoPlaceError if all are taken."""
+        if who.local:
+            return
+        if instead_of is not None and instead_of.place == who.group:
+            self.release(instead_of)
+        if self._places[who.group] >= self._limit:
+            text = f"you have {self._limit} connections already; close some of them first"
+            raise NoPlaceError("rate/connections", text)
+        self._leave_probation(caller)
+        self._places[who.group] += 1
+        caller.place = who.group
+
+    def release(self, caller: Caller) -> None:
+        """A connection is over, or has been replaced."""
+        self._leave_probation(caller)
+        group, caller.place = caller.place, None
+        if group is not None:
+            self._places[group] -= 1
+            if self._places[group] <= 0:
+                del self._places[group]
+
+    def _leave_probation(self, caller: Caller) -> None:
+        waiting = self._waiting.get(caller.who.group)
+        if waiting is not None:
+            waiting.pop(caller, None)
+            if not waiting:
+                del self._waiting[caller.who.group]
 
     @property
     def groups(self) -> int:
-        """How many groups of addresses have connections: never more than connections."""
-        return len(self._open)
+        """How many groups are remembered: never more than there are connections."""
+        return len(self._waiting) + len(self._places)
 
 
 class WrongCodes:
-    """Join codes cannot be guessed by trying: each group of addresses has `burst` wrong ones,
-    and gets one back every `60 / burst` seconds.
+    """Join codes cannot be guessed by trying: each group (of addresses, or the bearers of a
+    subject's tokens) has `burst` wrong ones, and gets one back every `60 / burst` seconds.
 
     At most `capacity` groups are remembered; those whose budget is whole again are forgotten
     first, then those whose last wrong code is longest ago.
@@ -241,7 +292,7 @@ class WrongCodes:
         """Before a code is looked up: ProtocolError `rate/codes` if too many were wrong."""
         budget = self._budgets.get(who.group)
         if budget is not None and not who.local and budget.left(now) < 1:
-            text = "too many wrong codes from your address; try again in a minute"
+            text = "too many wrong codes; try again in a minute"
             raise ProtocolError("rate/codes", text, "episode")
 
     def wrong(self, who: Visitor, now: float) -> None:

@@ -11,7 +11,9 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 from websockets.asyncio.server import Server as SocketServer
@@ -24,6 +26,7 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
 from robotouille_server.access import (
+    Caller,
     Doorkeeper,
     Visitor,
     WrongCodes,
@@ -39,6 +42,7 @@ from robotouille_server.lobby import Lobby
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.peer import MAX_HELD, Peer
+from robotouille_server.revocation import REVOKED_FILE, Revocations
 from robotouille_server.roles import Role
 from robotouille_server.room import Room
 from robotouille_server.session import Session
@@ -46,7 +50,8 @@ from robotouille_server.sessions import Sessions
 from robotouille_server.settings import ServerSettings
 from robotouille_server.storage import Folder, Storage
 from robotouille_server.tls import ServerTLS
-from robotouille_server.tokens import Tokens
+from robotouille_server.tokens import RoleGrant, Tokens
+from robotouille_server.used_tokens import UsedTokens
 from robotouille_server.workers import Worker
 
 __all__ = ["CannotListenError", "Server", "serve"]
@@ -57,6 +62,7 @@ WAITING_TO_BE_ACCEPTED = 4096
 SENT_OUT_SECONDS = 600.0
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 DRAIN_LOOK_SECONDS = 0.2
+REVOKED_LOOK_SECONDS = 1.0
 
 
 class CannotListenError(RobotouilleError):
@@ -98,8 +104,18 @@ class Server:
             self.storage = storage or Folder(settings.recordings)
         self.worker = worker or Worker()
         chance = randomness or random.SystemRandom()
-        self.tokens = Tokens(_keyring(settings), wall)
-        self.sessions = Sessions(self.tokens, chance, settings.resume_hours * 3600)
+        self._revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
+        self.tokens = Tokens(_keyring(settings), wall, self._revoked)
+        self.used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
+        self.sessions = Sessions(
+            self.tokens,
+            self.used_tokens,
+            chance,
+            settings.resume_hours * 3600,
+            self.metrics,
+            strict=settings.require_token,
+            max_spectators=settings.max_spectators,
+        )
         self.lobby = Lobby(
             settings,
             self.metrics,
@@ -111,12 +127,13 @@ class Server:
             vacated=self.sessions.forget,
             sent_out=self._sent_out,
         )
-        self._doorkeeper = Doorkeeper(settings.max_connections_per_address)
+        self.doorkeeper = Doorkeeper(settings.max_connections_per_address)
         self._proxies = parse_proxies(settings.trust_proxy)
         self._origins = parse_origins(settings.origins)
         self._sockets: list[SocketServer] = []
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
+        self._token_watch: asyncio.TimerHandle | None = None
         self._open: dict[Connection, None] = {}  # In the order in which they came.
         self._accepted = 0
         self._stopping = False
@@ -137,6 +154,7 @@ class Server:
         if self.settings.tls_cert is not None or self.settings.tls_key is not None:
             self._tls = ServerTLS.from_settings(self.settings.tls_cert, self.settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
+        self.used_tokens.forget_expired()
         self.lobby.recover()
         shared = self.worker.count > 1
         await self._listen(self.settings.port, shared=shared)
@@ -250,6 +268,8 @@ class Server:
         await self._close_sockets(reason)
         if self._watching is not None:
             self._watching.cancel()
+        if self._token_watch is not None:
+            self._token_watch.cancel()
         await self.lobby.closed()
         self.lobby.stop()
         get_logger().info("stopped", reason=reason)
@@ -277,10 +297,12 @@ class Server:
         """What the sockets are encrypted with."""
         return self._tls.context if self._tls is not None else None
 
-    def authorize(self, token: str) -> None:
-        """ProtocolError unless this is an operator's token."""
-        if self.tokens.check_role(token).role is not Role.OPERATOR:
+    def authorize(self, token: str) -> RoleGrant:
+        """What an operator's token grants; ProtocolError unless it is one."""
+        grant = self.tokens.check_role(token)
+        if grant.role is not Role.OPERATOR:
             raise ProtocolError("auth/role", "this takes a token with the role operator", "token")
+        return grant
 
     # HTTP on the same port
 
@@ -299,10 +321,6 @@ class Server:
         refusal = origin_refusal(request.headers, self._origins)
         if refusal is not None:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal)
-        if not self._has_room_for(who):
-            limit = self.settings.max_connections_per_address
-            text = f"more than {limit} connections from your address\n"
-            return connection.respond(HTTPStatus.TOO_MANY_REQUESTS, text)
         return None
 
     def _metrics_page(self, connection: ServerConnection, who: Visitor) -> Response:
@@ -313,12 +331,6 @@ class Server:
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = "text/plain; version=0.0.4; charset=utf-8"
         return response
-
-    def _has_room_for(self, who: Visitor) -> bool:
-        admitted = self._doorkeeper.admit(who)
-        if admitted:
-            self._doorkeeper.release(who)
-        return admitted
 
     def _visitor(self, connection: ServerConnection, request: Request) -> Visitor:
         return visitor(connection.remote_address, request.headers, self._proxies)
@@ -333,12 +345,11 @@ class Server:
         if not isinstance(socket, Connection) or socket.request is None:
             raise TypeError("not a connection of this server")
         who = self._visitor(socket, socket.request)
-        if not self._doorkeeper.admit(who):
-            await socket.close(1013, "too many connections from your address")
-            return
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
-        conversation = Conversation(self, peer, who)
+        caller = Caller(who, partial(self._displace, peer))
+        conversation = Conversation(self, peer, caller)
+        self.doorkeeper.arrive(caller)
         self._open[socket] = None
         self.metrics.connections.set(len(self._open))
         try:
@@ -347,11 +358,17 @@ class Server:
         finally:
             self._open.pop(socket, None)
             self.metrics.connections.set(len(self._open))
-            self._doorkeeper.release(who)
+            self.doorkeeper.release(caller)
             conversation.close()
             session = conversation.session
             if session is not None and session.peer is peer:
                 self._lost(session)
+
+    def _displace(self, peer: Peer) -> None:
+        """Somebody newer needs the place of a connection that has not said hello."""
+        self.metrics.dropped.labels("displaced").inc()
+        text = "too many connections from your address have said no hello"
+        peer.part("rate/connections", text, retry=True, status=1013)
 
     def _lost(self, session: Session) -> None:
         """A connection is gone: its session is kept for a while."""
@@ -388,6 +405,19 @@ class Server:
         expiry = self._expiries.pop(session, None)
         if expiry is not None:
             expiry.cancel()
+        if session.token_id:
+            self._watch_tokens()
+
+    def _watch_tokens(self) -> None:
+        """Look once a second whether a token was revoked, while anybody is here with one."""
+        if self._token_watch is None and not self._stopping:
+            later = asyncio.get_running_loop().call_later
+            self._token_watch = later(REVOKED_LOOK_SECONDS, self._look_at_tokens)
+
+    def _look_at_tokens(self) -> None:
+        self._token_watch = None
+        if self.sessions.cut_revoked(self._revoked.ids):
+            self._watch_tokens()
 
     def _expire(self, session: Session) -> None:
         self._expiries.pop(session, None)
@@ -400,7 +430,11 @@ class Server:
 def _keyring(settings: ServerSettings) -> Keyring:
     if settings.signing_keys is not None:
         return Keyring.parse(settings.signing_keys.get_secret_value())
-    return FileKeyring(settings.keys or settings.state_folder / "keys.json")
+    return FileKeyring(_key_file(settings))
+
+
+def _key_file(settings: ServerSettings) -> Path:
+    return settings.keys or settings.state_folder / "keys.json"
 
 
 def _select_subprotocol(

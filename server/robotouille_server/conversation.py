@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
-from robotouille_server.access import Visitor
+from robotouille_server.access import Caller, NoPlaceError, counted_as
 from robotouille_server.limits import Budget
 from robotouille_server.logs import get_logger
 from robotouille_server.peer import Peer
-from robotouille_server.roles import check_join, check_permission
+from robotouille_server.roles import check_join, check_opening, check_permission
 from robotouille_server.room import Room
 from robotouille_server.session import Session
 from robotouille_server.workers import ElsewhereError
@@ -47,20 +47,22 @@ class Conversation:
 
     __slots__ = (
         "_budget",
+        "_caller",
+        "_counted",
         "_loop",
         "_patience",
         "_server",
         "_silence",
-        "_visitor",
         "peer",
         "session",
     )
 
-    def __init__(self, server: Server, peer: Peer, visitor: Visitor) -> None:
+    def __init__(self, server: Server, peer: Peer, caller: Caller) -> None:
         self.session: Session | None = None
         self.peer = peer
         self._server = server
-        self._visitor = visitor
+        self._caller = caller
+        self._counted = caller.who
         self._loop = asyncio.get_running_loop()
         self._budget = Budget(server.settings.messages_per_second, self._loop.time())
         self._patience = Budget(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
@@ -176,6 +178,10 @@ class Conversation:
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
             return
+        except NoPlaceError as error:
+            self._server.metrics.dropped.labels("crowded").inc()
+            self.peer.part(error.code, error.message, retry=True, status=1013)
+            return
         if self._silence is not None:
             self._silence.cancel()
         self._attach(session)
@@ -202,26 +208,36 @@ class Conversation:
 
     def _session(self, hello: messages.Hello) -> tuple[Session, bool]:
         """A newcomer's session, or that of a connection which was lost."""
-        server = self._server
+        server, visitor = self._server, self._caller.who
         if hello.resume is None:
-            role, grant = server.sessions.role_of(
-                hello, self._visitor, strict=server.settings.require_token
-            )
+            role, grant = server.sessions.role_of(hello, visitor)
+            self._take_place(grant.subject if grant is not None else "")
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
         room = server.lobby.home_of(resume.session, resume.episode)
-        session = server.sessions.resume(resume, room)
+        role = server.sessions.judge(resume, room, visitor)
+        known = server.sessions.by_id.get(resume.session)
+        subject = "" if resume.anonymous else resume.participant
+        self._take_place(subject, known.caller if known is not None else None)
+        session = server.sessions.resume(resume, room, role)
         session.view = hello.view or session.view
         return session, True
+
+    def _take_place(self, subject: str, instead_of: Caller | None = None) -> None:
+        """From here on limits count the connection by the subject of its token, if it has one."""
+        counted = counted_as(self._caller.who, subject)
+        self._server.doorkeeper.admit(self._caller, counted, instead_of)
+        self._counted = counted
 
     def _attach(self, session: Session) -> None:
         """This is the session's connection from now on; an earlier one is told so."""
         old, session.peer = session.peer, self.peer
         self.session = session
-        session.visitor = self._visitor
+        session.visitor = self._caller.who
+        session.caller = self._caller
         self._server.expect(session)
         if self._server.settings.record_addresses:
-            address = self._visitor.address
+            address = self._caller.who.address
             get_logger().info("participant connected", session=session.id, address=address)
         if old is not None:
             old.part("session/elsewhere", "the connection was resumed elsewhere")
@@ -232,10 +248,11 @@ class Conversation:
         raise ProtocolError("protocol/hello", "you have said hello already", "type")
 
     def _list(self, session: Session, message: messages.ListEpisodes) -> None:
-        infos = self._server.lobby.infos()
+        infos = self._server.lobby.infos(session.only_episode)
         self.peer.answer(messages.Episodes(ref=message.ref, episodes=infos))
 
     def _create(self, session: Session, message: messages.Create) -> None:
+        check_opening(session.only_episode)
         owner = session.participant if session.participant != session.id else ""
         room = self._server.lobby.create(message, owner=owner)
         created = messages.Created(ref=message.ref, episode=room.id, code=room.code)
@@ -250,25 +267,30 @@ class Conversation:
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
             return
-        seat = check_join(
-            message,
-            only=session.only_episode,
-            seat=session.only_seat,
-            episode=room.id,
-            code=room.code,
-        )
+        seat = self._seat_for(session, message, room)
         request = message.model_copy(update={"seat": seat})
-        room.enter(session, request, self._server.settings.max_spectators)
+        with self._server.used_tokens.used_by(session):
+            room.enter(session, request, self._server.settings.max_spectators)
+
+    def _seat_for(self, session: Session, message: messages.Join, room: Room) -> str | None:
+        """The seat to ask for. A code outside of what the token is for is a wrong one."""
+        only, seat = session.only_episode, session.only_seat
+        try:
+            return check_join(message, only=only, seat=seat, episode=room.id, code=room.code)
+        except ProtocolError as error:
+            if error.code == "auth/episode":
+                self._server.wrong_codes.wrong(self._counted, self._loop.time())
+            raise
 
     def _find(self, name: str) -> Room:
         """The room of a code; whoever guesses codes has to wait soon."""
         now, codes = self._loop.time(), self._server.wrong_codes
-        codes.check(self._visitor, now)
+        codes.check(self._counted, now)
         try:
             return self._server.lobby.find(name)
         except ProtocolError as error:
             if error.code == "episode/unknown":
-                codes.wrong(self._visitor, now)
+                codes.wrong(self._counted, now)
             raise
 
     def _leave(self, session: Session, message: messages.Leave) -> None:

@@ -9,19 +9,21 @@ from __future__ import annotations
 import base64
 import binascii
 import contextlib
-import os
 import re
 import secrets
-import stat
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from robotouille.errors import RobotouilleError
 from robotouille_server.logs import get_logger
+from robotouille_server.private_files import (
+    PrivateFileError,
+    fingerprint,
+    read_private,
+    write_private,
+)
 
 __all__ = [
     "MIN_SECRET_BYTES",
@@ -46,13 +48,8 @@ _KID = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _HOW_TO_MAKE = "`robotouille-token rotate --keys FILE` makes a good one"
 
 
-class KeyFileError(RobotouilleError):
+class KeyFileError(PrivateFileError):
     """Signing keys that cannot be used: names the file or setting, the fault, and the way out."""
-
-    def __init__(self, source: str, fault: str) -> None:
-        self.source = source
-        self.fault = fault
-        super().__init__(f"{source}: {fault}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,12 +101,12 @@ class FileKeyring(Keyring):
         self.path = path
         if not path.exists():
             _create(path)
-        self._seen = _fingerprint(path)
+        self._seen = fingerprint(path)
         super().__init__(load(path), str(path))
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        seen = _fingerprint(self.path)
+        seen = fingerprint(self.path)
         if seen != self._seen:
             self._seen = seen
             self._reload()
@@ -141,7 +138,7 @@ def load(path: Path) -> tuple[Key, ...]:
     """The keys of a file; KeyFileError where it is missing, open to others, or wrong."""
     source = str(path)
     try:
-        file = _KeyFile.model_validate_json(_read_private(path))
+        file = _KeyFile.model_validate_json(_read(path))
     except ValidationError as error:
         fault = error.errors(include_input=False, include_context=False)[0]
         where = ".".join(str(part) for part in fault["loc"])
@@ -197,31 +194,15 @@ def _new_key() -> Key:
     return Key(secrets.token_hex(4), secrets.token_bytes(MIN_SECRET_BYTES))
 
 
-def _fingerprint(path: Path) -> tuple[int, int, int] | None:
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_ino, found.st_size
-
-
-def _read_private(path: Path) -> bytes:
+def _read(path: Path) -> bytes:
     source = str(path)
     try:
-        with path.open("rb") as file:
-            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            if sys.platform != "win32" and mode & 0o027:
-                fault = f"others may use it (mode {mode:04o}); run `chmod 600 {path}`"
-                raise KeyFileError(source, fault)
-            content = file.read(MAX_FILE_BYTES + 1)
+        return read_private(path, MAX_FILE_BYTES)
     except FileNotFoundError:
         fault = f"there is no such file; {_HOW_TO_MAKE}, and so does the server at its start"
         raise KeyFileError(source, fault) from None
-    except OSError as error:
-        raise KeyFileError(source, f"cannot be read: {error.strerror}") from None
-    if len(content) > MAX_FILE_BYTES:
-        raise KeyFileError(source, f"larger than {MAX_FILE_BYTES} bytes; is it a key file?")
-    return content
+    except PrivateFileError as error:
+        raise KeyFileError(source, error.fault) from None
 
 
 def _create(path: Path) -> Key:
@@ -239,46 +220,13 @@ def _create(path: Path) -> Key:
 
 
 def _write(path: Path, keys: tuple[Key, ...], *, replace: bool) -> None:
-    """Durably, in one step, readable by the owner only."""
-    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}.new")
     content = _KeyFile(
         keys=[_KeyEntry(kid=key.kid, secret=_encoded(key.secret)) for key in keys]
     ).model_dump_json(indent=2)
     try:
-        try:
-            descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content.encode() + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
-            if replace:
-                _keep_owner(path, new)
-                new.replace(path)
-            else:
-                os.link(new, path)
-        finally:
-            new.unlink(missing_ok=True)
-        _sync_folder(path.parent)
-    except FileExistsError:
-        raise
-    except OSError as error:
-        raise KeyFileError(str(path), f"cannot be written: {error.strerror}") from None
-
-
-def _keep_owner(old: Path, new: Path) -> None:
-    """So that root can rotate the keys of a server that runs as somebody else."""
-    if sys.platform != "win32" and os.geteuid() == 0:
-        owner = old.stat()
-        os.chown(new, owner.st_uid, owner.st_gid)
-
-
-def _sync_folder(folder: Path) -> None:
-    if sys.platform != "win32":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        write_private(path, content.encode() + b"\n", replace=replace)
+    except PrivateFileError as error:
+        raise KeyFileError(str(path), error.fault) from None
 
 
 def _encoded(secret: bytes) -> str:

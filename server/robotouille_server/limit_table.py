@@ -33,6 +33,7 @@ from robotouille_server.descriptors import RESERVED
 from robotouille_server.journal import MAX_RECORDING_BYTES
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
+from robotouille_server.revocation import KEPT_SECONDS, MAX_ENTRIES
 from robotouille_server.settings import ServerSettings
 
 __all__ = ["LIMITS", "Limit", "limits_page", "shown_value"]
@@ -145,8 +146,22 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     "Connections": (
         Limit("connections", "HTTP status 503", setting="max_connections"),
         Limit(
-            "connections from an address (IPv6: a /64 network), except of this machine",
-            "HTTP status 429",
+            "connections from an address (IPv6: a /64 network) without a token, except of this "
+            "machine",
+            "`bye` in answer to `hello`, status 1013",
+            "rate/connections",
+            setting="max_connections_per_address",
+        ),
+        Limit(
+            "connections with tokens of one subject, from everywhere",
+            "`bye` in answer to `hello`, status 1013",
+            "rate/connections",
+            setting="max_connections_per_address",
+        ),
+        Limit(
+            "connections from an address that have not said `hello`",
+            "the newcomer takes the place of the oldest: `bye`, status 1013",
+            "rate/connections",
             setting="max_connections_per_address",
         ),
         Limit(
@@ -171,7 +186,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
     ),
     "Who may come in": (
         Limit(
-            "wrong ids or codes from an address (IPv6: a /64 network)",
+            "wrong ids or codes from an address (IPv6: a /64 network), or with tokens of one "
+            "subject",
             "`join` is refused; one more may be tried every "
             f"{60 / WRONG_CODES_A_MINUTE:g} s",
             "rate/codes",
@@ -184,6 +200,12 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         ),
         Limit("a resume token is good for", "refused", "auth/expired", setting="resume_hours",
               unit="h"),
+        Limit("sessions that join with a token of `mint --once`", "refused", "auth/used",
+              value="1"),
+        Limit("revoked tokens in the list", "`robotouille-token revoke` refuses",
+              value=f"{MAX_ENTRIES:,}"),
+        Limit("time for which a revoked token is remembered after its end, at least",
+              "it has expired", "auth/expired", value=f"{KEPT_SECONDS / 86400:g} days"),
     ),
     "Episodes": (
         Limit("episodes that are not over", "`create` is refused", "server/full",
@@ -209,7 +231,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "a recording, before it is compressed", "the episode ends: `aborted`",
             value=_size(MAX_RECORDING_BYTES),
         ),
-        Limit("spectators of an episode", "`join` is refused", "episode/full",
+        Limit("spectators of an episode", "`join` is refused, and so is coming back",
+              "episode/full",
               setting="max_spectators"),
         Limit("steps of an episode that asks for nothing else", "it ends: `step_limit`",
               setting="max_steps"),

@@ -229,8 +229,11 @@ class Lobby:
             raise ProtocolError("server/handover", message, "episode")
         return self._known(name)
 
-    def infos(self) -> list[messages.EpisodeInfo]:
-        """All rooms, those that wait for players first."""
+    def infos(self, only: str = "") -> list[messages.EpisodeInfo]:
+        """All rooms, those that wait for players first; or that of one id or code."""
+        if only:
+            room = self._known(only.strip())
+            return [info(room)] if room is not None else []
         order = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.OVER: 2}
         rooms = sorted(self.rooms.values(), key=lambda room: order[room.episode.phase])
         return [info(room) for room in rooms[:500]]

@@ -8,7 +8,15 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.workers import plain_code
 
-__all__ = ["PERMISSIONS", "Role", "check_join", "check_permission", "same_episode"]
+__all__ = [
+    "PERMISSIONS",
+    "Role",
+    "check_join",
+    "check_opening",
+    "check_permission",
+    "check_scope",
+    "same_episode",
+]
 
 
 class Role(StrEnum):
@@ -59,13 +67,26 @@ def check_join(
     `episode` and `code` are those of the room that `message` names. ProtocolError `auth/episode`
     or `auth/seat` if the token is for another.
     """
-    if only and not (same_episode(only, episode) or same_episode(only, code)):
-        raise ProtocolError("auth/episode", "your token is for another episode", "episode")
+    check_scope(only, episode, code)
     if not seat or message.role != "player":
         return message.seat
     if message.seat not in (None, seat):
         raise ProtocolError("auth/seat", f"your token is for the seat {seat}", "seat")
     return seat
+
+
+def check_opening(only: str) -> None:
+    """ProtocolError `auth/episode` if a token that is limited to the episode `only`, unless that
+    is empty, would open one."""
+    if only:
+        raise ProtocolError("auth/episode", "your token is for one episode and opens none", "type")
+
+
+def check_scope(only: str, episode: str, code: str, field: str = "episode") -> None:
+    """ProtocolError `auth/episode` if a token that is limited to the episode `only`, unless that
+    is empty, is used for the one of this id and code."""
+    if only and not (same_episode(only, episode) or same_episode(only, code)):
+        raise ProtocolError("auth/episode", "your token is for another episode", field)
 
 
 def same_episode(one: str, other: str) -> bool:

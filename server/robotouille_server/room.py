@@ -15,6 +15,7 @@ from robotouille.episode import (
     Episode,
     Event,
     Hold,
+    Moderated,
     Paused,
     Phase,
     QuotaReached,
@@ -79,7 +80,6 @@ class Room:
         "_unpainted",
         "_untold",
         "audience",
-        "banned",
         "code",
         "episode",
         "id",
@@ -107,7 +107,6 @@ class Room:
         self.world = episode.world
         self.journal = journal
         self.audience = audience
-        self.banned: set[str] = set()
         self.recording = ""
         self._host = host
         self._metrics = host.metrics
@@ -146,7 +145,7 @@ class Room:
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
         """Take a seat or watch; the session gets `joined` and a first picture."""
         self._check_recording()
-        if not self.banned.isdisjoint((session.participant, session.id)):
+        if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
         if request.role == "player":
             session.player = self.episode.join(
@@ -217,13 +216,43 @@ class Room:
                 return seat.player
         return None
 
+    def bans(self, session_id: str, participant: str) -> bool:
+        """Whether somebody was sent out, in this session or another."""
+        return not self.episode.banned.isdisjoint((session_id, participant))
+
     def kick(self, session: Session, reason: str) -> None:
-        """Send somebody out, and do not let them in again."""
-        self.banned |= {session.participant, session.id}
+        """Send somebody out, with all of their sessions, and do not let them in again."""
+        self._moderate("banned", session)
+        for member in list(self.members):
+            if self.bans(member.id, member.participant):
+                self._send_out(member, reason)
+        self.flush()
+
+    def _send_out(self, session: Session, reason: str) -> None:
         self.leave(session, Departure.REMOVED)
         if session.peer is None:
             self._host.sent_out(session)
         self.audience.send(session, messages.Left(episode=self.id, reason=reason))
+
+    def mute(self, session: Session) -> None:
+        """Take the right to talk in this episode from somebody, until `unmute`."""
+        if not self.mutes(session):
+            self._moderate("muted", session)
+            self.flush()
+
+    def unmute(self, session: Session) -> None:
+        """Let somebody talk again."""
+        if self.mutes(session):
+            self._moderate("unmuted", session)
+            self.flush()
+
+    def mutes(self, session: Session) -> bool:
+        """Whether somebody may not talk, in this session or another."""
+        return session.participant in self.episode.muted
+
+    def _moderate(self, what: str, session: Session) -> None:
+        who = (session.id, session.participant, session.name)
+        self.episode.moderate(what, *who, self._now())
 
     def dismiss(self) -> None:
         """Tell those who are still here that the room is closed."""
@@ -294,6 +323,8 @@ class Room:
 
     def say(self, session: Session, text: str) -> None:
         self._check_recording()
+        if self.mutes(session):
+            raise ProtocolError("seat/muted", "the operator has muted you in this episode", "text")
         self.episode.say(session.name, session.player or "", text, self._now())
         self.flush()
 
@@ -463,6 +494,8 @@ class Room:
                     stand_in.warm()
             case Ended():
                 self._tell_end(event)
+            case Moderated():
+                pass  # Whom it concerns is told by what follows from it.
 
     def _count(self, event: Stepped) -> None:
         metrics = self._metrics

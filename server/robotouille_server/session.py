@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotouille_server.access import Visitor
+from robotouille_server.access import Caller, Visitor
 from robotouille_server.peer import Peer
 from robotouille_server.roles import Role
 
@@ -19,17 +19,20 @@ class Session:
 
     `participant` is the pseudonym under which they are recorded, `generation` that of the resume
     token which was used last; `only_episode` and `only_seat` are what their role token is
-    limited to, `role_expires` until when it is good (0: for ever).
+    limited to, `role_expires` until when it is good (0: for ever), `token_id` its id, and `once`
+    says that nobody else may join with it. `caller` is the connection as the door knows it.
     """
 
     __slots__ = (
         "_view",
         "away_since",
+        "caller",
         "generation",
         "id",
         "kind",
         "known",
         "name",
+        "once",
         "only_episode",
         "only_seat",
         "participant",
@@ -38,6 +41,7 @@ class Session:
         "role",
         "role_expires",
         "room",
+        "token_id",
         "visitor",
         "wants_state",
         "wants_text",
@@ -54,6 +58,8 @@ class Session:
         only_episode: str = "",
         only_seat: str = "",
         role_expires: float = 0.0,
+        token_id: str = "",
+        once: bool = False,
     ) -> None:
         self.id = session_id
         self.name = name
@@ -63,6 +69,9 @@ class Session:
         self.only_episode = only_episode
         self.only_seat = only_seat
         self.role_expires = role_expires
+        self.token_id = token_id
+        self.once = once
+        self.caller: Caller | None = None
         self.generation = 0
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None

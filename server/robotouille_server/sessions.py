@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.access import Visitor
-from robotouille_server.roles import Role
+from robotouille_server.metrics import Metrics
+from robotouille_server.roles import Role, check_scope
 from robotouille_server.session import Session
 from robotouille_server.tokens import ResumeGrant, RoleGrant, Tokens
+from robotouille_server.used_tokens import UsedTokens
 
 if TYPE_CHECKING:
     from robotouille_server.room import Room
@@ -25,11 +27,44 @@ class Sessions:
     answered may have been lost on the way, and so is the next; those before are worth nothing.
     """
 
-    def __init__(self, tokens: Tokens, randomness: random.Random, token_seconds: float) -> None:
+    def __init__(
+        self,
+        tokens: Tokens,
+        used: UsedTokens,
+        randomness: random.Random,
+        token_seconds: float,
+        metrics: Metrics,
+        *,
+        strict: bool = False,
+        max_spectators: int = 200,
+    ) -> None:
         self.by_id: dict[str, Session] = {}
         self._tokens = tokens
+        self._used = used
+        self._judged: frozenset[str] = frozenset()
         self._random = randomness
         self._token_seconds = token_seconds
+        self._metrics = metrics
+        self._strict = strict
+        self._max_spectators = max_spectators
+
+    # Newcomers
+
+    def role_of(self, hello: messages.Hello, visitor: Visitor) -> tuple[Role, RoleGrant | None]:
+        """What a newcomer may do, and the token that says so, if one does."""
+        if hello.token is None:
+            return self._role_without_token(visitor, "token"), None
+        grant = self._tokens.check_role(hello.token)
+        if grant.once:
+            self._used.check(grant.token_id)
+        return grant.role, grant
+
+    def _role_without_token(self, visitor: Visitor, field: str) -> Role:
+        """A program on this machine may do what a host may, anybody else play; where the server
+        is `strict`, nobody may do anything."""
+        if self._strict:
+            raise ProtocolError("auth/required", "this server asks for a token", field)
+        return Role.HOST if visitor.local else Role.PLAYER
 
     def open(self, hello: messages.Hello, role: Role, grant: RoleGrant | None) -> Session:
         """A newcomer's session."""
@@ -42,35 +77,63 @@ class Sessions:
             only_episode=grant.episode if grant is not None else "",
             only_seat=grant.seat if grant is not None else "",
             role_expires=grant.expires if grant is not None else 0.0,
+            token_id=grant.token_id if grant is not None else "",
+            once=grant.once if grant is not None else False,
         )
         self.by_id[session.id] = session
         return session
 
-    def resume(self, grant: ResumeGrant, room: Room | None) -> Session:
-        """The session of a resume token, from memory or from the seat that is recorded as its.
+    # Those who come back
 
-        ProtocolError `auth/expired` where the session or the token has had its day.
+    def judge(self, grant: ResumeGrant, room: Room | None, visitor: Visitor) -> Role:
+        """Whether the session of a resume token may come back, and as what: by the rules that
+        hold now. `room` is the one that the token leads to.
+
+        ProtocolError `auth/expired` where the session, its place or the token has had its day,
+        `auth/required` where only those with a token may come in by now. Nothing is changed.
         """
-        session = self.by_id.get(grant.session) or self._from_before(grant, room)
+        session = self.by_id.get(grant.session)
+        home, player = _place(session, grant, room)
+        if session is None and home is None:
+            raise _gone("this connection cannot be resumed any more")
+        if grant.generation < _generation(session, home, player):
+            raise _gone("this token was used before, and replaced")
+        if home is not None:
+            self._check_place(session, grant, home, player)
+        if grant.anonymous:
+            return self._role_without_token(visitor, "resume")
+        if not self._tokens.past(grant.role_expires):
+            return grant.role
+        if player is None and self._strict:
+            raise _gone("the role token of this connection has expired")
+        # It keeps its seat, not what else the token allowed.
+        return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
+
+    def _check_place(
+        self, session: Session | None, grant: ResumeGrant, room: Room, player: str | None
+    ) -> None:
+        """Whether there is still a place for somebody who was here."""
+        if room.bans(grant.session, grant.participant):
+            raise _gone("you were sent out of this episode")
+        check_scope(grant.only_episode, room.id, room.code, "resume")
+        watching = session is not None and session.peer is not None
+        if player is None and not watching and room.spectators >= self._max_spectators:
+            raise _gone(f"{self._max_spectators} spectators watch already")
+
+    def resume(self, grant: ResumeGrant, room: Room | None, role: Role) -> Session:
+        """The session of a resume token that was judged to be good for this role: from memory,
+        or from the seat that is recorded as its."""
+        session = self.by_id.get(grant.session)
         if session is None:
-            message = "this connection cannot be resumed any more; say hello without 'resume'"
-            raise ProtocolError("auth/expired", message, "resume")
-        if grant.generation < session.generation:
-            message = "this token was used before, and replaced; say hello without 'resume'"
-            raise ProtocolError("auth/expired", message, "resume")
+            session = self._from_before(grant, room)
         session.generation = grant.generation
-        if self._tokens.past(session.role_expires) and session.role.includes(Role.PLAYER):
-            session.role = Role.PLAYER  # It keeps its seat, not what else the token allowed.
+        session.role = role
         return session
 
-    def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session | None:
+    def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session:
         """A session of a process before this one: whoever has a seat, or watched."""
-        if room is None or grant.session in room.banned:
-            return None
-        player = room.holds_seat(grant.session)
-        if player is None and (grant.seat or grant.episode != room.id):
-            return None
-        seat = room.episode.seats[player] if player is not None else None
+        _, player = _place(None, grant, room)
+        seat = room.episode.seats[player] if room is not None and player is not None else None
         session = Session(
             grant.session,
             name=grant.name,
@@ -80,13 +143,12 @@ class Sessions:
             only_episode=grant.only_episode,
             only_seat=grant.only_seat,
             role_expires=grant.role_expires,
+            token_id=grant.token_id,
         )
-        session.generation = seat.generation if seat is not None else grant.generation
-        if grant.generation < session.generation:
-            return session  # A dead token: it opens nothing, and takes no place.
         session.view = grant.view
         session.room, session.player = room, player
-        room.members.append(session)
+        if room is not None:
+            room.members.append(session)
         self.by_id[session.id] = session
         return session
 
@@ -105,22 +167,52 @@ class Sessions:
             only_seat=session.only_seat,
             view=session.view,
             role_expires=session.role_expires,
+            token_id=session.token_id,
             participant=session.participant if session.participant != session.id else "",
         )
+
+    def cut_revoked(self, revoked: frozenset[str]) -> bool:
+        """End the connections of those whose tokens were revoked since this was last asked;
+        whether anybody is connected with a token."""
+        bearers = (s for s in self.by_id.values() if s.token_id and s.peer is not None)
+        if revoked is self._judged:
+            return any(bearers)
+        self._judged = revoked
+        left = 0
+        for session in list(bearers):
+            left += session.token_id not in revoked
+            if session.token_id in revoked and session.peer is not None:
+                self._metrics.dropped.labels("revoked").inc()
+                session.peer.part("auth/revoked", "the operator has revoked your token")
+        return left > 0
 
     def forget(self, session: Session) -> None:
         """A session that has no place any more, and nobody connected to it."""
         if session.peer is None:
             self.by_id.pop(session.id, None)
 
-    def role_of(
-        self, hello: messages.Hello, visitor: Visitor, *, strict: bool
-    ) -> tuple[Role, RoleGrant | None]:
-        """What a newcomer may do. Without a token a program on this machine may do what a host
-        may, anybody else play; where `strict`, nobody may do anything."""
-        if hello.token is not None:
-            grant = self._tokens.check_role(hello.token)
-            return grant.role, grant
-        if strict:
-            raise ProtocolError("auth/required", "this server asks for a token", "token")
-        return (Role.HOST if visitor.local else Role.PLAYER), None
+
+def _place(
+    session: Session | None, grant: ResumeGrant, room: Room | None
+) -> tuple[Room | None, str | None]:
+    """The room that a session comes back to, and its seat there; no room if it has no place."""
+    if session is not None:
+        return session.room, session.player
+    if room is None:
+        return None, None
+    player = room.holds_seat(grant.session)
+    if player is None and (grant.seat or grant.episode != room.id):
+        return None, None
+    return room, player
+
+
+def _generation(session: Session | None, room: Room | None, player: str | None) -> int:
+    """That of the resume token which was used last, as far as it is known."""
+    if session is not None:
+        return session.generation
+    return room.episode.seats[player].generation if room is not None and player is not None else 0
+
+
+def _gone(why: str) -> ProtocolError:
+    """To be answered by a `hello` without 'resume', which is judged like anybody's."""
+    return ProtocolError("auth/expired", f"{why}; say hello without 'resume'", "resume")

@@ -120,7 +120,9 @@ class ServerSettings(BaseSettings):
         20_000, description="Connections at a time."
     )
     max_connections_per_address: Annotated[int, Field(ge=1)] = Field(
-        64, description="Connections at a time from one address (this machine: no limit)."
+        64,
+        description="Connections at a time from one address, or with tokens of one subject (this "
+        "machine: no limit).",
     )
     max_episodes_per_owner: Annotated[int, Field(ge=1)] = Field(
         50, description="Episodes at a time that one token may have opened."

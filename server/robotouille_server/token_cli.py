@@ -1,9 +1,11 @@
-"""`robotouille-token`: make role tokens, look at them, rotate the keys that sign them."""
+"""`robotouille-token`: make, show and revoke role tokens, rotate the keys that sign them."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import secrets
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -26,6 +28,7 @@ from robotouille_server.keys import (
     load,
     rotate,
 )
+from robotouille_server.revocation import REVOKED_FILE, load_revoked, revoke
 from robotouille_server.roles import Role
 from robotouille_server.tokens import RoleGrant, Tokens
 
@@ -40,6 +43,7 @@ KeysOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 MAX_DAYS = 3650
 DEFAULT_KEYS = Path("recordings.state/keys.json")
+_TOKEN_ID = re.compile(r"[!-~]{1,64}")
 
 
 def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
@@ -48,7 +52,7 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         add_completion=False,
         no_args_is_help=True,
         rich_markup_mode="rich",
-        help="Make the signed tokens that say what somebody may do on a server.",
+        help="Make, and take back, the signed tokens that say what somebody may do on a server.",
     )
 
     @app.callback()
@@ -58,8 +62,9 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
     def mint(
         role: Annotated[Role, typer.Argument(help="What the bearer may do.", show_default=False)],
         subject: Annotated[
-            str, typer.Option(help="Pseudonym of the bearer; it is recorded.")
-        ] = "anybody",
+            str | None,
+            typer.Option(help="Pseudonym of the bearer; it is recorded. Random if left out."),
+        ] = None,
         name: Annotated[
             str, typer.Option(help="Name to be shown, whatever the bearer's client says.")
         ] = "",
@@ -72,14 +77,20 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
             float | None,
             typer.Option(min=0.01, max=MAX_DAYS, help="… and so many days; 1 day if neither."),
         ] = None,
+        once: Annotated[
+            bool, typer.Option("--once", help="Good for one session: the first that joins.")
+        ] = False,
         keys: KeysOption = DEFAULT_KEYS,
         as_json: JsonOption = False,
     ) -> None:
         """Make a role token and print it."""
         seconds = 3600 * (hours or 0) + 86400 * (days or 0) or 86400
+        whom = subject if subject is not None else f"p-{secrets.token_hex(4)}"
+        limits = {"name": name, "episode": episode, "seat": seat, "once": once}
         with _reported():
+            _check_once(role, once)
             tokens = Tokens(_keyring(keys), wall)
-            token = _minted(tokens, role, subject, seconds, name, episode, seat)
+            token = _minted(tokens, role, whom, seconds, limits)
             grant = tokens.check_role(token)
         if as_json:
             print(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False))
@@ -94,13 +105,15 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         as_json: JsonOption = False,
     ) -> None:
         """Say what a role token grants. Exit status 1 if the server would refuse it."""
-        text = sys.stdin.read().strip() if token == STDIN else token.strip()
         with _reported():
-            grant = Tokens(_keyring(keys), wall).check_role(text)
+            grant = Tokens(_keyring(keys), wall).check_role(_given(token))
+            revoked = grant.token_id in load_revoked(keys.with_name(REVOKED_FILE))
         if as_json:
-            print(json.dumps(_plain(grant), ensure_ascii=False))
+            print(json.dumps({**_plain(grant), "revoked": revoked}, ensure_ascii=False))
         else:
-            print(f"{_sentence(grant)}.")
+            print(f"{_sentence(grant)}{': revoked' if revoked else ''}.")
+        if revoked:
+            raise typer.Exit(1)
 
     @app.command("rotate")
     def rotate_keys(
@@ -124,16 +137,56 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         if dropped:
             print(f"tokens signed with {_listed(dropped)} are refused from now on")
 
+    _add_revoke(app, wall)
     return app
 
 
+def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
+    @app.command("revoke")
+    def revoke_token(
+        token: Annotated[
+            str, typer.Argument(help="The token, or its id; - reads it from standard input.")
+        ],
+        keys: KeysOption = DEFAULT_KEYS,
+        as_json: JsonOption = False,
+    ) -> None:
+        """Take a token back. Running servers refuse it within a second or two, and cut the
+        connections of those who came in with it; they cannot resume either."""
+        path = keys.with_name(REVOKED_FILE)
+        with _reported():
+            token_id, expires = _identified(_given(token), keys, wall)
+            revoke(path, [token_id], expires, wall())
+        if as_json:
+            print(json.dumps({"file": str(path), "token_id": token_id}))
+        else:
+            print(f"{path}: the token {token_id} is refused from now on")
+
+
+def _check_once(role: Role, once: bool) -> None:
+    if once and role.includes(Role.HOST):
+        raise RobotouilleError(f"--once is for players and spectators, not for a {role}")
+
+
+def _given(token: str) -> str:
+    return sys.stdin.read().strip() if token == STDIN else token.strip()
+
+
+def _identified(text: str, keys: Path, wall: Callable[[], float]) -> tuple[str, float]:
+    """The id of a token, or what is one, and when the token ends, as far as that can be known."""
+    if text.count(".") == 2:
+        grant = Tokens(_keyring(keys), wall).check_role(text)
+        return grant.token_id, grant.expires
+    if not _TOKEN_ID.fullmatch(text):
+        raise RobotouilleError("give a token or its id, as `robotouille-token show` prints it")
+    _keyring(keys)
+    return text, wall() + MAX_DAYS * 86400
+
+
 def _minted(
-    tokens: Tokens, role: Role, subject: str, seconds: float, name: str, episode: str, seat: str
+    tokens: Tokens, role: Role, subject: str, seconds: float, limits: dict[str, Any]
 ) -> str:
     try:
-        return tokens.mint_role(
-            role, subject, seconds=seconds, name=name, episode=episode, seat=seat
-        )
+        return tokens.mint_role(role, subject, seconds=seconds, **limits)
     except ValueError as error:
         raise RobotouilleError(f"no token can hold this: {error}") from None
 
@@ -166,7 +219,8 @@ def _sentence(grant: RoleGrant) -> str:
     words += [f"named {grant.name}"] if grant.name else []
     words += [f"only in the episode {grant.episode}"] if grant.episode else []
     words += [f"only in the seat {grant.seat}"] if grant.seat else []
-    return f"{', '.join(words)}, until {_time(grant.expires)}"
+    words += ["good for one session"] if grant.once else []
+    return f"{', '.join(words)}, until {_time(grant.expires)}, id {grant.token_id}"
 
 
 def _listed(names: list[str]) -> str:

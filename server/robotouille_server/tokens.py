@@ -11,10 +11,11 @@ same keys, takes it. Time is an argument: nothing here reads a clock.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -35,7 +36,11 @@ RESUME_AUDIENCE = "robotouille/resume"
 
 @dataclass(frozen=True, slots=True)
 class RoleGrant:
-    """What a role token says; `episode` (id or code) and `seat` limit it unless empty."""
+    """What a role token says; `episode` (id or code) and `seat` limit it unless empty.
+
+    `token_id` names the token, so that it can be revoked; `once` says that a single session may
+    join with it.
+    """
 
     role: Role
     subject: str
@@ -44,14 +49,16 @@ class RoleGrant:
     seat: str = ""
     expires: float = math.inf
     token_id: str = ""
+    once: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class ResumeGrant:
     """What a resume token says: a session, where it was, and how often it has been resumed.
 
-    `only_episode` and `only_seat` are what the session's role token is limited to,
-    `view` is how it wants to see the game.
+    `only_episode` and `only_seat` are what the session's role token is limited to, `token_id`
+    is its id, `role_expires` its end (0: there was none); `view` is how the session wants to see
+    the game.
     """
 
     session: str
@@ -67,6 +74,12 @@ class ResumeGrant:
     view: str = "state"
     participant: str = ""
     role_expires: float = 0.0
+    token_id: str = ""
+
+    @property
+    def anonymous(self) -> bool:
+        """Whether the session has come in without a role token."""
+        return self.role_expires == 0 and not self.token_id
 
 
 _Text = Annotated[str, Field(max_length=64)]
@@ -88,6 +101,7 @@ class _RoleClaims(_Claims):
     episode: _Text = ""
     seat: _Text = ""
     jti: _Text = ""
+    once: bool = False
 
 
 class _ResumeClaims(_Claims):
@@ -100,6 +114,7 @@ class _ResumeClaims(_Claims):
     view: Annotated[str, Field(max_length=16)] = "state"
     pa: _Text = ""
     rx: _Time = 0.0
+    ti: _Text = ""
 
 
 _C = TypeVar("_C", bound=_Claims)
@@ -118,10 +133,14 @@ class _Utf8Encoder(json.JSONEncoder):
 
 
 class Tokens:
-    """Makes and judges tokens. `wall` gives the time, in seconds since 1970."""
+    """Makes and judges tokens. `wall` gives the time, in seconds since 1970; `revoked` are the
+    ids of role tokens that are worth nothing any more, and with them what came of them."""
 
-    def __init__(self, keyring: Keyring, wall: Callable[[], float]) -> None:
+    def __init__(
+        self, keyring: Keyring, wall: Callable[[], float], revoked: Container[str] = ()
+    ) -> None:
         self._keyring = keyring
+        self._revoked = revoked
         self._wall = wall
         self._jwt = jwt.PyJWT(
             options={
@@ -148,11 +167,12 @@ class Tokens:
         name: str = "",
         episode: str = "",
         seat: str = "",
+        once: bool = False,
     ) -> str:
         """A role token that is good for `seconds` from now; ValueError for what no token holds."""
         now = self._wall()
         claims = {"sub": subject, "role": role.value, "jti": secrets.token_hex(8)}
-        limits = {"name": name, "episode": episode, "seat": seat}
+        limits = {"name": name, "episode": episode, "seat": seat, "once": once}
         times = {"iat": int(now), "exp": math.ceil(now + seconds)}
         whole = {**claims, **{key: value for key, value in limits.items() if value}, **times}
         try:
@@ -163,8 +183,11 @@ class Tokens:
         return self._signed(whole, ROLE_AUDIENCE)
 
     def check_role(self, token: str) -> RoleGrant:
-        """What a role token grants; ProtocolError `auth/invalid` or `auth/expired` if nothing."""
+        """What a role token grants; ProtocolError `auth/invalid`, `auth/expired` or
+        `auth/revoked` if nothing."""
         claims = self._verified(token, ROLE_AUDIENCE, _RoleClaims, "token")
+        token_id = claims.jti or _made_up_id(token)
+        self._check_revoked(token_id, "token")
         return RoleGrant(
             role=claims.role,
             subject=claims.sub,
@@ -172,7 +195,8 @@ class Tokens:
             episode=claims.episode,
             seat=claims.seat,
             expires=claims.exp,
-            token_id=claims.jti,
+            token_id=token_id,
+            once=claims.once,
         )
 
     # Resume tokens
@@ -193,6 +217,7 @@ class Tokens:
         view: str = "state",
         participant: str = "",
         role_expires: float = 0.0,
+        token_id: str = "",
     ) -> str:
         """A resume token of a session that is good for `seconds` from now."""
         claims = {
@@ -205,16 +230,19 @@ class Tokens:
             "view": view if view != "state" else "",
             "pa": participant,
             "rx": role_expires,
+            "ti": token_id,
         }
         claims |= {key: value for key, value in limits.items() if value}
         return self._signed(claims, RESUME_AUDIENCE)
 
     def check_resume(self, token: str) -> ResumeGrant:
-        """What a resume token says; ProtocolError `auth/invalid` or `auth/expired` if nothing.
+        """What a resume token says; ProtocolError `auth/invalid` or `auth/expired` if nothing,
+        `auth/revoked` where the role token is that its session came in with.
 
         Whether its generation is still the latest only the session knows.
         """
         claims = self._verified(token, RESUME_AUDIENCE, _ResumeClaims, "resume")
+        self._check_revoked(claims.ti, "resume")
         return ResumeGrant(
             session=claims.sub,
             episode=claims.ep,
@@ -229,9 +257,15 @@ class Tokens:
             view=claims.view,
             participant=claims.pa,
             role_expires=claims.rx,
+            token_id=claims.ti,
         )
 
     # Both
+
+    def _check_revoked(self, token_id: str, field: str) -> None:
+        if token_id and token_id in self._revoked:
+            text = "the operator has revoked this token; ask for a new one"
+            raise ProtocolError("auth/revoked", text, field)
 
     def _signed(self, claims: dict[str, Any], audience: str) -> str:
         key = self._keyring.signing
@@ -281,6 +315,12 @@ def _valid(claims: dict[str, Any], model: type[_C], field: str) -> _C:
         fault = error.errors(include_input=False, include_url=False)[0]
         where = ".".join(str(part) for part in fault["loc"])
         raise _invalid(f"its claim {where!r}: {fault['msg']}", field) from None
+
+
+def _made_up_id(token: str) -> str:
+    """The id of a token that has none: of what is signed, which nobody can write differently."""
+    signed = token.strip().rpartition(".")[0]
+    return hashlib.sha256(signed.encode()).hexdigest()[:16]
 
 
 def _invalid(why: str, field: str) -> ProtocolError:

@@ -106,7 +106,7 @@ def test_every_farewell_is_documented() -> None:
     given |= {text for text in app if re.fullmatch(r"server/[a-z-]+", text)}
     rows = {row[0]: row[2] for row in table("protocol.md", "When the server closes")}
     assert rows.keys() == given
-    again = {"server/restart", "auth/silent"}
+    again = {"server/restart", "auth/silent", "rate/connections"}
     assert {code for code, retry in rows.items() if retry} == again
 
 

@@ -184,6 +184,13 @@ async def test_the_operator_speaks_and_sends_people_out(tmp_path: Path) -> None:
             assert (await bots[1].hears(Announced)).text == "Dinner at eight"
             assert (await bots[1].hears(Announced)).text == "Closing soon"
 
+            mute = panel.get_by_role("button", name="Mute eve")
+            await mute.click()
+            await expect(mute).to_have_attribute("aria-pressed", "true")
+            await expect(panel.locator(".person", has_text="eve")).to_contain_text("muted")
+            await mute.click()
+            await expect(mute).to_have_attribute("aria-pressed", "false")
+
             await panel.get_by_role("button", name="Remove eve").click()
             await dialog.get_by_role("button", name="Remove").click()
             await expect(panel.get_by_role("button", name="Remove eve")).to_have_count(0)

@@ -12,9 +12,12 @@ from websockets.datastructures import Headers
 from robotouille.errors import ProtocolError
 from robotouille_server.access import (
     AccessSettingError,
+    Caller,
     Doorkeeper,
+    NoPlaceError,
     Visitor,
     WrongCodes,
+    counted_as,
     origin_refusal,
     parse_origins,
     parse_proxies,
@@ -198,36 +201,91 @@ LOCAL = Visitor("127.0.0.1", True, "127.0.0.1")
 FORWARDED = Visitor("127.0.0.1", False, "127.0.0.1")
 
 
-def test_each_address_has_so_many_connections() -> None:
-    door = Doorkeeper(2)
-    assert [door.admit(guest(1)) for _ in range(4)] == [True, True, False, False]
-    assert door.full(guest(1))
-    assert not door.full(guest(2))
-    assert door.admit(guest(2))
-    door.release(guest(1))
-    assert [door.admit(guest(1)) for _ in range(2)] == [True, False]
+class Door(Doorkeeper):
+    """A doorkeeper, and who was sent away from probation."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(limit)
+        self.sent_away: list[int] = []
+
+    def call(self, who: Visitor, number: int = 0) -> Caller:
+        caller = Caller(who, lambda: self.sent_away.append(number))
+        self.arrive(caller)
+        return caller
+
+    def enters(self, who: Visitor, subject: str = "", instead_of: Caller | None = None) -> bool:
+        """Whether somebody new comes in."""
+        caller = self.call(who)
+        try:
+            self.admit(caller, counted_as(who, subject), instead_of)
+        except NoPlaceError as error:
+            assert error.code == "rate/connections"
+            self.release(caller)
+            return False
+        return True
+
+
+def test_a_newcomer_takes_the_place_of_the_one_that_is_silent_the_longest() -> None:
+    door = Door(2)
+    callers = [door.call(guest(1), number) for number in range(3)]
+    assert door.sent_away == [0]
+    door.call(guest(2), 9)
+    door.admit(callers[1], guest(1))
+    door.call(guest(1), 3)
+    assert door.sent_away == [0], "who has said hello is not on probation, other addresses apart"
+    door.call(guest(1), 4)
+    assert door.sent_away == [0, 2]
+    for caller in callers:
+        door.release(caller)
+
+
+def test_each_address_has_so_many_places() -> None:
+    door = Door(2)
+    first = door.call(guest(1))
+    door.admit(first, guest(1))
+    assert [door.enters(guest(1)) for _ in range(3)] == [True, False, False]
+    assert door.enters(guest(2))
+    door.release(first)
+    assert [door.enters(guest(1)) for _ in range(2)] == [True, False]
+
+
+def test_who_brings_a_token_is_counted_by_its_subject_from_everywhere() -> None:
+    door = Door(2)
+    assert [door.enters(guest(1)) for _ in range(3)] == [True, True, False]
+    assert [door.enters(guest(n), "p-1") for n in (1, 2, 3)] == [True, True, False]
+    assert door.enters(guest(1), "p-2")
+    assert not door.enters(guest(1), "")
+
+
+def test_who_comes_back_has_the_place_of_the_connection_it_replaces() -> None:
+    door = Door(1)
+    first = door.call(guest(1))
+    door.admit(first, guest(1))
+    assert not door.enters(guest(1))
+    assert door.enters(guest(1), instead_of=first)
+    door.release(first)
+    assert not door.enters(guest(1)), "the place is not given back twice"
+    assert not door.enters(guest(1), instead_of=door.call(guest(2)))
 
 
 def test_this_machine_is_not_limited_but_what_it_forwards_is() -> None:
-    door = Doorkeeper(1)
-    assert all(door.admit(LOCAL) for _ in range(5))
-    for _ in range(5):
-        door.release(LOCAL)
-    assert [door.admit(FORWARDED) for _ in range(2)] == [True, False]
-
-
-def test_programs_of_this_machine_take_no_place_of_those_it_forwards() -> None:
-    door = Doorkeeper(1)
-    assert all(door.admit(LOCAL) for _ in range(5))
-    assert [door.admit(FORWARDED) for _ in range(2)] == [True, False]
+    door = Door(1)
+    assert all(door.enters(LOCAL) for _ in range(5))
+    assert all(door.enters(LOCAL, "p-1") for _ in range(5))
+    assert [door.enters(FORWARDED) for _ in range(2)] == [True, False]
+    assert [door.enters(FORWARDED, "p-1") for _ in range(2)] == [True, False]
+    assert door.sent_away == []
 
 
 def test_the_counts_hold_nobody_who_has_gone() -> None:
-    door = Doorkeeper(1)
+    door = Door(1)
     for number in range(5000):
-        assert door.admit(guest(number))
-        assert not door.admit(guest(number))
-        door.release(guest(number))
+        one, other, third = (door.call(guest(number), number) for _ in range(3))
+        door.admit(third, counted_as(guest(number), f"p-{number}"))
+        assert door.groups == 1
+        for caller in (one, other, third):
+            door.release(caller)
+            door.release(caller)
     assert door.groups == 0
 
 
@@ -252,6 +310,19 @@ def test_wrong_codes_run_out_and_come_back() -> None:
     assert not blocked(codes, guest(1), 3.1)
     codes.wrong(guest(1), 3.1)
     assert blocked(codes, guest(1), 3.1)
+
+
+def test_a_guesser_locks_nobody_out_who_has_a_token() -> None:
+    codes = WrongCodes(burst=20)
+    for _ in range(20):
+        codes.wrong(guest(1), 0.0)
+    assert blocked(codes, guest(1), 0.0)
+    holder = counted_as(guest(1), "p-1")
+    for _ in range(20):
+        assert not blocked(codes, holder, 0.0)
+        codes.wrong(holder, 0.0)
+    assert blocked(codes, counted_as(guest(2), "p-1"), 0.0), "from wherever they guess"
+    assert not blocked(codes, counted_as(guest(1), "p-2"), 0.0)
 
 
 def test_guessing_stays_slow_for_ever() -> None:

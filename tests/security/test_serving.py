@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import trustme
 from websockets.asyncio.client import connect
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from robotouille.protocol import messages
 from robotouille_server import Server, ServerSettings, serve
@@ -49,7 +49,7 @@ async def opened(server: Server, **headers: str) -> AsyncIterator[Raw]:
 
 async def hello(connection: Raw, **fields: Any) -> dict[str, Any]:
     message = {"type": "hello", "protocol": 1, "name": "ada", **fields}
-    return await connection.ask(message, "welcome")
+    return await connection.ask(message, "welcome", "bye")
 
 
 def minted(server: Server, role: Role, **options: Any) -> str:
@@ -238,21 +238,95 @@ def test_pages_of_other_sites_cannot_use_the_server_of_who_looks_at_them(tmp_pat
     run(scenario())
 
 
+TWO_FROM_ELSEWHERE = {"max_connections_per_address": 2, "trust_proxy": "loopback"}
+
+
 def test_an_address_has_so_many_connections_and_gets_them_back(tmp_path: Path) -> None:
-    options = {"max_connections_per_address": 2, "trust_proxy": "loopback"}
+    async def scenario() -> None:
+        async with serving(tmp_path, **TWO_FROM_ELSEWHERE) as server:
+            async with AsyncExitStack() as stack:
+                for number in range(3):
+                    connection = await stack.enter_async_context(opened(server, **FORWARDED))
+                    answer = await hello(connection)
+                    if number < 2:
+                        assert answer["type"] == "welcome"
+                assert (answer["type"], answer["code"]) == ("bye", "rate/connections")
+                assert answer["retry"] is True
+                with pytest.raises(ConnectionClosed):
+                    await connection.receive()
+                assert connection.socket.close_code == 1013
+                for headers in ({"X-Forwarded-For": "203.0.113.10"}, {}):
+                    other = await stack.enter_async_context(opened(server, **headers))
+                    assert (await hello(other))["type"] == "welcome"
+            await asyncio.sleep(1)
+            async with opened(server, **FORWARDED) as connection:
+                assert (await hello(connection))["type"] == "welcome"
+
+    run(scenario())
+
+
+def test_those_who_say_nothing_keep_nobody_out(tmp_path: Path) -> None:
+    """As many silent connections as one may have, and an anonymous one in each place."""
 
     async def scenario() -> None:
-        async with serving(tmp_path, **options) as server:
-            async with AsyncExitStack() as stack:
-                for _ in range(2):
-                    await stack.enter_async_context(opened(server, **FORWARDED))
-                code, text = await status(server, **FORWARDED)
-                assert code == 429
-                assert "2 connections from your address" in text
-                assert (await status(server, **{"X-Forwarded-For": "203.0.113.10"}))[0] == 101
-                assert (await status(server))[0] == 101
+        async with serving(tmp_path, **TWO_FROM_ELSEWHERE) as server, AsyncExitStack() as stack:
+            token = minted(server, Role.PLAYER)
+            for _ in range(2):
+                anonymous = await stack.enter_async_context(opened(server, **FORWARDED))
+                assert (await hello(anonymous))["type"] == "welcome"
+            silent = [await stack.enter_async_context(opened(server, **FORWARDED)) for _ in "12"]
+            holders = []
+            for _ in range(2):
+                holders.append(await stack.enter_async_context(opened(server, **FORWARDED)))
+                assert (await hello(holders[-1], token=token))["type"] == "welcome"
+            for connection in silent[:1]:
+                bye = await connection.receive()
+                assert (bye["type"], bye["code"]) == ("bye", "rate/connections")
+            third = await stack.enter_async_context(opened(server, **FORWARDED))
+            assert (await hello(third, token=token))["code"] == "rate/connections"
+            other = await stack.enter_async_context(opened(server, **FORWARDED))
+            other_token = server.tokens.mint_role(Role.PLAYER, "p-2", seconds=60)
+            assert (await hello(other, token=other_token))["type"] == "welcome"
+
+    run(scenario())
+
+
+def test_who_comes_back_needs_no_second_place(tmp_path: Path) -> None:
+    """The server has not noticed yet that the first connection is dead."""
+
+    async def scenario() -> None:
+        options = {**TWO_FROM_ELSEWHERE, "max_connections_per_address": 1}
+        async with serving(tmp_path, **options) as server, AsyncExitStack() as stack:
+            room = server.lobby.create(TWO_COOKS, owner="")
+            first = await stack.enter_async_context(opened(server, **FORWARDED))
+            await hello(first)
+            joined = await first.ask({"type": "join", "episode": room.code}, "joined")
+            again = await stack.enter_async_context(opened(server, **FORWARDED))
+            assert (await hello(again, resume=joined["resume"]))["resumed"]
+            assert (await first.expect("bye"))["code"] == "session/elsewhere"
             await asyncio.sleep(1)
-            assert (await status(server, **FORWARDED))[0] == 101
+            third = await stack.enter_async_context(opened(server, **FORWARDED))
+            assert (await hello(third))["code"] == "rate/connections"
+
+    run(scenario())
+
+
+def test_a_guesser_locks_out_nobody_with_a_token(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with serving(tmp_path, trust_proxy="loopback") as server:
+            room = server.lobby.create(ONE_COOK, owner="")
+            async with opened(server, **FORWARDED) as guesser:
+                await hello(guesser)
+                wrong = {"type": "join", "episode": "AAAAA-AAAAA"}
+                codes = [(await guesser.ask(wrong))["code"] for _ in range(21)]
+                assert codes[-1] == "rate/codes"
+            async with opened(server, **FORWARDED) as holder:
+                await hello(holder, token=minted(server, Role.PLAYER))
+                right = {"type": "join", "episode": room.code}
+                assert (await holder.ask(right, "joined"))["type"] == "joined"
+                await holder.ask({"type": "leave"}, "left")
+                codes = [(await holder.ask(wrong))["code"] for _ in range(21)]
+                assert codes == ["episode/unknown"] * 20 + ["rate/codes"]
 
     run(scenario())
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 from robotouille_server.keys import FileKeyring, load
 from robotouille_server.roles import Role
 from robotouille_server.token_cli import token_app
-from robotouille_server.tokens import Tokens
+from robotouille_server.tokens import RoleGrant, Tokens
 
 NOW = 1_800_000_000.0
 
@@ -31,7 +31,7 @@ def command(*words: str, now: float = NOW, text: str | None = None) -> Result:
     return CliRunner().invoke(token_app(lambda: now), list(words), input=text)
 
 
-def granted(keys: Path, token: str, now: float = NOW) -> object:
+def granted(keys: Path, token: str, now: float = NOW) -> RoleGrant:
     return Tokens(FileKeyring(keys), lambda: now).check_role(token)
 
 
@@ -71,7 +71,9 @@ def test_tokens_last_as_long_as_is_said(keys: Path, words: list[str], seconds: i
 def test_show_says_what_a_token_grants(keys: Path) -> None:
     token = command("mint", "host", "--subject", "ada", "--keys", str(keys)).stdout.strip()
     shown = command("show", token, "--keys", str(keys))
-    assert (shown.exit_code, shown.stdout) == (0, "host ada, until 2027-01-16T08:00:00Z.\n")
+    token_id = granted(keys, token).token_id
+    said = f"host ada, until 2027-01-16T08:00:00Z, id {token_id}.\n"
+    assert (shown.exit_code, shown.stdout) == (0, said)
     piped = command("show", "-", "--keys", str(keys), "--json", text=f"{token}\n")
     answer = json.loads(piped.stdout)
     assert (answer["subject"], answer["expires"]) == ("ada", "2027-01-16T08:00:00Z")
@@ -86,6 +88,40 @@ def test_show_says_why_the_server_would_refuse_it(keys: Path, tmp_path: Path) ->
     foreign = command("show", token, "--keys", str(other))
     assert foreign.exit_code == 1
     assert "auth/invalid" in foreign.stderr
+
+
+def test_tokens_without_a_subject_are_told_apart(keys: Path) -> None:
+    """Limits and bans go by the subject: two people must not share one by chance."""
+    tokens = [command("mint", "player", "--keys", str(keys)).stdout.strip() for _ in range(2)]
+    one, other = (granted(keys, token) for token in tokens)
+    assert one.subject.startswith("p-")
+    assert one.subject != other.subject
+    assert one.token_id != other.token_id
+
+
+def test_a_revoked_token_is_shown_as_such(keys: Path) -> None:
+    token = command("mint", "host", "--keys", str(keys)).stdout.strip()
+    other = command("mint", "host", "--keys", str(keys)).stdout.strip()
+    done = command("revoke", "-", "--keys", str(keys), text=token)
+    token_id = granted(keys, token).token_id
+    revoked = keys.with_name("revoked.json")
+    assert done.stdout == f"{revoked}: the token {token_id} is refused from now on\n"
+    shown = command("show", token, "--keys", str(keys))
+    assert (shown.exit_code, shown.stdout.endswith(": revoked.\n")) == (1, True)
+    assert json.loads(command("show", token, "--keys", str(keys), "--json").stdout)["revoked"]
+    assert command("show", other, "--keys", str(keys)).exit_code == 0
+    done = command("revoke", granted(keys, other).token_id, "--keys", str(keys), "--json")
+    assert json.loads(done.stdout)["token_id"] == granted(keys, other).token_id
+    assert command("show", other, "--keys", str(keys)).exit_code == 1
+
+
+def test_only_players_and_spectators_have_tokens_for_one_session(keys: Path) -> None:
+    done = command("mint", "player", "--once", "--keys", str(keys))
+    assert granted(keys, done.stdout.strip()).once
+    assert "good for one session" in done.stderr
+    refused = command("mint", "host", "--once", "--keys", str(keys))
+    assert (refused.exit_code, refused.stdout) == (1, "")
+    assert "--once is for players" in refused.stderr
 
 
 def test_rotation_says_what_signs_what_verifies_and_what_is_over(keys: Path) -> None:
@@ -133,6 +169,9 @@ def test_the_keys_of_the_environment_win(keys: Path, monkeypatch: pytest.MonkeyP
         (["mint", "host", "--subject", ""], 1),
         (["rotate", "--keep", "0"], 2),
         (["show", "what"], 1),
+        (["revoke", "a.b.c"], 1),
+        (["revoke", "two words"], 1),
+        (["revoke", ""], 1),
     ],
 )
 def test_mistakes_are_reported_in_a_line(keys: Path, words: list[str], status: int) -> None:

@@ -171,6 +171,8 @@ def _note_words(note: Mapping[str, Any]) -> str:
             return f"{note['name']}: {note['text']}"
         case "announced":
             return f"the operator: {note['text']}"
+        case "moderated":
+            return f"{note['name']} is {note['what']} by the operator"
         case "paused":
             return f"paused: {_reasons(note['holds'])}"
         case "resumed":

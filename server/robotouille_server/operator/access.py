@@ -58,7 +58,7 @@ class Access:
     asks for one on loopback, too; `hosts` are names allowed in `Host` beside loopback's; `public`
     are the paths that say nothing about the server and need no token."""
 
-    authorize: Callable[[str], None] | None = None
+    authorize: Callable[[str], object] | None = None
     always: bool = False
     hosts: frozenset[str] = frozenset()
     public: frozenset[str] = frozenset()

@@ -22,6 +22,7 @@ from robotouille_server.operator.models import (
     EndRequest,
     EpisodeDetail,
     KickRequest,
+    MuteRequest,
     NoRequest,
     Overview,
     Problem,
@@ -140,6 +141,11 @@ async def end(desk: TheDesk, episode: str, request: EndRequest) -> Done:
 @router.post("/episodes/{episode}/kick", summary="Remove a player or a spectator")
 async def kick(desk: TheDesk, episode: str, request: KickRequest) -> Done:
     return desk.kick(episode, request.session, request.reason)
+
+
+@router.post("/episodes/{episode}/mute", summary="Let somebody talk no more, or again")
+async def mute(desk: TheDesk, episode: str, request: MuteRequest) -> Done:
+    return desk.mute(episode, request.session, muted=request.muted)
 
 
 @router.post("/episodes/{episode}/announce", summary="Say something to everybody in an episode")

@@ -181,6 +181,17 @@ class Desk:
         room.kick(who, reason or "removed by the operator")
         return self._done("kick", room, f"{who.name} was removed", session=session, reason=reason)
 
+    def mute(self, name: str, session: str, *, muted: bool) -> Done:
+        """Let a player or a spectator talk no more, or again."""
+        room = self._live(name)
+        who = _member(room, session)
+        if muted:
+            room.mute(who)
+        else:
+            room.unmute(who)
+        done = f"{who.name} may {'not ' if muted else ''}talk{'' if muted else ' again'}"
+        return self._done("mute" if muted else "unmute", room, done, session=session)
+
     def announce(self, name: str, text: str) -> Done:
         """Say something to everybody in an episode."""
         room = self._live(name)

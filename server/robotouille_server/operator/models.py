@@ -18,6 +18,7 @@ __all__ = [
     "KickRequest",
     "Lateness",
     "Line",
+    "MuteRequest",
     "NoRequest",
     "Overview",
     "PauseState",
@@ -60,6 +61,7 @@ class AudienceRow(Answer):
     name: str
     kind: str = Field(description="`human`, `bot` or `model`.")
     present: bool = Field(description="Whether the connection is open.")
+    muted: bool = Field(False, description="Whether they may not talk; see `mute`.")
     latency_ms: float | None = Field(description="Round trip; null until it has been measured.")
     address: str | None = Field(description="Null unless the server keeps addresses.")
 
@@ -74,6 +76,7 @@ class SeatRow(Answer):
         description="Who moves it now: `human`, `bot`, `model`, `absent`, `stand-in`, or empty."
     )
     present: bool
+    muted: bool = Field(False, description="Whether they may not talk; see `mute`.")
     session: str | None = Field(description="Names the participant in `kick`; null while free.")
     latency_ms: float | None = Field(description="Round trip; null until it has been measured.")
     address: str | None = Field(description="Null unless the server keeps addresses.")
@@ -261,6 +264,13 @@ class KickRequest(Request):
 
     session: Annotated[str, Field(min_length=1, max_length=64)]
     reason: Reason = Field("", description="Told to whom it concerns.")
+
+
+class MuteRequest(Request):
+    """Take the right to talk in an episode from somebody, or give it back."""
+
+    session: Annotated[str, Field(min_length=1, max_length=64)]
+    muted: bool
 
 
 class AnnounceRequest(Request):

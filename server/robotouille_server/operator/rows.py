@@ -65,7 +65,7 @@ class Rows:
             pause=_pause(episode, now),
             step=episode.step,
             max_steps=episode.rules.max_steps,
-            seats=[self._seat(s, members.get(s.session)) for s in episode.seats.values()],
+            seats=[self._seat(room, s, members.get(s.session)) for s in episode.seats.values()],
             spectators=room.spectators,
             rates=self._rates(room, now),
             recording=_recording(room),
@@ -78,19 +78,20 @@ class Rows:
         """A room with its state in words and who looks on."""
         return EpisodeDetail(
             **dict(self.row(room, now)),
-            audience=[self._audience(s) for s in room.members if s.player is None],
+            audience=[self._audience(room, s) for s in room.members if s.player is None],
             turn=room.episode.on_turn,
             text=room.episode.state.text(None),
             lines=list(lines),
         )
 
-    def _seat(self, seat: Seat, session: Session | None) -> SeatRow:
+    def _seat(self, room: Room, seat: Seat, session: Session | None) -> SeatRow:
         return SeatRow(
             player=seat.player,
             name=seat.name,
             kind=seat.kind,
             controller=seat.controller.value,
             present=seat.present,
+            muted=session is not None and room.mutes(session),
             session=None if session is None else session.id,
             latency_ms=_latency(session),
             address=self._address(session),
@@ -98,12 +99,13 @@ class Rows:
             rejected=seat.tally.rejected,
         )
 
-    def _audience(self, session: Session) -> AudienceRow:
+    def _audience(self, room: Room, session: Session) -> AudienceRow:
         return AudienceRow(
             session=session.id,
             name=session.name,
             kind=session.kind,
             present=session.peer is not None,
+            muted=room.mutes(session),
             latency_ms=_latency(session),
             address=self._address(session),
         )

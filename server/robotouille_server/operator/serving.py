@@ -65,7 +65,7 @@ async def operator_view(
     host: str = "127.0.0.1",
     port: int = 8766,
     *,
-    authorize: Callable[[str], None] | None = None,
+    authorize: Callable[[str], object] | None = None,
     ask_token: bool = False,
     allowed_hosts: Collection[str] = (),
     tls: ssl.SSLContext | None = None,
@@ -90,7 +90,7 @@ async def operator_view(
 
 def _access(
     host: str,
-    authorize: Callable[[str], None] | None,
+    authorize: Callable[[str], object] | None,
     ask_token: bool,
     allowed_hosts: Collection[str],
 ) -> Access:

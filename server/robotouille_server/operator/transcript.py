@@ -69,6 +69,8 @@ class Transcript:
                 return self._line("seat", note["player"], _seat(note))
             case "announced":
                 return self._line("say", "operator", note["text"])
+            case "moderated":
+                return self._line("note", note["name"], f"was {note['what']}")
             case "paused":
                 return self._line("note", "", f"time stands still ({', '.join(note['holds'])})")
             case other:

@@ -15,6 +15,7 @@ from robotouille.episode.events import (
     Announced,
     Ended,
     Event,
+    Moderated,
     Move,
     Outcome,
     Paused,
@@ -74,7 +75,9 @@ TRANSITIONS = {
 
 class Episode:
     """One game of a task under some rules. `said` counts chat messages; `used` says whether
-    anybody ever took a seat; `holds` are the reasons for which time stands still at present."""
+    anybody ever took a seat; `holds` are the reasons for which time stands still at present;
+    `banned` are the sessions and participants that may not come in, `muted` the participants
+    that may not talk."""
 
     __slots__ = (
         "_arrivals",
@@ -88,7 +91,9 @@ class Episode:
         "_told_holds",
         "_turn",
         "audience_words",
+        "banned",
         "holds",
+        "muted",
         "outcome",
         "phase",
         "rules",
@@ -112,6 +117,8 @@ class Episode:
         self.said = 0
         self.audience_words = Quota(MAX_AUDIENCE_BYTES)
         self.used = False
+        self.banned: set[str] = set()
+        self.muted: set[str] = set()
         self._presence = Presence(self.seats, rules)
         self.holds = self._presence.holds
         self._turn = 0
@@ -349,6 +356,13 @@ class Episode:
         """Something the operator says to everybody in the episode; it is recorded."""
         if self.phase is not Phase.OVER:
             self._emit(Announced(text, self._elapsed(now)))
+
+    def moderate(self, what: str, session: str, participant: str, name: str, now: float) -> None:
+        """An operator's decision on somebody: `banned`, `muted` or `unmuted`; it is recorded, as
+        long as the episode is not over."""
+        self.retrace_moderation(what, session, participant)
+        if self.phase is not Phase.OVER:
+            self._emit(Moderated(what, session, participant, name, self._elapsed(now)))
 
     def _check_running(self) -> None:
         if self.phase is Phase.WAITING:
@@ -600,6 +614,18 @@ class Episode:
             self.seats[player].answer = Answer(seq, self.step + 1)
         self._transition(moves, tuple(idle), 0.0)
         self._events.clear()
+
+    def retrace_moderation(self, what: str, session: str, participant: str) -> None:
+        """Apply a recorded decision of an operator; nothing is reported."""
+        match what:
+            case "banned":
+                self.banned |= {session, participant} - {""}
+            case "muted":
+                self.muted.add(participant or session)
+            case "unmuted":
+                self.muted.discard(participant or session)
+            case _:
+                raise ValueError(f"no moderation is called {what!r}")
 
     def go_on(
         self,

@@ -15,6 +15,7 @@ __all__ = [
     "Announced",
     "Ended",
     "Event",
+    "Moderated",
     "Move",
     "Outcome",
     "Paused",
@@ -172,6 +173,20 @@ class Announced:
 
 
 @dataclass(frozen=True, slots=True)
+class Moderated:
+    """Somebody was sent out for good (`banned`), or may not talk (`muted`) or again (`unmuted`).
+
+    It holds for the session and for the participant, a pseudonym, under any later session.
+    """
+
+    what: str
+    session: str
+    participant: str
+    name: str
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
 class Paused:
     """Time stands still for these reasons: the first, or others than before."""
 
@@ -224,6 +239,7 @@ Event = (
     | QuotaReached
     | Said
     | Announced
+    | Moderated
     | Paused
     | Resumed
     | Restarted

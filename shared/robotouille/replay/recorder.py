@@ -15,6 +15,7 @@ from robotouille.episode.events import (
     Announced,
     Ended,
     Event,
+    Moderated,
     Move,
     Paused,
     QuotaReached,
@@ -203,6 +204,15 @@ def _note(event: Event) -> dict[str, Any]:
             return {"note": "quota", "t": _ms(event.time), "player": event.player}
         case Announced():
             return {"note": "announced", "t": _ms(event.time), "text": event.text}
+        case Moderated():
+            return {
+                "note": "moderated",
+                "t": _ms(event.time),
+                "what": event.what,
+                "session": event.session,
+                "participant": event.participant,
+                "name": event.name,
+            }
         case Paused():
             return {"note": "paused", "t": _ms(event.time), "holds": list(event.holds)}
         case Started():

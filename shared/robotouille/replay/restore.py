@@ -136,6 +136,8 @@ class _Retraced:
                     self._seat(note).tally.said += 1
             case "quota":
                 self._words(note).reached = True
+            case "moderated":
+                self.episode.retrace_moderation(note["what"], note["session"], note["participant"])
             case "paused":
                 self.holds = note["holds"]
             case "resumed":

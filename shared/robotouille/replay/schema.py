@@ -116,6 +116,15 @@ class AnnouncedNote(Frame):
     text: str
 
 
+class ModeratedNote(Frame):
+    note: Literal["moderated"]
+    t: int
+    what: Literal["banned", "muted", "unmuted"]
+    session: str
+    participant: str
+    name: str
+
+
 class PausedNote(Frame):
     note: Literal["paused"]
     t: int
@@ -138,6 +147,7 @@ Note = Annotated[
     | SaidNote
     | QuotaNote
     | AnnouncedNote
+    | ModeratedNote
     | StartedNote
     | PausedNote
     | ResumedNote

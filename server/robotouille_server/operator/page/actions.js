@@ -33,6 +33,8 @@ export async function kick(row, who) {
   if (reason !== null) await attempt(() => post(path(row, "kick"), { session: who.session, reason }));
 }
 
+export const mute = (row, who) => attempt(() => post(path(row, "mute"), { session: who.session, muted: !who.muted }));
+
 export const announce = (row, text) => attempt(() => post(path(row, "announce"), { text }));
 
 export async function announceToAll() {

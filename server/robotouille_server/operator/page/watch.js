@@ -1,17 +1,18 @@
 // One episode as it goes on: who is in it, what happens, what it looks like in words.
 
-import { announce, end, kick, pauseOrResume } from "./actions.js";
+import { announce, end, kick, mute, pauseOrResume } from "./actions.js";
 import { download, follow } from "./api.js";
 import { toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, setHold } from "./episodes.js";
 import { Rows, button, h, icon, latency, setAttribute, setText } from "./dom.js";
 
-function person(row, remove) {
+function person(row, remove, silence) {
   let now = row;
   const name = h("b");
   const more = h("span", { class: "more" });
   const out = button("away", "Remove", () => remove(now), "icon small");
-  const root = h("li", { class: "person" }, h("i"), h("div", {}, name, more), out);
+  const hush = button("say", "Mute", () => silence(now), "icon small");
+  const root = h("li", { class: "person" }, h("i"), h("div", {}, name, more), hush, out);
   return {
     root,
     update(next) {
@@ -22,9 +23,12 @@ function person(row, remove) {
       const words = seat
         ? [next.player, controllerWords(next), `${next.applied} done`, next.rejected ? `${next.rejected} rejected` : ""]
         : [next.present ? "watches" : "away", next.kind];
-      setText(more, [...words, latency(next), next.address].filter(Boolean).join(" · "));
+      setText(more, [...words, next.muted ? "muted" : "", latency(next), next.address].filter(Boolean).join(" · "));
       setAttribute(out, "aria-label", `Remove ${next.name}`);
-      out.hidden = !next.session;
+      setAttribute(hush, "aria-label", `Mute ${next.name}`);
+      setAttribute(hush, "title", next.muted ? "Let talk again" : "Mute");
+      setAttribute(hush, "aria-pressed", String(next.muted));
+      out.hidden = hush.hidden = !next.session;
     },
   };
 }
@@ -70,7 +74,7 @@ export class Watch {
     this.phase = phaseBadge();
     this.progress = progress();
     this.people = h("ul", { class: "people" });
-    this.peopleRows = new Rows(this.people, (row) => row.player ?? row.session, (row) => person(row, (who) => kick(this.row, who)));
+    this.peopleRows = new Rows(this.people, (row) => row.player ?? row.session, (row) => person(row, (who) => kick(this.row, who), (who) => mute(this.row, who)));
     this.log = h("ol", { class: "log", tabindex: "0", "aria-label": "What happened" });
     this.logRows = new Rows(this.log, (entry) => entry.key, (entry) => line(entry, this.numberOf(entry.who)));
     this.text = h("pre", { class: "state", tabindex: "0" });
