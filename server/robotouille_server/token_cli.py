@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import VersionOption
+from robotouille.program import VersionOption, printable, printable_json, tell
 from robotouille_server.keys import (
     KEPT_KEYS,
     MAX_KEYS,
@@ -82,10 +82,10 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
             token = _minted(tokens, role, subject, seconds, name, episode, seat)
             grant = tokens.check_role(token)
         if as_json:
-            print(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False))
+            print(printable_json(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False)))
         else:
-            print(token)
-            print(f"{_sentence(grant)}.", file=sys.stderr)
+            tell(token)
+            tell(printable(f"{_sentence(grant)}."), err=True)
 
     @app.command("show")
     def show(
@@ -98,9 +98,9 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         with _reported():
             grant = Tokens(_keyring(keys), wall).check_role(text)
         if as_json:
-            print(json.dumps(_plain(grant), ensure_ascii=False))
+            print(printable_json(json.dumps(_plain(grant), ensure_ascii=False)))
         else:
-            print(f"{_sentence(grant)}.")
+            tell(printable(f"{_sentence(grant)}."))
 
     @app.command("rotate")
     def rotate_keys(
@@ -120,9 +120,9 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         if as_json:
             print(json.dumps({"file": str(keys), "keys": kept, "dropped": dropped}))
             return
-        print(f"{keys}: {new.kid} signs from now on; {_listed(kept[1:])} still verify")
+        tell(f"{keys}: {new.kid} signs from now on; {_listed(kept[1:])} still verify")
         if dropped:
-            print(f"tokens signed with {_listed(dropped)} are refused from now on")
+            tell(f"tokens signed with {_listed(dropped)} are refused from now on")
 
     return app
 
@@ -179,10 +179,10 @@ def _reported() -> Iterator[None]:
     try:
         yield
     except ProtocolError as error:
-        print(f"robotouille-token: {error.code}: {error.message}", file=sys.stderr)
+        tell(f"robotouille-token: {error.code}: {error.message}", err=True)
         raise typer.Exit(1) from None
     except RobotouilleError as error:
-        print(f"robotouille-token: {error}", file=sys.stderr)
+        tell(f"robotouille-token: {error}", err=True)
         raise typer.Exit(1) from None
 
 
