@@ -469,8 +469,8 @@ class Episode:
         """Everybody who has to decide has its budget from now on."""
         for seat in self.seats.values():
             seat.asked = now
-        budget = self.rules.move_budget if self.rules.clock is not Clock.REALTIME else None
-        self._deadline = now + budget if budget is not None else None
+        budget = None if self.scheduled else self.rules.move_budget
+        self._deadline = now + budget if budget else None
 
     def _take_step(self, now: float) -> None:
         moves, idle = self._moves()

@@ -47,9 +47,9 @@ class Codec:
         return self.pack(plain)
 
     def pack(self, plain: dict[str, Any]) -> bytes | str:
-        """Plain values as a frame's payload."""
+        """Plain values as a frame's payload; ValueError for NaN and Infinity: JSON has none."""
         if self.text:
-            return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
+            return json.dumps(plain, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         packed: bytes = _pack(plain)
         return packed
 

@@ -73,9 +73,9 @@ View = Literal["state", "text", "both"]
 
 
 class Message(BaseModel):
-    """Base of all messages: immutable, typed strictly, unknown fields refused."""
+    """Base of all messages: immutable, typed strictly, unknown fields refused, numbers finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 # From client to server
@@ -120,8 +120,8 @@ class ListEpisodes(Message):
 class Create(Message):
     """Open an episode. What is left out is as the server's operator has set it.
 
-    `absence` says what happens while a participant is away for up to `grace` seconds, and
-    `stand_in` which bot plays for it where that is `bot`.
+    A `move_budget` of 0 is no limit. `absence` says what happens while a participant is away for
+    up to `grace` seconds, and `stand_in` which bot plays for it where that is `bot`.
     """
 
     type: Literal["create"] = "create"
