@@ -41,12 +41,16 @@ valid actions, or None for nothing."""
 
 
 class Game:
-    """One episode: its state, its events, and what one does in it."""
+    """One episode: its state, its events, and what one does in it.
+
+    `name` is what one is called in it, which others may have kept from being what one asked for.
+    """
 
     def __init__(self, send: Callable[[messages.Message], None], joined: messages.Joined) -> None:
         self.episode = joined.episode
         self.code = joined.code
         self.role = joined.role
+        self.name = joined.name
         self.seat = joined.seat
         self.step = 0
         self.phase = "waiting"
@@ -232,6 +236,7 @@ class Game:
         `anew` says that the seat was lost and taken again: nobody knows what became of earlier
         actions, so they are not repeated.
         """
+        self.name = joined.name
         self._seq = max(self._seq, joined.seq)
         self._resyncing = False
         self._resync_asked = 0

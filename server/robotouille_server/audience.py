@@ -116,8 +116,8 @@ class Audience:
         role = "player" if session.player else "spectator"
         joined = messages.Joined(
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
-            seq=self._seq(session), step=self._episode.step, said=self._episode.said,
-            resume=resume,
+            name=session.name, seq=self._seq(session), step=self._episode.step,
+            said=self._episode.said, resume=resume,
         )  # fmt: skip
         self.send(session, joined)
 

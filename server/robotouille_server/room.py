@@ -33,6 +33,7 @@ from robotouille_server.audience import Audience
 from robotouille_server.journal import Journal
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
+from robotouille_server.names import Names
 from robotouille_server.session import Session
 from robotouille_server.stand_in import StandIn
 from robotouille_server.wishes import ground, in_words
@@ -70,6 +71,7 @@ class Room:
         "_host",
         "_loop",
         "_metrics",
+        "_names",
         "_now",
         "_open",
         "_retry",
@@ -109,6 +111,7 @@ class Room:
         self.banned: set[str] = set()
         self.recording = ""
         self._host = host
+        self._names = Names(episode)
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
@@ -147,10 +150,11 @@ class Room:
         self._check_recording()
         if not self.banned.isdisjoint((session.participant, session.id)):
             raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
+        name = self._names.choose(session.given_name)
         if request.role == "player":
             session.player = self.episode.join(
                 request.seat,
-                session.name,
+                name,
                 session.kind,
                 self._now(),
                 session=session.id,
@@ -161,7 +165,8 @@ class Room:
             raise ProtocolError("episode/full", message, "role")
         else:
             session.player = None
-        session.room = self
+            self._names.watch(name)
+        session.name, session.room = name, self
         session.view = request.view
         session.known = set(request.known)
         self.flush()
@@ -190,7 +195,21 @@ class Room:
             self.members.remove(session)
         self._unpainted.pop(session, None)
         player, session.room, session.player = session.player, None, None
+        if player is None:
+            self._names.release(session.name)
+        session.name = session.given_name
         return player
+
+    def seat_again(self, session: Session, player: str | None) -> None:
+        """A participant of a process before this one has the place again, and the seat's name; a
+        spectator's may be somebody else's by now."""
+        session.room, session.player = self, player
+        if player is not None:
+            session.name = self.episode.seats[player].name
+        else:
+            session.name = self._names.choose(session.given_name)
+            self._names.watch(session.name)
+        self.members.append(session)
 
     def connection_lost(self, session: Session) -> None:
         """The seat of a player is kept; a spectator is only not told anything."""

@@ -17,15 +17,18 @@ __all__ = ["Session"]
 class Session:
     """Who somebody is, where they are, and the connection they have at the moment, if any.
 
-    `participant` is the pseudonym under which they are recorded, `generation` that of the resume
-    token which was used last; `only_episode` and `only_seat` are what their role token is
-    limited to, `role_expires` until when it is good (0: for ever).
+    `name` is what others see: `given_name`, as the participant or the role token has said it, with
+    a number in an episode where somebody else has that. `participant` is the pseudonym under which
+    they are recorded, `generation` that of the resume token which was used last; `only_episode` and
+    `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
+    for ever).
     """
 
     __slots__ = (
         "_view",
         "away_since",
         "generation",
+        "given_name",
         "id",
         "kind",
         "known",
@@ -56,7 +59,7 @@ class Session:
         role_expires: float = 0.0,
     ) -> None:
         self.id = session_id
-        self.name = name
+        self.name = self.given_name = name
         self.kind = kind
         self.role = role
         self.participant = participant or session_id

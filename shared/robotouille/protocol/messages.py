@@ -279,9 +279,11 @@ class Joined(Message):
     """The answer to `join`; a `snapshot` (or `observation`) follows, or, in a connection that was
     resumed, what was missed up to `step` and a `roster`.
 
-    `seq` is the seat's last sequence number: the next action's is higher. `said` is the number of
-    chat messages so far. `resume` takes the place of that of `welcome`: it brings one back into
-    this seat even if the server is started anew meanwhile.
+    `name` is what one is called in the episode: the name of `hello` or of the role token, without
+    what cannot be seen, and with a number where somebody else has it. `seq` is the seat's last
+    sequence number: the next action's is higher. `said` is the number of chat messages so far.
+    `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
+    server is started anew meanwhile.
     """
 
     type: Literal["joined"] = "joined"
@@ -290,6 +292,7 @@ class Joined(Message):
     code: Identifier
     role: str
     seat: str | None = None
+    name: str = ""
     seq: int = 0
     step: int = 0
     said: int = 0
