@@ -43,7 +43,8 @@ valid actions, or None for nothing."""
 class Game:
     """One episode: its state, its events, and what one does in it.
 
-    `name` is what one is called in it, which others may have kept from being what one asked for.
+    `name` is what one is called in it: with a number where somebody else has the name that one
+    asked for. `waits_for` are the seats that a step has waited for, for two seconds at least.
     """
 
     def __init__(self, send: Callable[[messages.Message], None], joined: messages.Joined) -> None:
@@ -62,6 +63,7 @@ class Game:
         self.step_time = 0.0
         self.left: float | None = None
         self.pause: messages.Pause | None = None
+        self.waits_for: tuple[str, ...] = ()
         self.said = joined.said
         self._send = send
         self._reader: StateReader | None = None
@@ -220,7 +222,8 @@ class Game:
             case messages.Roster():
                 self.phase, self.seats = message.phase, tuple(message.seats)
                 self.turn, self.pause = message.turn, message.pause
-                self._emit(RosterChanged(message.phase, self.seats, message.pause))
+                self.waits_for = tuple(message.waits_for)
+                self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
             case messages.Ended():
                 self._finish(message.outcome)
             case messages.Left():

@@ -30,7 +30,8 @@ KEPT_SAID, KEPT_NOTICES = 200, 20
 class Audience:
     """The sessions in a room. Each message is made and encoded once for all of them.
 
-    `paint` sends somebody who has caught up a picture, when the room may show one.
+    `paint` sends somebody who has caught up a picture, when the room may show one; `waits_for`
+    says for whom a step has waited long.
     """
 
     __slots__ = (
@@ -47,6 +48,7 @@ class Audience:
         "_writer",
         "members",
         "paint",
+        "waits_for",
     )
 
     def __init__(
@@ -60,6 +62,7 @@ class Audience:
     ) -> None:
         self.members: list[Session] = []
         self.paint: Callable[[Session], None] = self.send_picture
+        self.waits_for: Callable[[], tuple[str, ...]] = tuple
         self._id = episode_id
         self._code = code
         self._episode = episode
@@ -362,6 +365,7 @@ class Audience:
             turn=self._episode.on_turn,
             pause=self._pause(),
             seats=self.seats(),
+            waits_for=list(self.waits_for()),
             spectators=self.spectators,
         )
 

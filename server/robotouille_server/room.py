@@ -34,6 +34,7 @@ from robotouille_server.journal import Journal
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.names import Names
+from robotouille_server.patience import Patience
 from robotouille_server.session import Session
 from robotouille_server.stand_in import StandIn
 from robotouille_server.wishes import ground, in_words
@@ -74,6 +75,7 @@ class Room:
         "_names",
         "_now",
         "_open",
+        "_patience",
         "_retry",
         "_stand_ins",
         "_timer",
@@ -116,6 +118,7 @@ class Room:
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
         self._timer: Appointment | None = None
+        self._patience = Patience(episode, host.agenda, self._now, audience.tell_roster)
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []
         self._unpainted: dict[Session, list[Callable[[], None]]] = {}
@@ -123,6 +126,7 @@ class Room:
         self._failing = False
         self._open = True
         audience.paint = self.send_picture
+        audience.waits_for = lambda: self._patience.still
         if episode.rules.absence is Absence.BOT:
             self._stand_ins = {
                 player: StandIn(episode, player, episode.rules.stand_in, self._substitute)
@@ -384,6 +388,8 @@ class Room:
         if not self._open or self._failing:
             return
         self._schedule()
+        if self._patience.waits_for:
+            self._patience.heed()
         for stand_in in self._stand_ins.values():
             stand_in.consider()
 
@@ -468,7 +474,8 @@ class Room:
             case RosterChanged():
                 self._roster_changed(event)
             case Started() | Paused() | Resumed() | Restarted():
-                self.audience.tell_roster()
+                self._tell_roster()
+                self._patience.begin()
                 for stand_in in self._stand_ins.values():
                     stand_in.warm()
             case Ended():
@@ -483,8 +490,12 @@ class Room:
             else:
                 metrics.rejected += 1
 
-    def _roster_changed(self, event: RosterChanged) -> None:
+    def _tell_roster(self) -> None:
+        self._patience.told()
         self.audience.tell_roster()
+
+    def _roster_changed(self, event: RosterChanged) -> None:
+        self._tell_roster()
         holder = self.audience.holder(event.player)
         if not event.taken and holder is not None and holder.peer is None:
             self._part_with(holder)
@@ -508,6 +519,7 @@ class Room:
             self._host.agenda.cancel(self._timer)
         if self._retry is not None:
             self._retry.cancel()
+        self._patience.stop()
         for stand_in in self._stand_ins.values():
             stand_in.stop()
 

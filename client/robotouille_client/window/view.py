@@ -103,7 +103,8 @@ class View:
 
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
-    owner plays, None for a spectator; `hover` is the object under the mouse.
+    owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
+    players whose decision a step has waited for, for a while.
 
     `notice` is something the operator says to everybody. A game that stands still has a `pause`;
     `offline` are the seconds since the connection was lost, None while there is one; with a
@@ -122,6 +123,7 @@ class View:
     bubbles: tuple[Bubble, ...] = ()
     chat: tuple[tuple[str, str], ...] = ()
     status: str = ""
+    waits_for: tuple[str, ...] = ()
     code: str = ""
     outcome: str = ""
     hover: str | None = None

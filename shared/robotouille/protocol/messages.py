@@ -425,13 +425,17 @@ class Notice(Message):
 
 class Roster(Message):
     """Who plays and who watches, whose turn it is, and why the game stands still if it does; sent
-    when it changes."""
+    when it changes.
+
+    `waits_for` are the players whose decision a step has waited for, for two seconds at least.
+    """
 
     type: Literal["roster"] = "roster"
     phase: str
     turn: str | None = None
     pause: Pause | None = None
     seats: list[SeatInfo]
+    waits_for: list[Identifier] = []
     spectators: int = 0
 
 
