@@ -98,6 +98,8 @@ class Panel:
         elif view.status:
             for line in self._text.wrap(view.status, small, area.width, 2):
                 y += self._put(surface, line, (area.x, y + 2), small, ACCENT)
+        else:
+            y += self._text.height(small)  # What comes and goes here moves nothing below it.
         return y + size // 2
 
     def _waiting(self, surface: pygame.Surface, area: pygame.Rect, size: int, view: View) -> int:

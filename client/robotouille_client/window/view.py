@@ -123,7 +123,6 @@ class View:
     bubbles: tuple[Bubble, ...] = ()
     chat: tuple[tuple[str, str], ...] = ()
     status: str = ""
-    waits_for: tuple[str, ...] = ()
     code: str = ""
     outcome: str = ""
     hover: str | None = None
@@ -131,6 +130,7 @@ class View:
     pause: Pause | None = None
     offline: float | None = None
     farewell: Farewell | None = None
+    waits_for: tuple[str, ...] = ()
 
     @property
     def frozen(self) -> bool:
