@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import ssl
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import SplitResult, urlsplit, urlunsplit
 
+from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidMessage, InvalidStatus
 
 from robotouille.protocol import messages
+from robotouille_client.errors import StrangerError
 
-__all__ = ["moved_url", "why_not"]
+__all__ = ["moved_url", "open_socket", "why_not"]
+
+
+class open_socket(connect):  # noqa: N801
+    """`connect` of websockets, which follows HTTP redirects to the same host only."""
+
+    def process_redirect(self, exc: Exception) -> Exception | str:
+        """Where to go on; an error in place of a host that our tokens do not go to."""
+        target = super().process_redirect(exc)
+        if isinstance(target, str):
+            _check_host(urlsplit(self.uri), target)
+        return target
 
 
 def why_not(error: Exception, url: str) -> str:
@@ -34,9 +47,34 @@ def why_not(error: Exception, url: str) -> str:
 
 
 def moved_url(url: str, moved: messages.Moved) -> str:
-    """The address of the process that a server sends us to."""
-    if moved.url:
-        return moved.url
+    """The address of the process that a server sends us to.
+
+    Raises StrangerError where that is another host, or one without TLS after one with: whoever
+    speaks for the server that we were told to trust could collect tokens there.
+    """
     parts = urlsplit(url)
+    if moved.url:
+        _check_host(parts, moved.url)
+        return moved.url
+    if not 0 < moved.port < 2**16:
+        raise StrangerError(f"{url} sends us to port {moved.port}, which is none")
     host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
     return urlunsplit(parts._replace(netloc=f"{host}:{moved.port}"))
+
+
+def _check_host(here: SplitResult, url: str) -> None:
+    """Whether we may go to `url`: the same host, and TLS where there was TLS before."""
+    start = f"{here.scheme}://{here.netloc}"
+    try:
+        there = urlsplit(url)
+        host, _ = there.hostname, there.port
+    except ValueError:
+        raise StrangerError(f"{start} sends us to {url[:200]!r}, which is no address") from None
+    if there.scheme not in ("ws", "wss") or not host:
+        raise StrangerError(f"{start} sends us to {url[:200]!r}, which is no ws:// or wss://")
+    if host != here.hostname:
+        reason = "another host: tokens are not sent there. If that is right, connect to it"
+        raise StrangerError(f"{start} sends us to {host!r}, {reason}")
+    if (here.scheme, there.scheme) == ("wss", "ws"):
+        reason = "without TLS: tokens are not sent there"
+        raise StrangerError(f"{start} sends us to {there.netloc!r} {reason}")

@@ -11,7 +11,6 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from websockets.asyncio.client import ClientConnection
-from websockets.asyncio.client import connect as open_socket
 from websockets.exceptions import (
     ConnectionClosed,
     InvalidHandshake,
@@ -22,8 +21,14 @@ from websockets.typing import Subprotocol
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
-from robotouille_client.addresses import moved_url, why_not
+from robotouille_client.addresses import moved_url, open_socket, why_not
 from robotouille_client.backoff import pauses
+from robotouille_client.errors import (
+    ConnectionFailedError,
+    MovedError,
+    NotYetError,
+    StrangerError,
+)
 from robotouille_client.game import Game
 
 __all__ = ["Client", "ConnectionFailedError", "connect"]
@@ -41,22 +46,6 @@ TRY_AGAIN = "server/handover"
 TEMPORARY = (TRY_AGAIN, "server/recording", "rate/limited")
 
 T = TypeVar("T", bound=messages.Message)
-
-
-class ConnectionFailedError(RobotouilleError):
-    """The server cannot be reached, or would not have us."""
-
-
-class MovedError(RobotouilleError):
-    """What we want is with another process of the server."""
-
-    def __init__(self, moved: messages.Moved) -> None:
-        self.moved = moved
-        super().__init__(f"{moved.episode} is on port {moved.port}")
-
-
-class NotYetError(ConnectionFailedError):
-    """The server asks us to try again in a moment."""
 
 
 class Client:
@@ -413,7 +402,7 @@ class Client:
             try:
                 await self._open_somewhere()
             except ConnectionFailedError as error:
-                if not self._reconnect:
+                if not self._reconnect or isinstance(error, StrangerError):
                     self.farewell = str(error)
                     return
                 continue
@@ -486,7 +475,10 @@ class Client:
     def _rejoining(self, answer: messages.ServerMessage) -> None:
         """Our place was lost, and it is not simply given back."""
         if isinstance(answer, messages.Moved) and self._socket is not None:
-            self.url, self._resume, self._moving = moved_url(self.url, answer), None, True
+            try:
+                self.url, self._resume, self._moving = moved_url(self.url, answer), None, True
+            except StrangerError as error:
+                self.farewell = str(error)
             self._moved = asyncio.create_task(self._socket.close())
         elif isinstance(answer, messages.Error) and answer.code in TEMPORARY:
             again = asyncio.get_running_loop().call_later

@@ -75,11 +75,13 @@ class Announced:
 
 @dataclass(frozen=True, slots=True)
 class RosterChanged:
-    """Who plays, whether all seats are taken, and why the game stands still if it does."""
+    """Who plays, whether all seats are taken, why the game stands still if it does, and whom a
+    step has waited for, for two seconds at least."""
 
     phase: str
     seats: tuple[messages.SeatInfo, ...]
     pause: messages.Pause | None = None
+    waits_for: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

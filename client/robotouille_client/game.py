@@ -41,12 +41,17 @@ valid actions, or None for nothing."""
 
 
 class Game:
-    """One episode: its state, its events, and what one does in it."""
+    """One episode: its state, its events, and what one does in it.
+
+    `name` is what one is called in it: with a number where somebody else has the name that one
+    asked for. `waits_for` are the seats that a step has waited for, for two seconds at least.
+    """
 
     def __init__(self, send: Callable[[messages.Message], None], joined: messages.Joined) -> None:
         self.episode = joined.episode
         self.code = joined.code
         self.role = joined.role
+        self.name = joined.name
         self.seat = joined.seat
         self.step = 0
         self.phase = "waiting"
@@ -58,6 +63,7 @@ class Game:
         self.step_time = 0.0
         self.left: float | None = None
         self.pause: messages.Pause | None = None
+        self.waits_for: tuple[str, ...] = ()
         self.said = joined.said
         self._send = send
         self._reader: StateReader | None = None
@@ -216,7 +222,8 @@ class Game:
             case messages.Roster():
                 self.phase, self.seats = message.phase, tuple(message.seats)
                 self.turn, self.pause = message.turn, message.pause
-                self._emit(RosterChanged(message.phase, self.seats, message.pause))
+                self.waits_for = tuple(message.waits_for)
+                self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
             case messages.Ended():
                 self._finish(message.outcome)
             case messages.Left():
@@ -232,6 +239,7 @@ class Game:
         `anew` says that the seat was lost and taken again: nobody knows what became of earlier
         actions, so they are not repeated.
         """
+        self.name = joined.name
         self._seq = max(self._seq, joined.seq)
         self._resyncing = False
         self._resync_asked = 0

@@ -32,7 +32,8 @@ KEPT_SAID, KEPT_NOTICES = 200, 20
 class Audience:
     """The sessions in a room. Each message is made and encoded once for all of them.
 
-    `paint` sends somebody who has caught up a picture, when the room may show one.
+    `paint` sends somebody who has caught up a picture, when the room may show one; `waits_for`
+    says for whom a step has waited long.
     """
 
     __slots__ = (
@@ -50,6 +51,7 @@ class Audience:
         "_writer",
         "members",
         "paint",
+        "waits_for",
     )
 
     def __init__(
@@ -63,6 +65,7 @@ class Audience:
     ) -> None:
         self.members: list[Session] = []
         self.paint: Callable[[Session], None] = self.send_picture
+        self.waits_for: Callable[[], tuple[str, ...]] = tuple
         self._id = episode_id
         self._code = code
         self._episode = episode
@@ -120,8 +123,8 @@ class Audience:
         role = "player" if session.player else "spectator"
         joined = messages.Joined(
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
-            seq=self._seq(session), step=self._episode.step, said=self._episode.said,
-            resume=resume,
+            name=session.name, seq=self._seq(session), step=self._episode.step,
+            said=self._episode.said, resume=resume,
         )  # fmt: skip
         self.send(session, joined)
 
@@ -387,6 +390,7 @@ class Audience:
             turn=self._episode.on_turn,
             pause=self._pause(),
             seats=self.seats(),
+            waits_for=list(self.waits_for()),
             spectators=self.spectators,
         )
 

@@ -7,7 +7,6 @@ import inspect
 import os
 import signal
 import socket
-import sys
 import tomllib
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -20,7 +19,7 @@ from pydantic_settings import BaseSettings
 
 from robotouille.episode import Phase
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
-from robotouille.program import VersionOption
+from robotouille.program import VersionOption, tell
 from robotouille.protocol import messages
 from robotouille_server.collector import rare_collections
 from robotouille_server.settings import ServerSettings
@@ -78,11 +77,11 @@ def _settings(model: type[BaseSettings], values: dict[str, Any]) -> BaseSettings
     except ValidationError as error:
         for fault in error.errors():
             name = ".".join(str(part) for part in fault["loc"])
-            print(_complaint(model, name, fault, values), file=sys.stderr)
+            tell(_complaint(model, name, fault, values), err=True)
     except tomllib.TOMLDecodeError as error:
-        print(f"{_config(values)}: {error}", file=sys.stderr)
+        tell(f"{_config(values)}: {error}", err=True)
     except (OSError, ValueError) as error:
-        print(f"--config: {error}", file=sys.stderr)
+        tell(f"--config: {error}", err=True)
     raise typer.Exit(2)
 
 
@@ -125,7 +124,7 @@ def run(settings: BaseSettings) -> None:
             raise typer.Exit(supervise(settings))
         asyncio.run(serve_until_stopped(settings, worker))
     except RobotouilleError as error:
-        print(f"robotouille-server: {error}", file=sys.stderr)
+        tell(f"robotouille-server: {error}", err=True)
         raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
 
 
@@ -146,7 +145,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
     ):
         loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
         if worker is None or worker.index == 0:
-            print(_greeting(server, first_room(server), operator), flush=True)
+            tell(_greeting(server, first_room(server), operator))
         if await signals.get() is signal.SIGTERM:
             await _drain(server, signals)
             await server.stop("the server is restarted", hand_over=True)

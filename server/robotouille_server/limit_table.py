@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from robotouille.domain.files import MAX_NESTING
 from robotouille.episode.quota import MAX_AUDIENCE_BYTES, MAX_SEAT_BYTES
+from robotouille.episode.rules import MOVE_BUDGET
 from robotouille.protocol import messages
 from robotouille.protocol.codec import (
     MAX_CLIENT_BYTES,
@@ -32,6 +33,7 @@ from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.descriptors import RESERVED
 from robotouille_server.journal import MAX_RECORDING_BYTES
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
+from robotouille_server.patience import WAITING_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
 from robotouille_server.revocation import KEPT_SECONDS, MAX_ENTRIES
 from robotouille_server.settings import ServerSettings
@@ -65,6 +67,12 @@ def _longest(model: type[BaseModel], name: str, unit: str = "characters") -> str
         part[key] for part in parts for key in ("maxLength", "maxItems", "maximum") if key in part
     )
     return f"{found:,} {unit}".rstrip()
+
+
+def _range(model: type[BaseModel], name: str) -> str:
+    """The least and the greatest value of a message's field."""
+    number = model.model_json_schema()["properties"][name]["anyOf"][0]
+    return f"{number['minimum']:g} to {number['maximum']:g}"
 
 
 def _cost(model: type[messages.Message]) -> str:
@@ -128,7 +136,10 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             value=f"{FRAMES_AT_A_TIME}",
         ),
         Limit("a chat message", "refused", INVALID, value=_longest(messages.Say, "text")),
-        Limit("a name", "refused", INVALID, value=_longest(messages.Hello, "name")),
+        Limit(
+            "a name", "refused; so is one of which nothing can be seen", INVALID,
+            value=_longest(messages.Hello, "name"),
+        ),
         Limit("a token", "refused", INVALID, value=_longest(messages.Hello, "token")),
         Limit(
             "reasoning with an action", "refused", INVALID,
@@ -238,6 +249,13 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               setting="max_steps"),
         Limit("… that asks for more", "refused", INVALID,
               value=_longest(messages.Create, "max_steps", "")),
+        Limit("steps a second in real time", "refused", INVALID,
+              value=_range(messages.Create, "step_rate")),
+        Limit("time for a move, with several seats and where nothing is said",
+              "the step is taken, the seat does nothing (`--move-budget`; 0: no limit)",
+              value=f"{MOVE_BUDGET:g} s"),
+        Limit("time a step waits before everybody is told for whom", "`roster` with `waits_for`",
+              value=f"{WAITING_SECONDS:g} s"),
         Limit("time for which an absent player's seat is kept", "as the episode's `absence` says",
               setting="grace", unit="s"),
         Limit("time for which players may come back after a restart",

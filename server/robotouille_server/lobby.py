@@ -74,7 +74,10 @@ class Lobby:
         rules = self._rules(request)
         seed = request.seed if request.seed is not None else self._settings.seed
         task = self._task(request, rules, seed)
-        return self._open(task, rules, seed, owner)
+        budget = request.move_budget
+        if budget is None:
+            budget = self._settings.move_budget
+        return self._open(task, rules.with_budget(budget, task.seats), seed, owner)
 
     def _check_room(self, owner: str) -> None:
         if self.draining:
@@ -301,7 +304,6 @@ class Lobby:
         asked = {
             "clock": request.clock,
             "step_rate": request.step_rate,
-            "move_budget": request.move_budget,
             "max_steps": request.max_steps,
             "thinking": request.thinking,
             "absence": request.absence,

@@ -35,6 +35,8 @@ from robotouille_server.audience import Audience
 from robotouille_server.journal import Journal
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
+from robotouille_server.names import Names
+from robotouille_server.patience import Patience
 from robotouille_server.session import Session
 from robotouille_server.stand_in import StandIn
 from robotouille_server.wishes import ground, in_words
@@ -72,8 +74,10 @@ class Room:
         "_host",
         "_loop",
         "_metrics",
+        "_names",
         "_now",
         "_open",
+        "_patience",
         "_retry",
         "_stand_ins",
         "_timer",
@@ -109,10 +113,12 @@ class Room:
         self.audience = audience
         self.recording = ""
         self._host = host
+        self._names = Names(episode)
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
         self._timer: Appointment | None = None
+        self._patience = Patience(episode, host.agenda, self._now, audience.tell_roster)
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []
         self._unpainted: dict[Session, list[Callable[[], None]]] = {}
@@ -120,6 +126,7 @@ class Room:
         self._failing = False
         self._open = True
         audience.paint = self.send_picture
+        audience.waits_for = lambda: self._patience.still
         if episode.rules.absence is Absence.BOT:
             self._stand_ins = {
                 player: StandIn(episode, player, episode.rules.stand_in, self._substitute)
@@ -147,10 +154,11 @@ class Room:
         self._check_recording()
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
+        name = self._names.choose(session.given_name)
         if request.role == "player":
             session.player = self.episode.join(
                 request.seat,
-                session.name,
+                name,
                 session.kind,
                 self._now(),
                 session=session.id,
@@ -161,7 +169,8 @@ class Room:
             raise ProtocolError("episode/full", message, "role")
         else:
             session.player = None
-        session.room = self
+            self._names.watch(name)
+        session.name, session.room = name, self
         session.view = request.view
         session.known = set(request.known)
         self.flush()
@@ -190,7 +199,21 @@ class Room:
             self.members.remove(session)
         self._unpainted.pop(session, None)
         player, session.room, session.player = session.player, None, None
+        if player is None:
+            self._names.release(session.name)
+        session.name = session.given_name
         return player
+
+    def seat_again(self, session: Session, player: str | None) -> None:
+        """A participant of a process before this one has the place again, and the seat's name; a
+        spectator's may be somebody else's by now."""
+        session.room, session.player = self, player
+        if player is not None:
+            session.name = self.episode.seats[player].name
+        else:
+            session.name = self._names.choose(session.given_name)
+            self._names.watch(session.name)
+        self.members.append(session)
 
     def connection_lost(self, session: Session) -> None:
         """The seat of a player is kept; a spectator is only not told anything."""
@@ -401,6 +424,8 @@ class Room:
         if not self._open or self._failing:
             return
         self._schedule()
+        if self._patience.waits_for:
+            self._patience.heed()
         for stand_in in self._stand_ins.values():
             stand_in.consider()
 
@@ -489,7 +514,8 @@ class Room:
             case RosterChanged():
                 self._roster_changed(event)
             case Started() | Paused() | Resumed() | Restarted():
-                self.audience.tell_roster()
+                self._tell_roster()
+                self._patience.begin()
                 for stand_in in self._stand_ins.values():
                     stand_in.warm()
             case Ended():
@@ -506,8 +532,12 @@ class Room:
             else:
                 metrics.rejected += 1
 
-    def _roster_changed(self, event: RosterChanged) -> None:
+    def _tell_roster(self) -> None:
+        self._patience.told()
         self.audience.tell_roster()
+
+    def _roster_changed(self, event: RosterChanged) -> None:
+        self._tell_roster()
         holder = self.audience.holder(event.player)
         if not event.taken and holder is not None and holder.peer is None:
             self._part_with(holder)
@@ -531,6 +561,7 @@ class Room:
             self._host.agenda.cancel(self._timer)
         if self._retry is not None:
             self._retry.cancel()
+        self._patience.stop()
         for stand_in in self._stand_ins.values():
             stand_in.stop()
 

@@ -17,10 +17,12 @@ __all__ = ["Session"]
 class Session:
     """Who somebody is, where they are, and the connection they have at the moment, if any.
 
-    `participant` is the pseudonym under which they are recorded, `generation` that of the resume
-    token which was used last; `only_episode` and `only_seat` are what their role token is
-    limited to, `role_expires` until when it is good (0: for ever), `token_id` its id, and `once`
-    says that nobody else may join with it. `caller` is the connection as the door knows it.
+    `name` is what others see: `given_name`, as the participant or the role token has said it, with
+    a number in an episode where somebody else has that. `participant` is the pseudonym under which
+    they are recorded, `generation` that of the resume token which was used last; `only_episode` and
+    `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
+    for ever), `token_id` its id, and `once` says that nobody else may join with it. `caller` is the
+    connection as the door knows it.
     """
 
     __slots__ = (
@@ -28,6 +30,7 @@ class Session:
         "away_since",
         "caller",
         "generation",
+        "given_name",
         "id",
         "kind",
         "known",
@@ -62,7 +65,7 @@ class Session:
         once: bool = False,
     ) -> None:
         self.id = session_id
-        self.name = name
+        self.name = self.given_name = name
         self.kind = kind
         self.role = role
         self.participant = participant or session_id

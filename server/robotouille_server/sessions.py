@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
+from robotouille.episode.names import proper_name
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.access import Visitor
@@ -67,10 +68,14 @@ class Sessions:
         return Role.HOST if visitor.local else Role.PLAYER
 
     def open(self, hello: messages.Hello, role: Role, grant: RoleGrant | None) -> Session:
-        """A newcomer's session."""
+        """A newcomer's session; a token's name is binding."""
+        name = proper_name(grant.name if grant is not None else "") or proper_name(hello.name)
+        if not name:
+            message = "nothing of this name can be seen"
+            raise ProtocolError("message/invalid-field", message, "name")
         session = Session(
             f"{self._random.getrandbits(64):016x}",
-            name=(grant.name if grant is not None else "") or hello.name,
+            name=name,
             kind=hello.kind,
             role=role,
             participant=grant.subject if grant is not None else "",
@@ -146,9 +151,8 @@ class Sessions:
             token_id=grant.token_id,
         )
         session.view = grant.view
-        session.room, session.player = room, player
         if room is not None:
-            room.members.append(session)
+            room.seat_again(session, player)
         self.by_id[session.id] = session
         return session
 
@@ -157,7 +161,7 @@ class Sessions:
         return self._tokens.mint_resume(
             session=session.id,
             generation=session.generation + 1,
-            name=session.name,
+            name=session.name if session.player is None else session.given_name,
             kind=session.kind,
             role=session.role,
             seconds=self._token_seconds,

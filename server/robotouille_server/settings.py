@@ -32,7 +32,9 @@ __all__ = ["ServerSettings"]
 class ServerSettings(BaseSettings):
     """Flags win over environment variables, those over the file named by `config`."""
 
-    model_config = SettingsConfigDict(env_prefix="ROBOTOUILLE_", extra="forbid")
+    model_config = SettingsConfigDict(
+        env_prefix="ROBOTOUILLE_", extra="forbid", allow_inf_nan=False
+    )
 
     config: Path | None = Field(None, description="TOML file with any of these settings.")
     host: str = Field("127.0.0.1", description="Address to listen on; 0.0.0.0 for all.")
@@ -42,7 +44,9 @@ class ServerSettings(BaseSettings):
     mode: Clock = Field(Clock.LOCKSTEP, description="Clock: turn, lockstep or realtime.")
     step_rate: StepRate = Field(5.0, description="Steps a second in real time.")
     move_budget: MoveBudget | None = Field(
-        None, description="Seconds a seat may take for a move in turn and lockstep."
+        None,
+        description="Seconds a seat may take for a move where steps wait for it; 0: no limit. "
+        "If nothing is said, 300 with several seats and no limit with one.",
     )
     thinking: Thinking = Field(
         "wall", description="What thinking costs in real time: wall clock, or declared time."
@@ -162,11 +166,11 @@ class ServerSettings(BaseSettings):
         return tuple(sources)
 
     def rules(self) -> Rules:
-        """The rules of an episode for which its creator asks nothing else."""
+        """The rules of an episode for which its creator asks nothing else, but for the move budget,
+        which depends on its seats, too."""
         return Rules(
             clock=self.mode,
             step_rate=self.step_rate,
-            move_budget=self.move_budget,
             max_steps=self.max_steps,
             thinking=self.thinking,
             grace=self.grace,

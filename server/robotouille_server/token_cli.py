@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import VersionOption
+from robotouille.program import VersionOption, printable, printable_json, tell
 from robotouille_server.keys import (
     KEPT_KEYS,
     MAX_KEYS,
@@ -93,10 +93,10 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
             token = _minted(tokens, role, whom, seconds, limits)
             grant = tokens.check_role(token)
         if as_json:
-            print(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False))
+            print(printable_json(json.dumps({"token": token, **_plain(grant)}, ensure_ascii=False)))
         else:
-            print(token)
-            print(f"{_sentence(grant)}.", file=sys.stderr)
+            tell(token)
+            tell(printable(f"{_sentence(grant)}."), err=True)
 
     @app.command("show")
     def show(
@@ -109,9 +109,10 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
             grant = Tokens(_keyring(keys), wall).check_role(_given(token))
             revoked = grant.token_id in load_revoked(keys.with_name(REVOKED_FILE))
         if as_json:
-            print(json.dumps({**_plain(grant), "revoked": revoked}, ensure_ascii=False))
+            plain = {**_plain(grant), "revoked": revoked}
+            print(printable_json(json.dumps(plain, ensure_ascii=False)))
         else:
-            print(f"{_sentence(grant)}{': revoked' if revoked else ''}.")
+            tell(printable(f"{_sentence(grant)}{': revoked' if revoked else ''}."))
         if revoked:
             raise typer.Exit(1)
 
@@ -133,9 +134,9 @@ def token_app(wall: Callable[[], float] = time.time) -> typer.Typer:
         if as_json:
             print(json.dumps({"file": str(keys), "keys": kept, "dropped": dropped}))
             return
-        print(f"{keys}: {new.kid} signs from now on; {_listed(kept[1:])} still verify")
+        tell(f"{keys}: {new.kid} signs from now on; {_listed(kept[1:])} still verify")
         if dropped:
-            print(f"tokens signed with {_listed(dropped)} are refused from now on")
+            tell(f"tokens signed with {_listed(dropped)} are refused from now on")
 
     _add_revoke(app, wall)
     return app
@@ -233,10 +234,10 @@ def _reported() -> Iterator[None]:
     try:
         yield
     except ProtocolError as error:
-        print(f"robotouille-token: {error.code}: {error.message}", file=sys.stderr)
+        tell(f"robotouille-token: {error.code}: {error.message}", err=True)
         raise typer.Exit(1) from None
     except RobotouilleError as error:
-        print(f"robotouille-token: {error}", file=sys.stderr)
+        tell(f"robotouille-token: {error}", err=True)
         raise typer.Exit(1) from None
 
 

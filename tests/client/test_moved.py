@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import http
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,10 +12,13 @@ from typing import Any
 import pytest
 from websockets.asyncio.server import ServerConnection
 from websockets.asyncio.server import serve as listen
+from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from robotouille.protocol import messages
 from robotouille_client import connect
-from robotouille_client.connection import ConnectionFailedError
+from robotouille_client.addresses import moved_url
+from robotouille_client.errors import ConnectionFailedError, StrangerError
 from tests.support.virtual_time import run
 
 NOBODY = 9
@@ -76,3 +80,132 @@ def test_a_join_that_is_sent_to_where_we_are_refused_says_why() -> None:
                     await client.join("abc")
 
     run(main())
+
+
+@asynccontextmanager
+async def strangers() -> AsyncIterator[tuple[str, list[dict[str, Any]]]]:
+    """A server on another host (the same machine by another name): its URL, and what it hears."""
+    heard: list[dict[str, Any]] = []
+
+    async def converse(socket: ServerConnection) -> None:
+        async for payload in socket:
+            heard.append(json.loads(payload))
+            await socket.send(json.dumps(WELCOME))
+
+    subprotocols = [Subprotocol("robotouille.v1.json")]
+    async with listen(converse, "localhost", 0, subprotocols=subprotocols) as server:
+        port = next(iter(server.sockets)).getsockname()[1]
+        yield f"ws://localhost:{port}", heard
+
+
+def test_no_token_goes_to_another_host_that_a_join_is_sent_to() -> None:
+    async def main() -> None:
+        async with strangers() as (elsewhere, heard):
+            moved = {**moved_to(NOBODY), "url": elsewhere}
+            async with (
+                answering(hello=WELCOME, join=moved) as port,
+                connect(
+                    f"ws://127.0.0.1:{port}", name="ada", encoding="json", token="secret"
+                ) as client,
+            ):
+                with pytest.raises(StrangerError, match="'localhost', another host: tokens are"):
+                    await client.join("abc")
+                assert client.url == f"ws://127.0.0.1:{port}"
+            assert heard == []
+
+    run(main())
+
+
+def test_no_token_goes_to_another_host_that_a_hello_is_sent_to() -> None:
+    async def main() -> None:
+        async with strangers() as (elsewhere, heard):
+            async with answering(hello={**moved_to(NOBODY), "url": elsewhere}) as port:
+                url = f"ws://127.0.0.1:{port}"
+                with pytest.raises(StrangerError, match="another host"):
+                    async with connect(url, name="ada", encoding="json", resume="secret"):
+                        raise AssertionError("not reached")
+            assert heard == []
+
+    run(main())
+
+
+def test_no_token_goes_where_an_http_redirect_leads() -> None:
+    async def main() -> None:
+        async with strangers() as (elsewhere, heard):
+
+            def redirect(socket: ServerConnection, request: Request) -> Response:
+                response = socket.respond(http.HTTPStatus.FOUND, "")
+                response.headers["Location"] = f"{elsewhere}{request.path}"
+                return response
+
+            async with listen(_silence, "127.0.0.1", 0, process_request=redirect) as server:
+                port = next(iter(server.sockets)).getsockname()[1]
+                with pytest.raises(StrangerError, match="another host"):
+                    async with connect(f"ws://127.0.0.1:{port}", name="ada", token="secret"):
+                        raise AssertionError("not reached")
+            assert heard == []
+
+    run(main())
+
+
+async def _silence(socket: ServerConnection) -> None:
+    await socket.wait_closed()
+
+
+def test_a_client_that_comes_back_and_is_sent_to_strangers_gives_up() -> None:
+    async def main() -> None:
+        async with strangers() as (elsewhere, heard):
+            stranger = {**moved_to(NOBODY), "url": elsewhere}
+            async with (
+                answering(hello=WELCOME, join=stranger) as port,
+                connect(
+                    f"ws://127.0.0.1:{port}", name="ada", encoding="json", token="secret"
+                ) as client,
+            ):
+                client._join = messages.Join(episode="x")
+                assert client._socket is not None
+                client._socket.transport.abort()
+                async with asyncio.timeout(600):
+                    assert client._reader is not None
+                    await client._reader
+                assert "another host" in client.farewell
+            assert heard == []
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("here", "there"),
+    [
+        ("wss://kitchen.example/x", "wss://kitchen.example/w1"),
+        ("wss://kitchen.example", "wss://KITCHEN.example:8766/"),
+        ("ws://kitchen.example:8765", "wss://kitchen.example/w1"),
+        ("ws://[::1]:8765", "ws://[::1]:8766"),
+    ],
+)
+def test_another_process_of_the_same_host_is_gone_to(here: str, there: str) -> None:
+    assert moved_url(here, messages.Moved(episode="x", port=1, url=there)) == there
+
+
+@pytest.mark.parametrize(
+    ("there", "why"),
+    [
+        ("wss://evil.example/w1", "'evil.example', another host"),
+        ("wss://kitchen.example.evil.example/", "another host"),
+        ("wss://kitchen.example@evil.example/", "another host"),
+        ("ws://kitchen.example/w1", "without TLS"),
+        ("https://kitchen.example/", "which is no ws:// or wss://"),
+        ("//kitchen.example/", "which is no ws:// or wss://"),
+        ("wss://kitchen.example:99999/", "which is no address"),
+        ("wss://[kitchen.example/", "which is no address"),
+    ],
+)
+def test_anywhere_else_is_not(there: str, why: str) -> None:
+    with pytest.raises(StrangerError, match=why):
+        moved_url("wss://kitchen.example", messages.Moved(episode="x", port=1, url=there))
+
+
+@pytest.mark.parametrize("port", [-1, 0, 65_536, 10**30])
+def test_a_port_that_is_none_is_named(port: int) -> None:
+    with pytest.raises(StrangerError, match=f"sends us to port {port}, which is none"):
+        moved_url("ws://127.0.0.1:8765", messages.Moved(episode="x", port=port))

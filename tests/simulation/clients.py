@@ -8,6 +8,7 @@ import traceback
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from robotouille.episode.names import likeness
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
@@ -126,6 +127,9 @@ class WatchedClient(Client):
             self.sim.fail(f"{self.incarnation}: after chat {before} came {message.number}")
 
     def _check_company(self, seats: list[messages.SeatInfo]) -> None:
+        names = [likeness(seat.name) for seat in seats if seat.name]
+        if len(set(names)) < len(names):
+            self.sim.fail(f"{self.incarnation}: two are called the same: {names}")
         strangers = [s.name for s in seats if s.name and not self.participant.plan.knows(s.name)]
         if strangers:
             self.sim.fail(f"{self.incarnation}: sits with {strangers} of another episode")

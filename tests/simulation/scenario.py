@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -114,7 +115,10 @@ class EpisodePlan:
         return text.startswith(f"{self.tag}/")
 
     def knows(self, name: str) -> bool:
-        return any(person.name == name for person in self.people)
+        """Whether somebody here is called so; with a number, who came anew while the old seat was
+        kept."""
+        plain = re.sub(r" [0-9]+$", "", name)
+        return any(person.name == plain for person in self.people)
 
 
 DrawPlan = Callable[["Simulation", random.Random], EpisodePlan]

@@ -6,18 +6,23 @@ A real server, real connections, in virtual time.
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import pygame
 import pytest
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 
 from robotouille_client import Client, Game, connect
 from robotouille_client.connection import ConnectionFailedError
+from robotouille_client.window.painter import Painter
 from robotouille_client.window.remote import RemoteSource
+from robotouille_client.window.theme import SEATS, TEXT, Colour, mixed
+from robotouille_client.window.view import View
 from robotouille_client.window.window import Window
 from robotouille_server import Server
 
@@ -299,3 +304,56 @@ def test_a_window_survives_a_server_that_is_away_for_minutes(tmp_path: Path) -> 
             assert not at.source.finished
 
     run(main())
+
+
+def test_a_window_shows_for_whom_it_waits_in_the_seats_colour(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            assert at.source.view().waits_for == ()
+            at.one.submit(None)
+            await asyncio.sleep(3.0)
+            view = at.source.view()
+            assert view.waits_for == ("robot2",)
+            shown = _words_above_the_goal(view)
+            idle = _words_above_the_goal(dataclasses.replace(view, waits_for=()))
+            blue = mixed(SEATS[1], TEXT, 0.3)
+            assert _nearest(shown, blue) < 20 < _nearest(idle, blue)
+            at.two.submit(None)
+            await asyncio.sleep(0.1)
+            assert at.source.view().waits_for == ()
+            await asyncio.sleep(3.0)
+            assert at.source.view().waits_for == ("robot1", "robot2")
+            at.ada.pull()
+            await asyncio.sleep(0.1)
+            assert at.source.view().waits_for == ()
+
+    run(main())
+
+
+def test_a_wait_that_comes_and_goes_moves_nothing_else(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with table(tmp_path) as at:
+            view = at.source.view()
+            pictures = []
+            for waits_for in ((), ("robot2",)):
+                surface = pygame.Surface((900, 600))
+                Painter().paint(surface, dataclasses.replace(view, waits_for=waits_for))
+                below = pygame.Rect(720, 100, 180, 500)
+                pictures.append(pygame.image.tobytes(surface.subsurface(below), "RGB"))
+            assert pictures[0] == pictures[1]
+
+    run(main())
+
+
+def _words_above_the_goal(view: View) -> frozenset[tuple[int, ...]]:
+    """The colours of a picture there."""
+    surface = pygame.Surface((1280, 720))
+    Painter().paint(surface, view)
+    return frozenset(
+        tuple(surface.get_at((x, y)))[:3] for x in range(990, 1280) for y in range(50, 72)
+    )
+
+
+def _nearest(colours: frozenset[tuple[int, ...]], wanted: Colour) -> int:
+    """How far the most similar of some colours is from one."""
+    return min(max(abs(a - b) for a, b in zip(c, wanted, strict=True)) for c in colours)

@@ -12,7 +12,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille.program import VersionOption
+from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
@@ -48,7 +48,7 @@ async def _run(
         resume = kept.token if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
             game = await client.join(code, seat=seat)
-            typer.echo(f"{client.name} plays {game.seat} in {game.code}", err=True)
+            tell(printable(f"{game.name or name} plays {game.seat} in {game.code}"), err=True)
             meanwhile = (keep_seat(client, game, kept), _tell_of_line(client))
             tasks = [asyncio.create_task(each) for each in meanwhile]
             try:
@@ -70,7 +70,7 @@ async def _tell_of_line(client: Client) -> None:
         is_there = client.connected.is_set()
         if is_there != was_there:
             news = "back on the line" if is_there else "the server does not answer; trying again"
-            typer.echo(f"{client.name}: {news}", err=True)
+            tell(f"{client.name}: {news}", err=True)
         was_there = is_there
         await asyncio.sleep(LOOK_SECONDS)
 
@@ -104,7 +104,7 @@ def command(
     if json_output:
         typer.echo(json.dumps(outcome))
     else:
-        typer.echo(f"{outcome['reason']} after {outcome['steps']} steps")
+        tell(printable(f"{outcome['reason']} after {outcome['steps']} steps"))
 
 
 def main() -> None:

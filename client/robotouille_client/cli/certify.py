@@ -22,8 +22,9 @@ from robotouille.planning.certificate import Budget
 from robotouille.planning.certifying import BUDGET, certify_dataset
 from robotouille.planning.checking import check_dataset
 from robotouille.planning.dataset import Outcome, Report, Running, Tell
+from robotouille.program import printable, tell
 from robotouille.resources import data_folder
-from robotouille_client.cli.console import fail
+from robotouille_client.cli.console import explain, fail
 
 __all__ = ["certify"]
 
@@ -62,25 +63,25 @@ def certify(
         if sample and not check:
             raise RobotouilleError("--sample needs --check")
         folder = _folder(dataset)
-        with _shown("checking" if check else "certifying") as tell:
+        with _shown("checking" if check else "certifying") as progress:
             if check:
                 report = check_dataset(
-                    folder, optimal.solve, sample=sample, seed=seed, seconds=timeout, tell=tell
+                    folder, optimal.solve, sample=sample, seed=seed, seconds=timeout, tell=progress
                 )
             else:
                 budget = Budget(expansions=expansions, states=states, seconds=timeout)
                 report = certify_dataset(
-                    folder, optimal.solve, budget=budget, jobs=jobs, fresh=fresh, tell=tell
+                    folder, optimal.solve, budget=budget, jobs=jobs, fresh=fresh, tell=progress
                 )
     except (RobotouilleError, OSError) as error:
-        fail(str(error))
+        fail(explain(error))
     except KeyboardInterrupt:
         fail("interrupted; finished certificates are kept, and the next run goes on", 130)
     if json_output:
         typer.echo(json.dumps(_json(report), indent=2))
     else:
         Console(highlight=False).print(_table(report))
-        typer.echo("".join(f"{fault}\n" for fault in report.faults), err=True, nl=False)
+        tell("".join(f"{printable(fault)}\n" for fault in report.faults), err=True, nl=False)
     if report.faults:
         raise typer.Exit(1)
 
@@ -127,7 +128,7 @@ def _table(report: Report) -> Table:
     for name in COLUMNS:
         table.add_column(name, justify="right")
     for folder, outcomes in sorted(folders.items()):
-        table.add_row(Text(folder), *map(str, _counts(outcomes).values()))
+        table.add_row(Text(printable(folder)), *map(str, _counts(outcomes).values()))
     if len(folders) != 1:
         table.add_row("all", *map(str, _counts(report.outcomes).values()))
     return table
@@ -156,7 +157,8 @@ def _shown(doing: str) -> Iterator[Tell | None]:
 
 
 def _line(running: Running) -> Text:
-    words = f"  {running.instance}: {running.expansions:,} expansions, bound {running.bound}"
+    instance = printable(str(running.instance))
+    words = f"  {instance}: {running.expansions:,} expansions, bound {running.bound}"
     if running.length is None:
         return Text(words, overflow="ellipsis", no_wrap=True)
     gap = max(0, running.length - running.bound)

@@ -7,9 +7,10 @@ from typing import Annotated, NoReturn
 import typer
 from pydantic import ValidationError
 
-from robotouille.errors import ProtocolError
+from robotouille.errors import FileError, ProtocolError
+from robotouille.program import printable, tell
 
-__all__ = ["TokenOption", "explain", "fail", "printable", "server_url"]
+__all__ = ["TokenOption", "explain", "fail", "server_url"]
 
 TokenOption = Annotated[
     str | None,
@@ -22,11 +23,14 @@ TokenOption = Annotated[
 
 
 def explain(error: Exception) -> str:
-    """An error in words; of a value that a schema refuses, what it was for."""
+    """An error in words, on one line (those of a file: a line for each); of a value that a schema
+    refuses, what it was for."""
     if isinstance(error, ProtocolError):
-        return error.message
+        return printable(error.message)
+    if isinstance(error, FileError):
+        return str(error)
     if not isinstance(error, ValidationError):
-        return str(error.args[0]) if isinstance(error, KeyError) else str(error)
+        return printable(str(error.args[0]) if isinstance(error, KeyError) else str(error))
     first = error.errors()[0]
     field = ".".join(str(part) for part in first["loc"])
     return f"{field}: {first['msg']}, found {first['input']!r}"
@@ -34,15 +38,8 @@ def explain(error: Exception) -> str:
 
 def fail(message: str, status: int = 1) -> NoReturn:
     """Print an error to stderr and exit."""
-    typer.echo(message, err=True)
+    tell(message, err=True)
     raise typer.Exit(status)
-
-
-def printable(text: str) -> str:
-    """A line without control characters: what participants wrote must not steer a terminal."""
-    return "".join(
-        letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text
-    )
 
 
 def server_url(url: str | None, host: str, port: int) -> str:

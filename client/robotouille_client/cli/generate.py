@@ -16,6 +16,7 @@ from robotouille.generation.dataset import seeds_from
 from robotouille.generation.generator import ATTEMPTS, Generator
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
+from robotouille.program import printable_json, tell
 from robotouille_client.cli.console import explain, fail
 
 __all__ = ["generate"]
@@ -82,11 +83,11 @@ def generate(
         generator = Generator(load_task(task), kind, parameters, attempts=attempts)
         for instance in _progress(generator, seeds_from(seed, count), task):
             if out == STDOUT:
-                typer.echo(instance.text, nl=False)
+                typer.echo(printable_json(instance.text), nl=False)
             else:
                 path = _write(instance, Path(out))
                 row = _row(instance, path)
-                typer.echo(json.dumps(row) if json_output else _words(row))
+                typer.echo(json.dumps(row)) if json_output else tell(_words(row))
     except GenerationError as error:
         option = FLAGS.get(error.parameter, error.parameter)
         fail(f"{option}: {error.message}")

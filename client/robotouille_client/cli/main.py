@@ -10,7 +10,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.program import VersionOption
+from robotouille.program import VersionOption, tell
 from robotouille_client.cli.certify import certify
 from robotouille_client.cli.console import explain, fail
 from robotouille_client.cli.export import pddl
@@ -55,7 +55,7 @@ def tasks(
         return
     for row in rows:
         seats = ", ".join(map(str, row["seats"]))
-        typer.echo(f"{row['task']}  (seats: {seats})\n    {row['goal']}")
+        tell(f"{row['task']}  (seats: {seats})\n    {row['goal']}")
 
 
 @app.command()
@@ -82,9 +82,9 @@ def lint(
     else:
         for name, faults in found.items():
             for fault in faults:
-                typer.echo(f"{name}: {fault.severity}: {fault}")
+                tell(f"{name}: {fault.severity}: {fault}")
             if not faults:
-                typer.echo(f"{name}: no faults")
+                tell(f"{name}: no faults")
     if errors:
         raise typer.Exit(1)
 
@@ -129,7 +129,7 @@ def text(
     from robotouille import World, load_task
 
     try:
-        typer.echo(World(load_task(task)).initial.text(player))
+        tell(World(load_task(task)).initial.text(player))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
 

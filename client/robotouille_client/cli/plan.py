@@ -35,6 +35,7 @@ from robotouille.planning.certificate import (
 from robotouille.planning.certifying import BUDGET
 from robotouille.planning.general.unreachable import unreachable_goal
 from robotouille.planning.plan import read_plan, write_plan
+from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording
 from robotouille_client.cli.console import explain, fail
 
@@ -209,19 +210,19 @@ def _text(certificate: Certificate, world: World, notes: list[str]) -> str:
 
 def _publish(certificate: Certificate, text: str, out: Path | None, json_output: bool) -> None:
     if json_output:
-        typer.echo(json_text(certificate), nl=False)
+        typer.echo(printable_json(json_text(certificate)), nl=False)
     if not text:
         return
     if out is None:
-        typer.echo("" if json_output else text, nl=False)
+        tell("" if json_output else text, nl=False)
         return
     try:
         write_whole(out, text)
     except FileError:
-        typer.echo(text, nl=False)
+        tell(text, nl=False)
         raise
     if not json_output:
-        typer.echo(f"{out}: {certificate.length} steps, {_claim(certificate)}")
+        tell(f"{out}: {certificate.length} steps, {_claim(certificate)}")
 
 
 def _claim(certificate: Certificate) -> str:

@@ -18,9 +18,10 @@ from robotouille.errors import RobotouilleError
 from robotouille.planning.answer import Limits
 from robotouille.planning.anytime import Anytime
 from robotouille.planning.distance import Range, StepsLeft, StepsToGo, quotient
+from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_client.cli.console import fail, printable
+from robotouille_client.cli.console import explain, fail
 from robotouille_client.cli.timeline import course, course_text, note_lines
 
 __all__ = ["replay"]
@@ -39,7 +40,7 @@ def _open(file: Path) -> Recording:
     try:
         return read_recording(file)
     except RobotouilleError as error:
-        fail(str(error))
+        fail(explain(error))
 
 
 @replay.command()
@@ -70,7 +71,7 @@ def info(
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
     rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
     for key, value in [*rows.items(), *course_text(recording)]:
-        typer.echo(printable(f"{key:9} {value}"))
+        tell(printable(f"{key:9} {value}"))
 
 
 def _no_end(file: Path) -> str:
@@ -86,7 +87,7 @@ def notes(file: FileArgument) -> None:
     Each line begins with the step it came after and the seconds since the game began.
     """
     for line in note_lines(_open(file)):
-        typer.echo(printable(line))
+        tell(printable(line))
 
 
 @replay.command()
@@ -100,16 +101,16 @@ def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> 
         try:
             result = read_recording(file).verify()
         except RobotouilleError as error:
-            typer.echo(str(error), err=True)
+            tell(explain(error), err=True)
             failed = True
             continue
         cut = "" if result.complete else f" ({_no_end(file)})"
         if result.ok:
-            typer.echo(f"{file}: verified, {result.steps} steps{cut}")
+            tell(f"{file}: verified, {result.steps} steps{cut}")
         else:
             failed = True
             reason = result.fault or "the frames differ when written anew"
-            typer.echo(f"{file}: does NOT verify: {reason}{cut}", err=True)
+            tell(f"{file}: does NOT verify: {reason}{cut}", err=True)
     if failed:
         raise typer.Exit(1)
 
@@ -131,13 +132,13 @@ def steps(
     try:
         rows = list(_distances(recording, Limits(expansions=expansions)))
     except RobotouilleError as error:
-        fail(str(error))
+        fail(explain(error))
     except KeyboardInterrupt:
         fail("interrupted", 130)
     if json_output:
         typer.echo(json.dumps(_steps_json(recording, rows)))
     else:
-        typer.echo("\n".join(_steps_text(recording, rows)))
+        tell("\n".join(_steps_text(recording, rows)))
 
 
 def _distances(recording: Recording, limits: Limits) -> Iterator[StepsLeft]:
@@ -222,11 +223,11 @@ def export(
     try:
         lines = "".join(f"{line}\n" for line in json_lines(recording, texts=texts))
         if output is None:
-            sys.stdout.write(lines)
+            sys.stdout.write(printable_json(lines))
         else:
             output.write_text(lines, encoding="utf-8")
     except (OSError, RobotouilleError) as error:
-        fail(str(error))
+        fail(explain(error))
 
 
 @replay.command()
@@ -240,7 +241,7 @@ def play(
     try:
         watch(_open(file), speed)
     except RobotouilleError as error:
-        fail(str(error))
+        fail(explain(error))
 
 
 @replay.command()
@@ -256,5 +257,5 @@ def video(
     try:
         frames = film(_open(file), output, speed, size)
     except RobotouilleError as error:
-        fail(str(error))
-    typer.echo(f"{output}: {frames} frames")
+        fail(explain(error))
+    tell(f"{output}: {frames} frames")

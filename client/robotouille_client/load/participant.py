@@ -11,7 +11,9 @@ import msgpack
 from websockets.uri import WebSocketURI
 
 from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.protocol import messages
 from robotouille.protocol.messages import PROTOCOL_VERSION
+from robotouille_client.addresses import moved_url
 from robotouille_client.backoff import pauses
 from robotouille_client.load.histogram import Measurements
 from robotouille_client.load.link import Link, Traffic, open_link, server_address
@@ -139,7 +141,8 @@ class Participant:
         self._drop()
         host = f"[{self._uri.host}]" if ":" in self._uri.host else self._uri.host
         scheme = "wss" if self._uri.secure else "ws"
-        self._uri = server_address(moved.get("url") or f"{scheme}://{host}:{moved['port']}")
+        here = f"{scheme}://{host}:{self._uri.port}"
+        self._uri = server_address(moved_url(here, messages.Moved.model_validate(moved)))
         return await self.introduce()
 
     def cut(self) -> None:

@@ -9,6 +9,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from robotouille.program import printable
 from robotouille_client.load.report import DURATIONS, Report, memory_each
 
 __all__ = ["facts", "milliseconds", "print_summary"]
@@ -23,7 +24,7 @@ def print_summary(report: Report, console: Console) -> None:
 
 def _parts(report: Report) -> Iterator[RenderableType]:
     plan, figures = report.plan, report.figures
-    yield Text(f"{figures['server'] or 'a server'} at {plan.url}", style="bold")
+    yield Text(f"{printable(figures['server']) or 'a server'} at {plan.url}", style="bold")
     facts_table = Table.grid(padding=(0, 2))
     for name, value in facts(report):
         facts_table.add_row(Text(name, style="dim"), value)
@@ -31,7 +32,7 @@ def _parts(report: Report) -> Iterator[RenderableType]:
     yield Text()
     yield _durations(report)
     for note in report.notes:
-        yield Text(f"! {note}", style="yellow")
+        yield Text(printable(f"! {note}"), style="yellow")
 
 
 def _durations(report: Report) -> Table:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from robotouille.episode.rules import Absence
 from robotouille.errors import RobotouilleError
-from robotouille.program import VersionOption
+from robotouille.program import VersionOption, printable, tell
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 from robotouille_client.connection import Client, connect
 from robotouille_client.game import Game
@@ -113,7 +113,7 @@ async def _run(
         async with connect(url, name=name, kind="human", token=token, resume=resume) as client:
             game = await client.join(code, seat=seat, role=role)
             does = "watches" if watch else f"plays {game.seat}"
-            typer.echo(f"{name} {does} in {game.code}", err=True)
+            tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)
             keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))
             try:
                 await _show(game, client.connected.is_set, **show)  # type: ignore[arg-type]

@@ -45,7 +45,7 @@ class Panel:
         """The panel on the right of the window."""
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats, view.me,
-            view.chat, view.status, view.code,
+            view.chat, view.status, view.code, view.waits_for,
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
@@ -93,10 +93,38 @@ class Panel:
         y += self._put(surface, above, (area.x, y), small, FAINT) + 2
         for line in self._text.wrap(title, size + 3, area.width, 2):
             y += self._put(surface, line, (area.x, y), size + 3, TEXT)
-        if view.status:
+        if view.waits_for:
+            y += self._waiting(surface, pygame.Rect(area.x, y + 2, area.width, 0), small, view)
+        elif view.status:
             for line in self._text.wrap(view.status, small, area.width, 2):
                 y += self._put(surface, line, (area.x, y + 2), small, ACCENT)
+        else:
+            y += self._text.height(small)  # What comes and goes here moves nothing below it.
         return y + size // 2
+
+    def _waiting(self, surface: pygame.Surface, area: pygame.Rect, size: int, view: View) -> int:
+        """Whom the step waits for, each in the seat's colour, on at most two lines; the height."""
+        names = {seat.player: seat.name or seat.player for seat in view.seats}
+        colours = self._colours(view)
+        parts = [("Waiting for", ACCENT)]
+        for player in view.waits_for:
+            name = "you" if player == view.me else names.get(player, player)
+            parts.append((name, mixed(colours.get(player, FAINT), TEXT, 0.3)))
+        x, y, blank = area.x, area.y, self._text.width(" ", size)
+        step = self._text.height(size)
+        room = area.width - self._text.width(",", size)
+        for i, (name, colour) in enumerate(parts):
+            comma = "," if 0 < i < len(parts) - 1 else ""
+            words = self._text.fit(name, size, room) + comma
+            width = self._text.width(words, size)
+            if x + width > area.right:
+                if y > area.y:
+                    self._put(surface, "…", (x, y), size, FAINT)
+                    break
+                x, y = area.x, y + step
+            self._put(surface, words, (x, y), size, colour)
+            x += width + blank
+        return y + step - area.y
 
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View

@@ -91,6 +91,7 @@ class RemoteSource:
             bubbles=self._talk.bubbles,
             chat=self._talk.lines,
             status=self._status(),
+            waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
             notice=self._talk.notice,

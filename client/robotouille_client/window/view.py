@@ -103,7 +103,8 @@ class View:
 
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
-    owner plays, None for a spectator; `hover` is the object under the mouse.
+    owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
+    players whose decision a step has waited for, for a while.
 
     `notice` is something the operator says to everybody. A game that stands still has a `pause`;
     `offline` are the seconds since the connection was lost, None while there is one; with a
@@ -129,6 +130,7 @@ class View:
     pause: Pause | None = None
     offline: float | None = None
     farewell: Farewell | None = None
+    waits_for: tuple[str, ...] = ()
 
     @property
     def frozen(self) -> bool:

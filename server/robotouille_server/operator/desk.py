@@ -178,8 +178,9 @@ class Desk:
         """Remove a player or a spectator from an episode."""
         room = self.room(name)
         who = _member(room, session)
+        called = who.name
         room.kick(who, reason or "removed by the operator")
-        return self._done("kick", room, f"{who.name} was removed", session=session, reason=reason)
+        return self._done("kick", room, f"{called} was removed", session=session, reason=reason)
 
     def mute(self, name: str, session: str, *, muted: bool) -> Done:
         """Let a player or a spectator talk no more, or again."""

@@ -76,8 +76,8 @@ TRANSITIONS = {
 class Episode:
     """One game of a task under some rules. `said` counts chat messages; `used` says whether
     anybody ever took a seat; `holds` are the reasons for which time stands still at present;
-    `banned` are the sessions and participants that may not come in, `muted` the participants
-    that may not talk."""
+    `asked` is when the present step began, and with it everybody's move budget; `banned` are the
+    sessions and participants that may not come in, `muted` the participants that may not talk."""
 
     __slots__ = (
         "_arrivals",
@@ -90,6 +90,7 @@ class Episode:
         "_started",
         "_told_holds",
         "_turn",
+        "asked",
         "audience_words",
         "banned",
         "holds",
@@ -124,6 +125,7 @@ class Episode:
         self._turn = 0
         self._arrivals = 0
         self._started = 0.0
+        self.asked = now
         self._deadline: float | None = None
         self._next_step = 0.0
         self._backlog: float | None = None
@@ -238,6 +240,19 @@ class Episode:
     def paused(self) -> bool:
         """Whether the game has begun, is not over, and stands still."""
         return self.phase is Phase.RUNNING and bool(self.holds)
+
+    @property
+    def running(self) -> bool:
+        """Whether the game has begun, is not over, and time runs."""
+        return self.phase is Phase.RUNNING and not self.holds
+
+    @property
+    def waits_for(self) -> tuple[str, ...]:
+        """The players whose decision the present step waits for; none where the clock rules."""
+        if self.scheduled or not self.running:
+            return ()
+        asked = (self.seats[self.on_turn],) if self.on_turn else self.seats.values()
+        return tuple(seat.player for seat in asked if not self._decided(seat))
 
     @property
     def _running(self) -> bool:
@@ -508,10 +523,11 @@ class Episode:
 
     def _ask(self, now: float) -> None:
         """Everybody who has to decide has its budget from now on."""
+        self.asked = now
         for seat in self.seats.values():
             seat.asked = now
-        budget = self.rules.move_budget if self.rules.clock is not Clock.REALTIME else None
-        self._deadline = now + budget if budget is not None else None
+        budget = None if self.scheduled else self.rules.move_budget
+        self._deadline = now + budget if budget else None
 
     def _take_step(self, now: float) -> None:
         moves, idle = self._moves()

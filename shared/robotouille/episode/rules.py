@@ -5,9 +5,11 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
 __all__ = [
+    "MOVE_BUDGET",
     "Absence",
     "Clock",
     "Grace",
@@ -20,8 +22,21 @@ __all__ = [
 ]
 
 
-StepRate = Annotated[float, Field(gt=0, le=60)]
-MoveBudget = Annotated[float, Field(gt=0, le=86_400)]
+MOVE_BUDGET = 300.0
+"""Seconds for a move in an episode of several seats for which nobody has said anything else."""
+LEAST_BUDGET = 0.01
+
+
+def _some_time(seconds: float) -> float:
+    """No budget at all, or one in which other episodes have their turn."""
+    if 0 < seconds < LEAST_BUDGET:
+        words = "Input should be 0 (no limit), or at least {least} s"
+        raise PydanticCustomError("too_short", words, {"least": LEAST_BUDGET})
+    return seconds
+
+
+StepRate = Annotated[float, Field(ge=0.01, le=60)]
+MoveBudget = Annotated[float, Field(ge=0, le=86_400), AfterValidator(_some_time)]
 MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]
@@ -48,8 +63,9 @@ class Absence(StrEnum):
 class Rules(BaseModel):
     """How an episode is played.
 
-    `step_rate`: steps a second (real time). `move_budget`: seconds a seat may take for a move in
-    turn and lockstep; after that it does nothing (None: no limit). `max_steps`: the step limit.
+    `step_rate`: steps a second (real time). `move_budget`: seconds a seat may take for a move where
+    steps wait for decisions; after that it does nothing (None or 0: no limit). `max_steps`: the
+    step limit.
     `thinking`: in real time, what a move costs: `wall` is the time that really passes; with
     `declared` a seat says how many milliseconds it thought (`act.think_ms`), its action takes
     effect that much later in the game's own time, and the game waits for everybody's answer, so
@@ -62,7 +78,7 @@ class Rules(BaseModel):
     seat does nothing, then the game is abandoned.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     clock: Clock = Clock.LOCKSTEP
     step_rate: StepRate = 5.0
@@ -82,3 +98,10 @@ class Rules(BaseModel):
     def scheduled(self) -> bool:
         """Whether steps follow the wall clock, whoever has acted."""
         return self.clock is Clock.REALTIME and self.thinking == "wall"
+
+    def with_budget(self, asked: float | None, seats: int) -> Rules:
+        """These rules with the move budget that was asked for: 0 is no limit; where nothing was
+        said (None), one silent participant cannot hold all others for ever."""
+        if asked is None and seats > 1 and not self.scheduled:
+            asked = MOVE_BUDGET
+        return self.model_copy(update={"move_budget": asked or None})

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -45,7 +46,8 @@ MAX_ITEMS = 256
 _pack = msgpack.Packer(autoreset=True).pack
 
 
-class Fields(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Fields:
     """Encoded fields of a message, without what stands around them; `count` is how many."""
 
     packed: bytes | str
@@ -69,9 +71,9 @@ class Codec:
         return self.pack(plain)
 
     def pack(self, plain: dict[str, Any]) -> bytes | str:
-        """Plain values as a frame's payload."""
+        """Plain values as a frame's payload; ValueError for NaN and Infinity: JSON has none."""
         if self.text:
-            return json.dumps(plain, separators=(",", ":"), ensure_ascii=False)
+            return json.dumps(plain, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         packed: bytes = _pack(plain)
         return packed
 

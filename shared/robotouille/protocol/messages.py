@@ -73,9 +73,9 @@ View = Literal["state", "text", "both"]
 
 
 class Message(BaseModel):
-    """Base of all messages: immutable, typed strictly, unknown fields refused."""
+    """Base of all messages: immutable, typed strictly, unknown fields refused, numbers finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 # From client to server
@@ -120,8 +120,8 @@ class ListEpisodes(Message):
 class Create(Message):
     """Open an episode. What is left out is as the server's operator has set it.
 
-    `absence` says what happens while a participant is away for up to `grace` seconds, and
-    `stand_in` which bot plays for it where that is `bot`.
+    A `move_budget` of 0 is no limit. `absence` says what happens while a participant is away for
+    up to `grace` seconds, and `stand_in` which bot plays for it where that is `bot`.
     """
 
     type: Literal["create"] = "create"
@@ -279,9 +279,11 @@ class Joined(Message):
     """The answer to `join`; a `snapshot` (or `observation`) follows, or, in a connection that was
     resumed, what was missed up to `step` and a `roster`.
 
-    `seq` is the seat's last sequence number: the next action's is higher. `said` is the number of
-    chat messages so far. `resume` takes the place of that of `welcome`: it brings one back into
-    this seat even if the server is started anew meanwhile.
+    `name` is what one is called in the episode: the name of `hello` or of the role token, without
+    what cannot be seen, and with a number where somebody else has it. `seq` is the seat's last
+    sequence number: the next action's is higher. `said` is the number of chat messages so far.
+    `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
+    server is started anew meanwhile.
     """
 
     type: Literal["joined"] = "joined"
@@ -290,6 +292,7 @@ class Joined(Message):
     code: Identifier
     role: str
     seat: str | None = None
+    name: str = ""
     seq: int = 0
     step: int = 0
     said: int = 0
@@ -422,13 +425,17 @@ class Notice(Message):
 
 class Roster(Message):
     """Who plays and who watches, whose turn it is, and why the game stands still if it does; sent
-    when it changes."""
+    when it changes.
+
+    `waits_for` are the players whose decision a step has waited for, for two seconds at least.
+    """
 
     type: Literal["roster"] = "roster"
     phase: str
     turn: str | None = None
     pause: Pause | None = None
     seats: list[SeatInfo]
+    waits_for: list[Identifier] = []
     spectators: int = 0
 
 

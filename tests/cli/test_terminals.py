@@ -1,0 +1,108 @@
+"""What others wrote (names, chat, errors, files) cannot steer the terminal of who reads it."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from robotouille.errors import Fault, FileError, ProtocolError
+from robotouille.program import printable, printable_json, tell
+from robotouille_client.bots import cli as bots
+from robotouille_client.cli.console import explain, fail
+from robotouille_client.connection import ConnectionFailedError
+from tests.test_architecture import SOURCES
+
+HOSTILE = "a\x1b]0;owned\x07b\x9b31mc\u202ed\u2066e\u2028f\rg\x00h"
+RAW = set(HOSTILE) - set("abcdefgh") - set("]0;owned31m")
+
+
+def is_safe(call: ast.Call) -> bool:
+    """Whether a call that prints is given JSON, or a constant of the program's own."""
+    if not call.args:
+        return True
+    (first, *_) = call.args
+    safe = ("json.dumps(", "printable_json(", "RELEASE")
+    return ast.unparse(first).startswith(safe)
+
+
+def prints(path: Path) -> list[str]:
+    """The calls of a module that print, except to files."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call):
+            continue
+        words = ast.unparse(node.func)
+        if words in ("print", "typer.echo", "sys.stdout.write", "sys.stderr.write"):
+            found += [] if is_safe(node) else [f"{path.name}:{node.lineno}: {ast.unparse(node)}"]
+    return found
+
+
+def test_all_that_is_no_json_is_printed_by_one_function() -> None:
+    modules = [p for folder in SOURCES.values() for p in folder.rglob("*.py")]
+    found = [line for path in modules if path.name != "program.py" for line in prints(path)]
+    assert not [line for line in found if "worker.py" not in line]
+
+
+def test_what_is_told_is_plain(capsys: pytest.CaptureFixture[str]) -> None:
+    tell(f"one {HOSTILE}\ntwo", err=True)
+    shown = capsys.readouterr().err
+    assert not RAW.intersection(shown)
+    assert shown.endswith("h\ntwo\n")
+    assert printable("Zoë 愛 🍅") == "Zoë 愛 🍅"
+
+
+def test_json_keeps_its_value() -> None:
+    row = {"name": HOSTILE, "plain": "Zoë"}
+    shown = printable_json(json.dumps(row, ensure_ascii=False, indent=1))
+    assert json.loads(shown) == row
+    assert "Zoë" in shown
+    assert not RAW.intersection(shown)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ProtocolError("seat/taken", f"robot1 is played by {HOSTILE}\nnot a line of ours"),
+        ConnectionFailedError(f"ws://x: {HOSTILE}\nnot a line of ours"),
+        KeyError(f"{HOSTILE}\nnot a line of ours"),
+    ],
+)
+def test_an_error_of_a_server_is_one_plain_line(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(typer.Exit):
+        fail(explain(error))
+    shown = capsys.readouterr().err
+    assert not RAW.intersection(shown)
+    assert shown.count("\n") == 1
+
+
+def test_faults_of_a_file_keep_their_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    error = FileError("a.json", [Fault("x", HOSTILE), Fault("y", "wrong")])
+    with pytest.raises(typer.Exit):
+        fail(explain(error))
+    shown = capsys.readouterr().err
+    assert not RAW.intersection(shown)
+    assert shown.endswith("a.json: y: wrong\n")
+    assert shown.count("\n") == 2
+
+
+def test_a_bot_whose_server_names_things_shows_them_plainly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def run(*_: object) -> dict[str, object]:
+        tell(f"{HOSTILE} plays {HOSTILE}", err=True)
+        return {"reason": HOSTILE, "steps": HOSTILE}
+
+    monkeypatch.setattr(bots, "_run", run)
+    app = typer.Typer()
+    app.command()(bots.command)
+    result = CliRunner().invoke(app, ["random", "--episode", "x"])
+    assert result.exit_code == 0
+    assert "after" in result.output
+    assert not RAW.intersection(result.output)

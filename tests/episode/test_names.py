@@ -1,0 +1,64 @@
+"""Names: nothing in them is unseen, and nobody has another's."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille.episode.names import LONGEST_NAME, distinct_name, likeness, proper_name
+
+
+@pytest.mark.parametrize(
+    ("said", "shown"),
+    [
+        ("ada", "ada"),
+        ("  Ada \t  Lovelace\n", "Ada Lovelace"),
+        ("Zoë 愛 🍅", "Zoë 愛 🍅"),
+        ("Zoe\u0308", "Zoë"),
+        ("ａｄａ", "ada"),
+        ("a\u200bd\u00ada\ufeff", "ada"),
+        ("\u202eada\u2066\u2069", "ada"),
+        ("ada\x1b[31m\x07\x9b", "ada[31m"),
+        ("ada\u2028bob\x85eve", "ada bob eve"),
+        ("ada\u3164\u2800\ufe0f\U000e0101", "ada"),
+        ("ada\u00a0\u3000 bob", "ada bob"),
+        ("\ufdfa" * 4, "صلى الله عليه وسلمصلى الله عليه وسلمصلى"),
+        ("", ""),
+        (" \u3164\u200b\u202e ", ""),
+        ("\u0301\u0302", ""),
+    ],
+)
+def test_a_name_is_what_can_be_seen_of_it(said: str, shown: str) -> None:
+    assert proper_name(said) == shown
+
+
+@given(st.text(max_size=60))
+def test_any_name_is_short_printable_and_stays_as_it_is(said: str) -> None:
+    name = proper_name(said)
+    assert len(name) <= LONGEST_NAME
+    assert name.isprintable()
+    assert name == " ".join(name.split())
+    assert proper_name(name) == name
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("ada", "ADA"), ("Straße", "STRASSE"), ("Ελλάς", "ΕΛΛΆΣ"), ("ſam", "Sam")]
+)
+def test_letter_case_does_not_tell_names_apart(one: str, other: str) -> None:
+    assert likeness(proper_name(one)) == likeness(proper_name(other))
+
+
+def test_a_name_that_is_taken_gets_the_first_free_number() -> None:
+    taken: set[str] = set()
+    given_names = ["ada", "Ada", "bob", "ada 3", "ADA", "ada"]
+    shown = []
+    for name in given_names:
+        shown.append(distinct_name(name, taken.__contains__))
+        taken.add(likeness(shown[-1]))
+    assert shown == ["ada", "Ada 2", "bob", "ada 3", "ADA 4", "ada 5"]
+
+
+def test_a_number_does_not_make_a_name_too_long() -> None:
+    long = "n" * LONGEST_NAME
+    assert distinct_name(long, {long}.__contains__) == "n" * (LONGEST_NAME - 2) + " 2"
