@@ -160,7 +160,7 @@ def _add_revoke(app: typer.Typer, wall: Callable[[], float]) -> None:
         if as_json:
             print(json.dumps({"file": str(path), "token_id": token_id}))
         else:
-            print(f"{path}: the token {token_id} is refused from now on")
+            tell(f"{path}: the token {token_id} is refused from now on")
 
 
 def _check_once(role: Role, once: bool) -> None:
