@@ -35,6 +35,7 @@ from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.session import Session
 from robotouille_server.stand_in import StandIn
+from robotouille_server.thoughts import Thoughts
 from robotouille_server.wishes import ground, in_words
 
 __all__ = ["Room", "RoomHost"]
@@ -60,6 +61,7 @@ class RoomHost:
     sent_out: Callable[[Session], None]
     closed: Callable[[Room], None]
     agenda: Agenda
+    thoughts: Thoughts
 
 
 class Room:
@@ -122,7 +124,7 @@ class Room:
         audience.paint = self.send_picture
         if episode.rules.absence is Absence.BOT:
             self._stand_ins = {
-                player: StandIn(episode, player, episode.rules.stand_in, self._substitute)
+                player: StandIn(episode, player, host.thoughts, self._substitute)
                 for player in self.world.players
             }
 
