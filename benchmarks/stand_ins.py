@@ -34,7 +34,7 @@ def server() -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         program = "from robotouille_server.cli import main; main()"
         flags = ("--port", "0", "--recordings", folder, "--no-operator", *LIMITS)
-        process = subprocess.Popen(  # noqa: S603
+        process = subprocess.Popen(
             [sys.executable, "-c", program, *flags],
             stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
@@ -46,7 +46,9 @@ def server() -> Iterator[str]:
             process.wait()
 
 
-async def play(stack: AsyncExitStack, going: AsyncExitStack, url: str, task: str, stay: int) -> Game:
+async def play(
+    stack: AsyncExitStack, going: AsyncExitStack, url: str, task: str, stay: int
+) -> Game:
     """A game whose first `stay` participants stay; the first of them."""
     first = await stack.enter_async_context(connect(url, name="stays"))
     created = await first.create(
@@ -71,7 +73,7 @@ async def deltas(game: Game, seconds: float) -> list[float]:
 
 
 def moves(url: str) -> float:
-    page = urlopen(url.replace("ws:", "http:") + "/metrics").read().decode()  # noqa: S310
+    page = urlopen(url.replace("ws:", "http:") + "/metrics").read().decode()
     return float(re.search(r'robotouille_moves_total{result="applied"} (\S+)', page).group(1))  # type: ignore[union-attr]
 
 

@@ -57,12 +57,12 @@ class Question:
 
 
 class Kitchen:
-    """A task's world and planner."""
+    """A task's world and planner; `learnt` are the seats for which it is known already."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._anytime: Anytime | None = None
-        self._learnt: set[str] = set()
+        self.learnt: set[str] = set()
 
     @cached_property
     def world(self) -> World:
@@ -80,8 +80,8 @@ class Kitchen:
     def learn(self, player: str) -> None:
         """Plan from the start, if nobody has yet: what takes longest is to learn the kitchen."""
         planner = self.planner
-        if player not in self._learnt:
-            self._learnt.add(player)
+        if player not in self.learnt:
+            self.learnt.add(player)
             start = self.world.initial
             next(planner.answers(start, team=(player,), seed=SEED, beam=EXPANSIONS))
 
@@ -92,7 +92,7 @@ class Kitchen:
 
     def forget(self) -> None:
         """Remember nothing of what was found out so far."""
-        self._learnt.clear()
+        self.learnt.clear()
         if self._anytime is not None:
             self._anytime.forget()
 

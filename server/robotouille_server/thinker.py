@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from robotouille_server.minds import Answer, Minds, Question
 
@@ -46,7 +47,9 @@ class InThread:
     def ask(self, task: Task, question: Question) -> asyncio.Future[Answer]:
         return self._run(self._think, task, question)
 
-    def _run(self, work, task, about) -> asyncio.Future[Answer]:  # type: ignore[no-untyped-def]
+    def _run(
+        self, work: Callable[[Task, Any], Answer], task: Task, about: object
+    ) -> asyncio.Future[Answer]:
         self._executor = self._executor or ThreadPoolExecutor(1, "stand-ins")
         return self._loop.run_in_executor(self._executor, work, task, about)
 

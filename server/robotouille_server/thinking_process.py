@@ -7,6 +7,7 @@ import asyncio
 import os
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import msgpack
@@ -108,7 +109,7 @@ class InProcess:
 
     async def _start(self) -> None:
         try:
-            _, protocol = await self._loop.subprocess_exec(
+            _, pipe = await self._loop.subprocess_exec(
                 lambda: _Pipe(self._replied, self._died),
                 *self._command,
                 stderr=None,
@@ -120,7 +121,6 @@ class InProcess:
             self._not_started(error)
             return
         self._starting = None
-        pipe = cast("_Pipe", protocol)
         if pipe.gone.done():
             return
         self._pipe, self.pid = pipe, pipe.pid
@@ -210,9 +210,7 @@ class InProcess:
 class _Pipe(asyncio.SubprocessProtocol):
     """The process as it is talked to; `gone` is done when it has ended."""
 
-    def __init__(
-        self, replied: Callable[[Any], None], died: Callable[[int | None], None]
-    ) -> None:
+    def __init__(self, replied: Callable[[Any], None], died: Callable[[int | None], None]) -> None:
         self.gone: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._replied = replied
         self._died = died
@@ -258,6 +256,6 @@ class _Pipe(asyncio.SubprocessProtocol):
 def _environment() -> dict[str, str]:
     """What the process needs to find the same modules; none of the server's settings and keys."""
     plain = {k: v for k, v in os.environ.items() if not k.startswith("ROBOTOUILLE_")}
-    path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
+    path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
     # Compiling the planner would take longer than any seat can wait.
     return {**plain, "PYTHONPATH": path, "ROBOTOUILLE_COMPILE": "0"}

@@ -1,7 +1,7 @@
 """Whose turn it is to think: of the stand-ins that have to decide, the one whose step comes first.
 
-A stand-in waits here as itself, not as a question: it is asked for its question when its turn has
-come, so that nobody ever thinks about a state that is over. While nobody waits, kitchens are learnt.
+A stand-in waits here as itself, not as a question: it is asked for its question when its turn
+comes, so that nobody thinks about a state that is over. While nobody waits, kitchens are learnt.
 """
 
 from __future__ import annotations

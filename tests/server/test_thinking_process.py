@@ -15,7 +15,7 @@ import pytest
 
 from robotouille.domain.catalogue import load_task
 from robotouille.world.world import shared_world
-from robotouille_server import minds, thinking_process
+from robotouille_server import thinking_process
 from robotouille_server.minds import Question
 from robotouille_server.thinker import InThread, ThoughtLostError
 from robotouille_server.thinking_process import InProcess
@@ -63,7 +63,9 @@ def test_it_answers_as_a_thread_does() -> None:
             ):
                 assert await apart.ask(TASK, asked) == await thread.ask(TASK, asked)
             with pytest.raises(RuntimeError, match="no action 'dance'"):
-                await apart.ask(TASK, question(START, 1, observed=((("robot1", "dance", (), True),),)))
+                await apart.ask(
+                    TASK, question(START, 1, observed=((("robot1", "dance", (), True),),))
+                )
             assert await apart.ask(TASK, random_move(3)) is not None
 
     asyncio.run(main())
