@@ -10,6 +10,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
 from robotouille_server.access import Visitor
+from robotouille_server.agenda import LATE
 from robotouille_server.limits import Budget
 from robotouille_server.logs import get_logger
 from robotouille_server.peer import Peer
@@ -51,9 +52,12 @@ class Conversation:
         self._loop = asyncio.get_running_loop()
         self._budget = Budget(server.settings.messages_per_second, self._loop.time())
         self._patience = Budget(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
-        self._silence: asyncio.TimerHandle | None = self._loop.call_later(
-            server.settings.hello_seconds, self._too_silent
-        )
+        self._silence: asyncio.TimerHandle | None = None
+        self._await_hello()
+
+    def _await_hello(self) -> None:
+        seconds = self._server.settings.hello_seconds
+        self._silence = self._loop.call_later(seconds, self._too_silent)
 
     def close(self) -> None:
         """The connection is gone."""
@@ -61,6 +65,10 @@ class Conversation:
             self._silence.cancel()
 
     def _too_silent(self) -> None:
+        if self._silence is not None and self._loop.time() > self._silence.when() + LATE:
+            # The server stood still, and has not read what came meanwhile.
+            self._await_hello()
+            return
         self._server.metrics.dropped.labels("silent").inc()
         self.peer.part("auth/silent", "no hello in time", retry=True)
 

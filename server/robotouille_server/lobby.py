@@ -70,7 +70,9 @@ class Lobby:
         )
         self._recovery = None
         if storage is not None:
-            self._recovery = Recovery(storage, worker, settings.recovery_seconds, self._adopt)
+            self._recovery = Recovery(
+                storage, worker, settings.recovery_seconds, self._adopt, self._host.agenda.time
+            )
 
     # Opening
 
@@ -110,7 +112,7 @@ class Lobby:
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, asyncio.get_running_loop().time())
+        episode = Episode(world, rules, self._host.agenda.time())
         room = self._room(episode_id, code, owner, episode, recorder, journal)
         get_logger().info(
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
@@ -126,7 +128,7 @@ class Lobby:
         recorder: Recorder,
         journal: Journal | None,
     ) -> Room:
-        now = asyncio.get_running_loop().time
+        now = self._host.agenda.time
         audience = Audience(episode_id, code, episode, recorder.writer, self._metrics, now)
         room = Room(
             episode_id,
@@ -154,7 +156,7 @@ class Lobby:
 
     def opened(self) -> None:
         """The server can be reached now: only from here on is anybody late."""
-        now = asyncio.get_running_loop().time()
+        now = self._host.agenda.time()
         for room in self.rooms.values():
             room.episode.await_anew(now, self._settings.recovery_seconds)
             room.flush()

@@ -113,7 +113,7 @@ class Room:
         self._host = host
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
-        self._now = self._loop.time
+        self._now = host.agenda.time
         self._timer: Appointment | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []

@@ -14,6 +14,7 @@ import psutil
 import pytest
 
 from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
 from robotouille_server import thinking_process
 from robotouille_server.minds import Question
@@ -26,6 +27,7 @@ from tests.support.thinking import AtOnce
 TASK = load_task("training/03_multi_agent@2")
 START = shared_world(TASK).initial
 PATIENCE = 30
+NONSENSE = ((("robot1", "dance", (), True),),)
 
 
 @asynccontextmanager
@@ -63,9 +65,7 @@ def test_it_answers_as_a_thread_does() -> None:
             ):
                 assert await apart.ask(TASK, asked) == await thread.ask(TASK, asked)
             with pytest.raises(RuntimeError, match="no action 'dance'"):
-                await apart.ask(
-                    TASK, question(START, 1, observed=((("robot1", "dance", (), True),),))
-                )
+                await apart.ask(TASK, question(START, 1, observed=NONSENSE))
             assert await apart.ask(TASK, random_move(3)) is not None
 
     asyncio.run(main())
@@ -73,8 +73,7 @@ def test_it_answers_as_a_thread_does() -> None:
 
 def test_it_is_shown_again_what_it_has_forgotten() -> None:
     """Everybody may play another task."""
-    tasks = [load_task("training/03_multi_agent@2", seed=0, timing=timing)
-             for timing in minds_timings()]  # fmt: skip
+    tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
     program = (
         "from robotouille_server import minds; minds.MOST_KITCHENS = 1;"
         "from robotouille_server.thinking import main; main()"
@@ -87,12 +86,6 @@ def test_it_is_shown_again_what_it_has_forgotten() -> None:
                 assert await apart.ask(task, asked) is not None
 
     asyncio.run(main())
-
-
-def minds_timings() -> list[object]:
-    from robotouille.domain.task import Timing
-
-    return list(Timing)
 
 
 def test_one_that_dies_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
