@@ -156,6 +156,11 @@ class Conversation:
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
             return
+        except ProtocolError as error:
+            if error.code != "server/recording":
+                raise
+            self.peer.part(error.code, error.message, retry=True)
+            return
         if self._silence is not None:
             self._silence.cancel()
         self._attach(session)
@@ -190,6 +195,8 @@ class Conversation:
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
         room = server.lobby.home_of(resume.session, resume.episode)
+        if room is not None:
+            room.check_return()
         session = server.sessions.resume(resume, room)
         session.view = hello.view or session.view
         return session, True

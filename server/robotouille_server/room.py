@@ -42,6 +42,8 @@ __all__ = ["Room", "RoomHost"]
 
 MAX_WAITING = 4
 """Answers to one session that wait for its recording; more are asked for again."""
+MAX_UNWRITTEN = 64 * 1024
+"""Bytes of a failing recording that may wait; until they are written nobody can come back."""
 RETRY_SECONDS = 1.0
 """Between two attempts to write what could not be written."""
 
@@ -200,6 +202,12 @@ class Room:
         if session.player is not None:
             self.episode.set_present(session.player, False, self._now())
         self.flush()
+
+    def check_return(self) -> None:
+        """ProtocolError `server/recording` while so much cannot be written that no more coming and
+        going can be recorded: who comes back now has to try again."""
+        if self._failing and self.journal is not None and self.journal.waiting > MAX_UNWRITTEN:
+            self._check_recording()
 
     def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
         """A session is here again: tell it what it has missed."""
