@@ -16,6 +16,7 @@ that failed by `[number, "failed", traceback]`.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -95,7 +96,7 @@ def main() -> None:
     """Answer until the input ends."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # They are the server's, which ends this process.
-    if hasattr(os, "nice"):
+    with contextlib.suppress(AttributeError, OSError):
         os.nice(NICENESS)
     replies = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # Whatever is printed by mistake is no reply.
