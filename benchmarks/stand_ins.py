@@ -77,31 +77,50 @@ def moves(url: str) -> float:
     return float(re.search(r'robotouille_moves_total{result="applied"} (\S+)', page).group(1))  # type: ignore[union-attr]
 
 
-async def trial(url: str, rooms: int, seconds: float, tasks: tuple[str, ...]) -> None:
+async def fill(url: str, rooms: int) -> None:
+    """Open the rooms, say so, and stay in them."""
     async with AsyncExitStack() as stack:
-        honest = await play(stack, stack, url, "multi_agent/01", stay=2)
         for number in range(rooms):
             async with AsyncExitStack() as going:
-                await play(stack, going, url, tasks[number % len(tasks)], stay=1)
+                await play(stack, going, url, TASKS[number % len(TASKS)], stay=1)
+        print("ready", flush=True)
+        await asyncio.Event().wait()
+
+
+async def trial(url: str, rooms: int, seconds: float) -> None:
+    """Play the honest game beside the others, whose clients are another process."""
+    command = [sys.executable, "-m", "benchmarks.stand_ins", "--rooms", str(rooms), "--fill", url]
+    async with AsyncExitStack() as stack:
+        others = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
+        assert others.stdout is not None
+        await others.stdout.readline()
+        honest = await play(stack, stack, url, "multi_agent/01", stay=2)
         before = await asyncio.to_thread(moves, url)
         times = await deltas(honest, seconds)
-        gaps = sorted(after - at for at, after in pairwise(times))
         moved = await asyncio.to_thread(moves, url) - before
-        late = sum(gap > 1 / RATE + 0.05 for gap in gaps) / len(gaps)
-        print(f"{rooms} rooms: longest gap {gaps[-1] * 1000:.0f} ms of {1000 / RATE:.0f}, "
-              f"{late:.1%} more than 50 ms late, {moved:.0f} moves of stand-ins "
-              f"({moved / seconds / max(1, rooms):.2f} a second and room)")  # fmt: skip
+        others.kill()
+        await others.wait()
+    gaps = sorted(after - at for at, after in pairwise(times))
+    late = sum(gap > 1 / RATE + 0.05 for gap in gaps) / len(gaps)
+    print(
+        f"{rooms} rooms: longest gap {gaps[-1] * 1000:.0f} ms of {1000 / RATE:.0f}, "
+        f"{late:.1%} more than 50 ms late, {moved:.0f} moves of stand-ins "
+        f"({moved / seconds / max(1, rooms):.2f} a second and room)"
+    )
 
 
 def main() -> None:
+    """Measure; `--fill` is for the program itself."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rooms", type=int, default=100)
     parser.add_argument("--seconds", type=float, default=25.0)
-    parser.add_argument("--task", action="append")
+    parser.add_argument("--fill", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.fill:
+        asyncio.run(fill(options.fill, options.rooms))
+        return
     with server() as url:
-        tasks = tuple(options.task or TASKS)
-        asyncio.run(trial(url, options.rooms, options.seconds, tasks))
+        asyncio.run(trial(url, options.rooms, options.seconds))
 
 
 if __name__ == "__main__":
