@@ -1,6 +1,24 @@
 """The asyncio shell around episodes: connections, lobby, rooms, recordings, metrics."""
 
-from robotouille_server.app import Server, serve
-from robotouille_server.settings import ServerSettings
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from robotouille_server.app import Server, serve
+    from robotouille_server.settings import ServerSettings
 
 __all__ = ["Server", "ServerSettings", "serve"]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported when first needed: stand-ins think without the server's libraries."""
+    if name in ("Server", "serve"):
+        from robotouille_server import app
+
+        return getattr(app, name)
+    if name == "ServerSettings":
+        from robotouille_server.settings import ServerSettings
+
+        return ServerSettings
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

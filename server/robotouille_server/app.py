@@ -49,6 +49,8 @@ from robotouille_server.session import Session
 from robotouille_server.sessions import Sessions
 from robotouille_server.settings import ServerSettings
 from robotouille_server.storage import Folder, Storage
+from robotouille_server.thinker import Thinker
+from robotouille_server.thinking_process import InProcess
 from robotouille_server.tls import ServerTLS
 from robotouille_server.tokens import RoleGrant, Tokens
 from robotouille_server.used_tokens import UsedTokens
@@ -95,6 +97,7 @@ class Server:
         storage: Storage | None = None,
         wall: Callable[[], float] = time.time,
         worker: Worker | None = None,
+        thinker: Callable[[], Thinker] = InProcess,
     ) -> None:
         self.settings = settings
         self.metrics = Metrics()
@@ -126,6 +129,7 @@ class Server:
             resume_token=self.sessions.resume_token,
             vacated=self.sessions.forget,
             sent_out=self._sent_out,
+            thinker=thinker,
         )
         self.doorkeeper = Doorkeeper(settings.max_connections_per_address)
         self._proxies = parse_proxies(settings.trust_proxy)
@@ -453,11 +457,13 @@ async def serve(
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
     worker: Worker | None = None,
+    thinker: Callable[[], Thinker] = InProcess,
 ) -> AsyncIterator[Server]:
     """A running server: `async with serve(ServerSettings(port=0)) as server: …`.
 
     Where the context is left its episodes end, unless `Server.stop` was called before; where an
-    exception leaves it they are left to the next process.
+    exception leaves it they are left to the next process. `thinker` makes what thinks for the
+    stand-ins of absent participants, once there is one: a process of its own.
     """
     server = Server(
         settings,
@@ -466,6 +472,7 @@ async def serve(
         storage=storage,
         wall=wall,
         worker=worker,
+        thinker=thinker,
     )
     try:
         await server.start()

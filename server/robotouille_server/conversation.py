@@ -10,6 +10,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
 from robotouille_server.access import Caller, NoPlaceError, counted_as
+from robotouille_server.agenda import LATE
 from robotouille_server.limits import Budget
 from robotouille_server.logs import get_logger
 from robotouille_server.peer import Peer
@@ -66,9 +67,12 @@ class Conversation:
         self._loop = asyncio.get_running_loop()
         self._budget = Budget(server.settings.messages_per_second, self._loop.time())
         self._patience = Budget(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
-        self._silence: asyncio.TimerHandle | None = self._loop.call_later(
-            server.settings.hello_seconds, self._too_silent
-        )
+        self._silence: asyncio.TimerHandle | None = None
+        self._await_hello()
+
+    def _await_hello(self) -> None:
+        seconds = self._server.settings.hello_seconds
+        self._silence = self._loop.call_later(seconds, self._too_silent)
 
     def close(self) -> None:
         """The connection is gone."""
@@ -76,6 +80,10 @@ class Conversation:
             self._silence.cancel()
 
     def _too_silent(self) -> None:
+        if self._silence is not None and self._loop.time() > self._silence.when() + LATE:
+            # The server stood still, and has not read what came meanwhile.
+            self._await_hello()
+            return
         self._server.metrics.dropped.labels("silent").inc()
         self.peer.part("auth/silent", "no hello in time", retry=True)
 
@@ -182,6 +190,11 @@ class Conversation:
             self._server.metrics.dropped.labels("crowded").inc()
             self.peer.part(error.code, error.message, retry=True, status=1013)
             return
+        except ProtocolError as error:
+            if error.code != "server/recording":
+                raise
+            self.peer.part(error.code, error.message, retry=True)
+            return
         if self._silence is not None:
             self._silence.cancel()
         self._attach(session)
@@ -216,6 +229,8 @@ class Conversation:
         resume = server.tokens.check_resume(hello.resume)
         room = server.lobby.home_of(resume.session, resume.episode)
         role = server.sessions.judge(resume, room, visitor)
+        if room is not None:
+            room.check_return()
         known = server.sessions.by_id.get(resume.session)
         subject = "" if resume.anonymous else resume.participant
         self._take_place(subject, known.caller if known is not None else None)

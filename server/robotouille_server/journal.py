@@ -67,6 +67,11 @@ class Journal:
         """What happened; it is written by the next `write`."""
         self._pending += self.recorder.record(events)
 
+    @property
+    def waiting(self) -> int:
+        """Bytes that are not written yet."""
+        return len(self._pending)
+
     def write(self) -> bool:
         """Hand everything to the operating system; False if that failed (see `problem`)."""
         if not self._pending:

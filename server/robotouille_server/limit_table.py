@@ -36,6 +36,7 @@ from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.patience import WAITING_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
 from robotouille_server.revocation import KEPT_SECONDS, MAX_ENTRIES
+from robotouille_server.room import MAX_UNWRITTEN
 from robotouille_server.settings import ServerSettings
 
 __all__ = ["LIMITS", "Limit", "limits_page", "shown_value"]
@@ -260,6 +261,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               setting="grace", unit="s"),
         Limit("time for which players may come back after a restart",
               "as for those who are absent", setting="recovery_seconds", unit="s"),
+        Limit("bytes that wait while a recording cannot be written",
+              "`bye` with `retry`: nobody comes back until there is space", "server/recording",
+              value=_size(MAX_UNWRITTEN)),
         Limit("time an episode stays after its end", "it can be joined no more",
               "episode/unknown", value=f"{LINGER_SECONDS:g} s"),
         Limit("time for which a server that was sent SIGTERM lets episodes end",

@@ -24,6 +24,8 @@ from robotouille_server.room import Room, RoomHost
 from robotouille_server.session import Session
 from robotouille_server.settings import ServerSettings
 from robotouille_server.storage import Storage
+from robotouille_server.thinker import Thinker
+from robotouille_server.thoughts import Thoughts
 from robotouille_server.workers import CODE_LETTERS, Worker, plain_code
 
 __all__ = ["CODE_LENGTH", "Lobby"]
@@ -47,6 +49,7 @@ class Lobby:
         resume_token: Callable[[Session], str],
         vacated: Callable[[Session], None],
         sent_out: Callable[[Session], None],
+        thinker: Callable[[], Thinker],
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self._draining = False
@@ -61,10 +64,15 @@ class Lobby:
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._host = RoomHost(metrics, resume_token, vacated, sent_out, self._closed, Agenda())
+        self._thoughts = Thoughts(thinker)
+        self._host = RoomHost(
+            metrics, resume_token, vacated, sent_out, self._closed, Agenda(), self._thoughts
+        )
         self._recovery = None
         if storage is not None:
-            self._recovery = Recovery(storage, worker, settings.recovery_seconds, self._adopt)
+            self._recovery = Recovery(
+                storage, worker, settings.recovery_seconds, self._adopt, self._host.agenda.time
+            )
 
     # Opening
 
@@ -107,7 +115,7 @@ class Lobby:
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, asyncio.get_running_loop().time())
+        episode = Episode(world, rules, self._host.agenda.time())
         room = self._room(episode_id, code, owner, episode, recorder, journal)
         get_logger().info(
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
@@ -123,7 +131,7 @@ class Lobby:
         recorder: Recorder,
         journal: Journal | None,
     ) -> Room:
-        now = asyncio.get_running_loop().time
+        now = self._host.agenda.time
         audience = Audience(episode_id, code, episode, recorder.writer, self._metrics, now)
         room = Room(
             episode_id,
@@ -151,7 +159,7 @@ class Lobby:
 
     def opened(self) -> None:
         """The server can be reached now: only from here on is anybody late."""
-        now = asyncio.get_running_loop().time()
+        now = self._host.agenda.time()
         for room in self.rooms.values():
             room.episode.await_anew(now, self._settings.recovery_seconds)
             room.flush()
@@ -262,7 +270,8 @@ class Lobby:
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
 
     async def closed(self) -> None:
-        """Wait until all recordings that are over are closed."""
+        """Wait until all recordings that are over are closed, and nobody thinks any more."""
+        await self._thoughts.close()
         if self._closing:
             await asyncio.wait(self._closing)
 

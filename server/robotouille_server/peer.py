@@ -9,6 +9,7 @@ from websockets.protocol import State as Connected
 
 from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec
+from robotouille_server.agenda import LATE
 from robotouille_server.connection import MAX_HELD, MAX_UNSENT, Connection, frame_of
 from robotouille_server.metrics import Metrics
 
@@ -28,6 +29,7 @@ class Peer:
     __slots__ = (
         "_answered",
         "_behind_since",
+        "_looks_at",
         "_metrics",
         "_parted",
         "_protocol",
@@ -56,6 +58,7 @@ class Peer:
         self._stall_seconds = stall_seconds
         self._parted = False
         self._behind_since: float | None = None
+        self._looks_at = 0.0
         self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
 
     @property
@@ -138,7 +141,7 @@ class Peer:
         loop = self.socket.loop
         if not self._when_caught_up:
             self._behind_since = loop.time()
-            loop.call_later(LOOK_AGAIN, self._look)
+            self._look_later()
         self._when_caught_up[what] = (size, then)
 
     def _look(self) -> None:
@@ -155,10 +158,20 @@ class Peer:
                 self.socket.loop.call_soon(then)
         if not self._when_caught_up:
             self._behind_since = None
-        elif self.socket.loop.time() > self._behind_since + self._stall_seconds:
+            return
+        now = self.socket.loop.time()
+        late = now - self._looks_at
+        if late > LATE:  # The server stood still: the client could not be read on.
+            self._behind_since += late
+        if now > self._behind_since + self._stall_seconds:
             self.drop("stalled")
         else:
-            self.socket.loop.call_later(LOOK_AGAIN, self._look)
+            self._look_later()
+
+    def _look_later(self) -> None:
+        loop = self.socket.loop
+        self._looks_at = loop.time() + LOOK_AGAIN
+        loop.call_at(self._looks_at, self._look)
 
     def part(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
         """Say goodbye and close the connection politely, without waiting for the client."""

@@ -42,7 +42,12 @@ class Recovery:
     """
 
     def __init__(
-        self, storage: Storage, worker: Worker, patience: float, adopt: Callable[[Found], Room]
+        self,
+        storage: Storage,
+        worker: Worker,
+        patience: float,
+        adopt: Callable[[Found], Room],
+        now: Callable[[], float],
     ) -> None:
         self.unrestored: dict[str, str] = {}
         self.problems: dict[str, str] = {}
@@ -50,6 +55,7 @@ class Recovery:
         self._worker = worker
         self._patience = patience
         self._adopt = adopt
+        self._now = now
         self._foreign: dict[str, str] = {}
         self._closed: dict[str, str] = {}
         self._seated: dict[str, Room] = {}
@@ -188,8 +194,7 @@ class Recovery:
         return True
 
     def _restored(self, recording: Recording) -> Restored:
-        now = asyncio.get_running_loop().time()
-        return restore(recording, now, self._patience, shared_world)
+        return restore(recording, self._now(), self._patience, shared_world)
 
     def _code_of(self, name: str) -> str:
         try:

@@ -39,12 +39,15 @@ from robotouille_server.names import Names
 from robotouille_server.patience import Patience
 from robotouille_server.session import Session
 from robotouille_server.stand_in import StandIn
+from robotouille_server.thoughts import Thoughts
 from robotouille_server.wishes import ground, in_words
 
 __all__ = ["Room", "RoomHost"]
 
 MAX_WAITING = 4
 """Answers to one session that wait for its recording; more are asked for again."""
+MAX_UNWRITTEN = 64 * 1024
+"""Bytes of a failing recording that may wait; until they are written nobody can come back."""
 RETRY_SECONDS = 1.0
 """Between two attempts to write what could not be written."""
 
@@ -64,6 +67,7 @@ class RoomHost:
     sent_out: Callable[[Session], None]
     closed: Callable[[Room], None]
     agenda: Agenda
+    thoughts: Thoughts
 
 
 class Room:
@@ -116,7 +120,7 @@ class Room:
         self._names = Names(episode)
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
-        self._now = self._loop.time
+        self._now = host.agenda.time
         self._timer: Appointment | None = None
         self._patience = Patience(episode, host.agenda, self._now, audience.tell_roster)
         self._retry: asyncio.TimerHandle | None = None
@@ -129,7 +133,7 @@ class Room:
         audience.waits_for = lambda: self._patience.still
         if episode.rules.absence is Absence.BOT:
             self._stand_ins = {
-                player: StandIn(episode, player, episode.rules.stand_in, self._substitute)
+                player: StandIn(episode, player, host.thoughts, self._substitute)
                 for player in self.world.players
             }
 
@@ -221,6 +225,12 @@ class Room:
         if session.player is not None:
             self.episode.set_present(session.player, False, self._now())
         self.flush()
+
+    def check_return(self) -> None:
+        """ProtocolError `server/recording` while so much cannot be written that no more coming and
+        going can be recorded: who comes back now has to try again."""
+        if self._failing and self.journal is not None and self.journal.waiting > MAX_UNWRITTEN:
+            self._check_recording()
 
     def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
         """A session is here again: tell it what it has missed."""

@@ -11,6 +11,7 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
+from robotouille_server import room as room_module
 from robotouille_server.peer import MAX_UNSENT, Peer
 from robotouille_server.storage import Appender, Folder
 from tests.server.test_storage import FullDisk
@@ -238,3 +239,54 @@ def test_who_returns_while_the_disk_is_full_is_told_each_step_once(tmp_path: Pat
                 assert steps == list(range(steps[0], steps[-1] + 1))
 
     run(main())
+
+
+def test_coming_and_going_meanwhile_does_not_pile_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever cannot come back now can later, with the same token, and misses nothing."""
+    monkeypatch.setattr(room_module, "MAX_UNWRITTEN", 8192)
+
+    async def main() -> None:
+        disk = FullDisk(tmp_path)
+        async with serving(tmp_path, storage=disk, messages_per_second=1000) as server:
+            async with raw(server, name="bob") as bob:
+                async with raw(server, name="ada") as ada:
+                    joined = await seated(ada, bob)
+                    room = server.lobby.find(joined["code"])
+                    await ada.send({"type": "act", "seq": 1, "action": None})
+                    disk.full = True
+                    await bob.send({"type": "act", "seq": 1, "action": None})
+                    while not room.problem:
+                        await asyncio.sleep(0.1)
+                assert room.journal is not None
+                token, refused, waiting = joined["resume"], 0, 0
+                for _ in range(100):
+                    async with raw(server, hello=False) as again:
+                        hello = {**HELLO, "resume": token}
+                        answer = await again.ask(hello, "welcome", "bye")
+                    if answer["type"] == "welcome":
+                        assert not refused
+                        token = answer["resume"]
+                        continue
+                    assert (answer["code"], answer["retry"]) == ("server/recording", True)
+                    refused += 1
+                    waiting = waiting or room.journal.waiting
+                    assert room.journal.waiting == waiting, "it grows although all are refused"
+                assert 8192 < waiting < 9216
+                assert refused > 50
+                disk.full = False
+                await asyncio.sleep(2)
+                async with raw(server, hello=False) as again:
+                    seen = {"episode": joined["episode"], "step": 0, "said": 0}
+                    hello = {**HELLO, "resume": token, "seen": seen}
+                    assert (await again.ask(hello, "welcome"))["resumed"] is True
+                    assert (await again.expect("joined"))["seat"] == joined["seat"]
+                    assert (await again.expect("delta", "snapshot"))["step"] == 1
+                    for one in (again, bob):
+                        await one.send({"type": "act", "seq": 2, "action": None})
+                    assert (await again.expect("delta"))["step"] == 2
+
+    run(main())
+    (file,) = tmp_path.glob("*.rbt")
+    assert read_recording(file).verify().ok

@@ -13,7 +13,7 @@ from functools import partial
 from robotouille.world.goal import Goal
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
-from robotouille_server.stand_in import _Kitchen
+from robotouille_server.minds import Kitchen
 from tests.simulation.scenario import (
     FAULTS,
     DrawPlan,
@@ -146,11 +146,11 @@ class Day(Simulation):
         """The simulation itself must not grow, either.
 
         What worlds and stand-ins remember of play has bounds (tests/world/test_memory.py,
-        tests/server/test_stand_in_warm.py) that a day does not reach; without it, anything else
+        tests/server/test_minds.py) that a day does not reach; without it, anything else
         that grows is seen.
         """
         for memory in gc.get_objects():
-            if type(memory) in (TimerTable, SuccessorTree, Goal, _Kitchen):
+            if type(memory) in (TimerTable, SuccessorTree, Goal, Kitchen):
                 memory.forget()
         dead = [process for process in self.processes if process.dead]
         for process in dead:

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import CannotListenError
+from robotouille_server.thinker import InThread
 from tests.simulation.clients import PORT
 from tests.simulation.loop import Process
+from tests.support.thinking import AtOnce
 
 if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
@@ -60,6 +62,7 @@ class ServerMachine:
             "timestamp": lambda: f"20260101T{int(self.sim.loop.time()):06d}Z",
             "storage": self.sim.disk,
             "wall": lambda: 1_700_000_000 + self.sim.loop.time(),
+            "thinker": lambda: InThread(AtOnce()),
         }
         while True:
             try:

@@ -18,6 +18,8 @@ from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.logs import configure_logs
 from robotouille_server.storage import Storage
+from robotouille_server.thinker import InThread, Thinker
+from tests.support.thinking import AtOnce
 
 configure_logs("error", "console")
 
@@ -32,9 +34,11 @@ async def serving(
     port: int = 0,
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
+    thinker: Callable[[], Thinker] = lambda: InThread(AtOnce()),
     **options: Any,
 ) -> AsyncIterator[Server]:
-    """A server on a free port whose ids, codes and timestamps are always the same."""
+    """A server on a free port whose ids, codes and timestamps are always the same; stand-ins think
+    while time stands still."""
     settings = ServerSettings(port=port, recordings=folder, **options)
     async with serve(
         settings,
@@ -42,6 +46,7 @@ async def serving(
         timestamp=lambda: STAMP,
         storage=storage,
         wall=wall,
+        thinker=thinker,
     ) as server:
         yield server
 

@@ -9,6 +9,7 @@ Work is counted in expansions, never in seconds: one question has the same answe
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import ceil
@@ -46,6 +47,9 @@ BEAM = "beam 1"
 DEEPEST = 2_000
 """Expansions after which a dive is given up."""
 
+KEPT = 256
+"""Plans by beam search that are kept: whoever asks the same again is answered at once."""
+
 MOST_PLAYERS = 2
 """Larger teams have too many joint actions for a search that tries all of them."""
 
@@ -56,20 +60,29 @@ EXACT, BOLD = 4, 6
 """Weights of the estimate, in quarters: shortest plans, and those for which teams have time."""
 
 
+_Asked = tuple[State, tuple[str, ...], int, int]
+"""A question to the beam search: state, team, seed and expansions."""
+
+
 class Anytime:
     """Plans in one world, from any of its states.
 
     They are plans of `model`: the world itself, or one of the same task in which nothing takes
     longer than the problem says. A plan is an order of actions, and good under any timing.
+    `searches` counts the beam searches from which something is remembered.
     """
 
     def __init__(self, world: World) -> None:
         task = world.task
         plain = task.timing is Timing.BENCHMARK
         self.model = world if plain else World(replace(task, timing=Timing.BENCHMARK))
+        self.forget()
+
+    def forget(self) -> None:
+        """Remember nothing of what was found out so far; the answers stay the same."""
+        self.searches = 0
         self._planner = Planner(self.model)
-        self._asked: tuple[State, tuple[str, ...], int, int] | None = None
-        self._solution: Solution | None = None
+        self._solutions: OrderedDict[_Asked, Solution] = OrderedDict()
 
     def in_model(self, state: State) -> State:
         """A state of the task, of whatever timing, as one of the model.
@@ -142,10 +155,15 @@ class Anytime:
 
     def _beam_search(self, start: State, team: Sequence[str], seed: int, beam: int) -> Solution:
         asked = (start, tuple(sorted(team)), seed, beam)
-        if self._solution is None or self._asked != asked:
-            self._asked = asked
-            self._solution = self._planner.solve(start, asked[1], seed=seed, expansions=beam)
-        return self._solution
+        found = self._solutions.get(asked)
+        if found is None:
+            self.searches += 1
+            found = self._planner.solve(start, asked[1], seed=seed, expansions=beam)
+            self._solutions[asked] = found
+            if len(self._solutions) > KEPT:
+                self._solutions.popitem(last=False)
+        self._solutions.move_to_end(asked)
+        return found
 
 
 def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> Answer:

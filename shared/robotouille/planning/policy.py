@@ -55,6 +55,7 @@ class PlannerPolicy:
         self._random = random.Random(f"{seed}:{player}")
         self._team = {player} if alone else set(world.players)
         self._alone = len(self._team) == 1
+        self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
         self._anytime = anytime or Anytime(World(world.task))
         self._script: Script | None = None
@@ -109,12 +110,13 @@ class PlannerPolicy:
             plan = self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
             self._follow(plan, state)
         unproven = answer.plan is not None and not answer.optimal
-        self._open = unproven and self._alone and self._punctual
+        self._open = unproven and self._only and self._punctual
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
 
-        Only where steps are those of the plan: elsewhere lengths say little about time.
+        Only where steps are those of the plan: elsewhere lengths say little about time. And only
+        where there are no other seats, whose parts a shorter plan would count on.
         """
         for answer in self._anytime.answers(state, ALONE, beam=0):
             if answer.plan is not None and len(answer.plan) < self._left:

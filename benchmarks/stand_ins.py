@@ -1,0 +1,127 @@
+"""What hundreds of stand-ins cost the other games, and how often they move.
+
+python -m benchmarks.stand_ins --rooms 100 --seconds 25
+
+Each room has four seats, of which three are left to stand-ins as soon as the game has begun, and
+takes five steps a second; beside them one honest game is played by two who stay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import AsyncExitStack, contextmanager
+from itertools import pairwise
+from urllib.request import urlopen
+
+from robotouille_client import Changed, Game, connect
+
+RATE = 5.0
+TASKS = ("multi_agent/07@4", "multi_agent/08@4", "multi_agent/09@4", "multi_agent/10@4")
+LIMITS = ("--messages-per-second", "1000", "--max-connections-per-address", "2000",
+          "--max-episodes", "2000", "--max-episodes-per-owner", "2000")  # fmt: skip
+
+
+@contextmanager
+def server() -> Iterator[str]:
+    """A server process of its own; its URL."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = "from robotouille_server.cli import main; main()"
+        flags = ("--port", "0", "--recordings", folder, "--no-operator", *LIMITS)
+        process = subprocess.Popen(
+            [sys.executable, "-c", program, *flags],
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert process.stdout is not None
+        try:
+            yield re.search(r"ws://\S+", process.stdout.readline()).group()  # type: ignore[union-attr]
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait()
+
+
+async def play(
+    stack: AsyncExitStack, going: AsyncExitStack, url: str, task: str, stay: int
+) -> Game:
+    """A game whose first `stay` participants stay; the first of them."""
+    first = await stack.enter_async_context(connect(url, name="stays"))
+    created = await first.create(
+        task, clock="realtime", step_rate=RATE, absence="bot", max_steps=100_000
+    )
+    game = await first.join(created.code)
+    for number in range(1, len(game.seats)):
+        others = stack if number < stay else going
+        client = await others.enter_async_context(connect(url, name="another"))
+        await client.join(created.code)
+    return game
+
+
+async def deltas(game: Game, seconds: float) -> list[float]:
+    """When the deltas of a game came."""
+    loop, times = asyncio.get_running_loop(), []
+    end = loop.time() + seconds
+    while loop.time() < end:
+        if isinstance(await game.next_event(), Changed):
+            times.append(loop.time())
+    return times
+
+
+def moves(url: str) -> float:
+    page = urlopen(url.replace("ws:", "http:") + "/metrics").read().decode()
+    return float(re.search(r'robotouille_moves_total{result="applied"} (\S+)', page).group(1))  # type: ignore[union-attr]
+
+
+async def fill(url: str, rooms: int) -> None:
+    """Open the rooms, say so, and stay in them."""
+    async with AsyncExitStack() as stack:
+        for number in range(rooms):
+            async with AsyncExitStack() as going:
+                await play(stack, going, url, TASKS[number % len(TASKS)], stay=1)
+        print("ready", flush=True)
+        await asyncio.Event().wait()
+
+
+async def trial(url: str, rooms: int, seconds: float) -> None:
+    """Play the honest game beside the others, whose clients are another process."""
+    command = [sys.executable, "-m", "benchmarks.stand_ins", "--rooms", str(rooms), "--fill", url]
+    async with AsyncExitStack() as stack:
+        others = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE)
+        assert others.stdout is not None
+        await others.stdout.readline()
+        honest = await play(stack, stack, url, "multi_agent/01", stay=2)
+        before = await asyncio.to_thread(moves, url)
+        times = await deltas(honest, seconds)
+        moved = await asyncio.to_thread(moves, url) - before
+        others.kill()
+        await others.wait()
+    gaps = sorted(after - at for at, after in pairwise(times))
+    late = sum(gap > 1 / RATE + 0.05 for gap in gaps) / len(gaps)
+    print(
+        f"{rooms} rooms: longest gap {gaps[-1] * 1000:.0f} ms of {1000 / RATE:.0f}, "
+        f"{late:.1%} more than 50 ms late, {moved:.0f} moves of stand-ins "
+        f"({moved / seconds / max(1, rooms):.2f} a second and room)"
+    )
+
+
+def main() -> None:
+    """Measure; `--fill` is for the program itself."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rooms", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=25.0)
+    parser.add_argument("--fill", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.fill:
+        asyncio.run(fill(options.fill, options.rooms))
+        return
+    with server() as url:
+        asyncio.run(trial(url, options.rooms, options.seconds))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""What stand-ins think: alike in like games, for the price of one, in bounded memory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from robotouille.domain.catalogue import load_task
+from robotouille.planning.planner import Planner
+from robotouille.world.state import State
+from robotouille.world.world import World, shared_world
+from robotouille_server import minds
+from robotouille_server.minds import Deed, Minds, Question
+
+TASK = load_task("training/03_multi_agent@2")
+OTHERS = [load_task(f"multi_agent/0{number}") for number in (1, 2, 3)]
+
+
+def question(state: State, mind: int = 1, player: str = "robot1", **more: Any) -> Question:
+    more.setdefault("kind", "planner")
+    return Question(
+        mind, player, facts=state.facts, timers=state.timer_rows(), busy=state.timers.busy, **more
+    )
+
+
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
+    """The states from which plans are sought."""
+    sought: list[State] = []
+    solve = Planner.solve
+
+    def counted(self: Planner, state: State, *arguments: Any, **options: Any) -> Any:
+        sought.append(state)
+        return solve(self, state, *arguments, **options)
+
+    monkeypatch.setattr(Planner, "solve", counted)
+    return sought
+
+
+def test_games_in_the_same_state_share_a_plan(searches: list[State]) -> None:
+    here, state = Minds(), shared_world(TASK).initial
+    here.show(TASK)
+    answers = {here.think(TASK.digest, question(state, mind)) for mind in range(1, 101)}
+    assert len(answers) == len(searches) == 1
+
+
+def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> None:
+    here = Minds()
+    here.show(TASK)
+    for player in ("robot1", "robot2", "robot1", "robot2"):
+        here.learn(TASK.digest, player)
+    assert len(searches) == 2
+    state = shared_world(TASK).initial
+    here.think(TASK.digest, question(state, 1, "robot1"))
+    here.think(TASK.digest, question(state, 2, "robot2"))
+    assert len(searches) == 2, "what was learnt is not used"
+
+
+def course(here: Minds, mind: int, steps: int) -> list[Any]:
+    """What one stand-in does, as long as nobody else does anything."""
+    world, deeds, done = World(TASK), (), []  # type: tuple[World, tuple[tuple[Deed, ...], ...], list[Any]]
+    state = world.initial
+    for _ in range(steps):
+        if state.busy_steps("robot1"):
+            state, deeds = state.step([]).state, (*deeds, ())
+            continue
+        answer = here.think(TASK.digest, question(state, mind, observed=deeds))
+        done.append(answer)
+        action = None if answer is None else world.action(answer[0], *answer[1:])
+        result = state.step([action])
+        state = result.state
+        deeds = (tuple(("robot1", a.action.name, a.action.arguments, a.applied)
+                       for a in result.attempts),)  # fmt: skip
+    return done
+
+
+def test_the_same_questions_have_the_same_answers() -> None:
+    """Whoever else has thought before, and in whatever process."""
+    fresh, used = Minds(), Minds()
+    for here in (fresh, used):
+        here.show(TASK)
+    for step, mind in enumerate((5, 6, 7)):
+        course(used, mind, 3 * step)
+    first = course(fresh, 1, 15)
+    assert first == course(used, 1, 15)
+    assert sum(answer is not None for answer in first) >= 5
+
+
+def test_what_was_found_out_is_forgotten_when_it_is_much(
+    searches: list[State], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(minds, "MOST_SEARCHES", 3)
+    here, start = Minds(), shared_world(TASK).initial
+    here.show(TASK)
+    planner = here._kitchens[TASK.digest].planner
+    remembered = []
+    for mind in range(7):
+        state = start.step([start.actions("robot2")[mind]]).state
+        here.think(TASK.digest, question(state, mind))
+        remembered.append(planner.searches)
+    assert remembered == [1, 2, 0, 1, 2, 0, 1]
+    assert len(searches) == 7
+
+
+def test_few_kitchens_and_minds_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(minds, "MOST_KITCHENS", 2)
+    monkeypatch.setattr(minds, "MOST_MINDS", 3)
+    here = Minds()
+    for number, task in enumerate(OTHERS):
+        here.show(task)
+        here.think(task.digest, question(shared_world(task).initial, number + 1, kind="random"))
+    assert [here.knows(task.digest) for task in OTHERS] == [False, True, True]
+    state = shared_world(OTHERS[2]).initial
+    for mind in range(10, 20):
+        here.think(OTHERS[2].digest, question(state, mind, kind="random"))
+    assert list(here._minds) == [17, 18, 19]
+
+
+def test_a_mind_that_failed_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    here, state = Minds(), shared_world(TASK).initial
+    here.show(TASK)
+    answer = here.think(TASK.digest, question(state))
+    nonsense: tuple[tuple[Deed, ...], ...] = ((("robot1", "dance", (), True),),)
+    with pytest.raises(KeyError, match="dance"):
+        here.think(TASK.digest, question(state, observed=nonsense))
+    assert here.think(TASK.digest, question(state, observed=nonsense)) == answer

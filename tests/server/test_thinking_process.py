@@ -1,0 +1,197 @@
+"""The process in which stand-ins think: it answers as a thread would, and is never in the way."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Timing
+from robotouille.world.world import shared_world
+from robotouille_server import thinking_process
+from robotouille_server.minds import Question
+from robotouille_server.thinker import InThread, ThoughtLostError
+from robotouille_server.thinking_process import InProcess
+from tests.server.test_minds import question
+from tests.server.test_process import process
+from tests.support.thinking import AtOnce
+
+TASK = load_task("training/03_multi_agent@2")
+START = shared_world(TASK).initial
+PATIENCE = 30
+NONSENSE = ((("robot1", "dance", (), True),),)
+
+
+@asynccontextmanager
+async def thinker(*command: str) -> AsyncIterator[InProcess]:
+    made = InProcess(command) if command else InProcess()
+    try:
+        async with asyncio.timeout(PATIENCE):
+            yield made
+    finally:
+        await made.close()
+
+
+def random_move(mind: int) -> Question:
+    """Quickly answered."""
+    return question(START, mind, kind="random")
+
+
+async def gone(pid: int) -> None:
+    async with asyncio.timeout(PATIENCE):
+        while psutil.pid_exists(pid):
+            await asyncio.sleep(0.01)
+
+
+def test_it_answers_as_a_thread_does() -> None:
+    async def main() -> None:
+        thread = InThread(AtOnce())
+        step = START.step([START.actions("robot1")[0]])
+        deeds = ((("robot1", "move", START.actions("robot1")[0].arguments, True),),)
+        async with thinker() as apart:
+            assert await apart.learn(TASK, "robot1") is None
+            for asked in (
+                question(START, 1),
+                question(step.state, 1, observed=deeds),
+                random_move(2),
+            ):
+                assert await apart.ask(TASK, asked) == await thread.ask(TASK, asked)
+            with pytest.raises(RuntimeError, match="no action 'dance'"):
+                await apart.ask(TASK, question(START, 1, observed=NONSENSE))
+            assert await apart.ask(TASK, random_move(3)) is not None
+
+    asyncio.run(main())
+
+
+def test_it_is_shown_again_what_it_has_forgotten() -> None:
+    """Everybody may play another task."""
+    tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
+    program = (
+        "from robotouille_server import minds; minds.MOST_KITCHENS = 1;"
+        "from robotouille_server.thinking import main; main()"
+    )
+
+    async def main() -> None:
+        async with thinker(sys.executable, "-c", program) as apart:
+            for task in (*tasks, *tasks):
+                asked = question(shared_world(task).initial, kind="random")
+                assert await apart.ask(task, asked) is not None
+
+    asyncio.run(main())
+
+
+def test_one_that_dies_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was asked is lost, and what is asked at once, too; later another process answers."""
+    monkeypatch.setattr(thinking_process, "FIRST_PAUSE", 0.05)
+
+    async def main() -> None:
+        async with thinker() as apart:
+            await apart.ask(TASK, random_move(1))
+            assert apart.pid is not None
+            os.kill(apart.pid, signal.SIGSTOP)
+            under_way = apart.ask(TASK, random_move(1))
+            first = apart.pid
+            os.kill(first, signal.SIGKILL)
+            with pytest.raises(ThoughtLostError):
+                await under_way
+            with pytest.raises(ThoughtLostError):
+                await apart.ask(TASK, random_move(1))
+            await asyncio.sleep(0.2)
+            assert await apart.ask(TASK, random_move(1)) is not None
+            assert apart.pid not in (None, first)
+
+    asyncio.run(main())
+
+
+def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def main() -> None:
+        async with thinker(sys.executable, "-c", "pass") as apart:
+            pauses = []
+            for _ in range(8):
+                with pytest.raises(ThoughtLostError):
+                    await apart.ask(TASK, random_move(1))
+                pauses.append(round(apart._rests_until - apart._loop.time(), 1))
+                apart._rests_until = 0.0
+            assert pauses == [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0]
+
+    asyncio.run(main())
+
+
+def test_where_no_process_can_be_started_a_thread_thinks(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with thinker(str(tmp_path / "nothing")) as apart:
+            with pytest.raises(ThoughtLostError):
+                await apart.ask(TASK, random_move(1))
+            assert await apart.ask(TASK, random_move(1)) is not None
+            assert apart.pid is None
+
+    asyncio.run(main())
+
+
+def test_one_that_is_stuck_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(thinking_process, "PATIENCE", 0.05)
+
+    async def main() -> None:
+        async with thinker(sys.executable, "-c", "import time; time.sleep(1000)") as apart:
+            with pytest.raises(ThoughtLostError):
+                await apart.ask(TASK, random_move(1))
+
+    asyncio.run(main())
+
+
+def test_it_heeds_no_signals_that_are_the_servers_and_ends_with_it() -> None:
+    async def main() -> None:
+        async with thinker() as apart:
+            await apart.ask(TASK, random_move(1))
+            pid = apart.pid
+            assert pid is not None
+            assert os.getpgid(pid) != os.getpgid(0), "Ctrl+C would reach it"
+            assert psutil.Process(pid).nice() > psutil.Process().nice()
+            for number in (signal.SIGINT, signal.SIGTERM):
+                os.kill(pid, number)
+            assert await apart.ask(TASK, random_move(1)) is not None
+            assert apart.pid == pid
+        await gone(pid)
+
+    asyncio.run(main())
+
+
+def test_it_gets_none_of_the_servers_secrets(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROBOTOUILLE_SIGNING_KEYS", "secret")
+
+    async def main() -> None:
+        async with thinker() as apart:
+            await apart.ask(TASK, random_move(1))
+            environment = psutil.Process(apart.pid).environ()
+            assert "ROBOTOUILLE_SIGNING_KEYS" not in environment
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_nothing_is_left_of_it_when_the_server_ends(tmp_path: Path, number: int) -> None:
+    from robotouille_client import connect
+
+    async def until_it_thinks(url: str, code: str, server: psutil.Process) -> int:
+        async with connect(url, name="ada") as ada, connect(url, name="bob") as bob:
+            await ada.join(code)
+            await bob.join(code)
+            while not (children := server.children()):
+                await asyncio.sleep(0.01)
+            return children[0].pid
+
+    with process(tmp_path, "--task", "multi_agent/02", "--absence", "bot") as (server, url, code):
+        pid = asyncio.run(until_it_thinks(url, code, psutil.Process(server.pid)))
+        server.send_signal(number)
+        server.wait(PATIENCE)
+        asyncio.run(gone(pid))
