@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -29,16 +30,26 @@ MAX_REFUSED = 200
 """Messages over the limit, in about a minute, after which a connection is closed."""
 
 
+class EndMissedError(Exception):
+    """Somebody comes back to an episode that is over and has no room any more."""
+
+    def __init__(self, episode: str) -> None:
+        super().__init__(episode)
+        self.episode = episode
+
+
 class Conversation:
     """Takes the messages of one connection, as they come, and answers each."""
 
     __slots__ = (
         "_budget",
+        "_early",
         "_loop",
         "_patience",
         "_server",
         "_silence",
         "_visitor",
+        "_waiting",
         "peer",
         "session",
     )
@@ -55,12 +66,21 @@ class Conversation:
             server.settings.hello_seconds, self._too_silent
         )
 
+        self._waiting: asyncio.Task[None] | None = None
+        self._early: deque[bytes | str] = deque()
+
     def close(self) -> None:
         """The connection is gone."""
         if self._silence is not None:
             self._silence.cancel()
+        if self._waiting is not None:
+            self._waiting.cancel()
 
     def _too_silent(self) -> None:
+        if self._waiting is not None:  # It has said hello, and is being looked for.
+            seconds = self._server.settings.hello_seconds
+            self._silence = self._loop.call_later(seconds, self._too_silent)
+            return
         self._server.metrics.dropped.labels("silent").inc()
         self.peer.part("auth/silent", "no hello in time", retry=True)
 
@@ -71,6 +91,9 @@ class Conversation:
             return
         if server.farewell is not None:
             server.farewell.say(peer)
+            return
+        if self._waiting is not None:
+            self._early.append(payload)
             return
         server.metrics.received += 1
         peer.received += 1
@@ -137,16 +160,20 @@ class Conversation:
 
     # Hello
 
-    def _greet(self, message: messages.ClientMessage) -> None:
+    def _greet(self, message: messages.ClientMessage, *, shown: bool = False) -> None:
         if not isinstance(message, messages.Hello):
             raise ProtocolError("protocol/hello", "say hello first", "type")
         if message.protocol != messages.PROTOCOL_VERSION:
             text = f"version {message.protocol}; this server speaks {messages.PROTOCOL_VERSION}"
             raise ProtocolError("protocol/version", text, "protocol")
         try:
-            session, resumed = self._session(message)
+            session, resumed = self._session(message, shown=shown)
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
+            return
+        except EndMissedError as error:
+            self.peer.wait()
+            self._waiting = self._loop.create_task(self._greet_later(message, error.episode))
             return
         if self._silence is not None:
             self._silence.cancel()
@@ -172,8 +199,27 @@ class Conversation:
                 reason = "you are no longer in this episode"
                 self.peer.send(messages.Left(episode=message.seen.episode, reason=reason))
 
-    def _session(self, hello: messages.Hello) -> tuple[Session, bool]:
-        """A newcomer's session, or that of a connection which was lost."""
+    async def _greet_later(self, hello: messages.Hello, episode: str) -> None:
+        """Find the end of an episode beside the games; what the client says meanwhile waits."""
+        try:
+            await self._server.lobby.show_end(episode)
+            if self.peer.open and self._server.farewell is None:
+                self._greet(hello, shown=True)
+        except ProtocolError as error:
+            self._answer_error(error, hello.ref)
+        except Exception:
+            get_logger().exception("a message failed")
+            failure = ProtocolError("server/internal", "the server failed to handle this")
+            self._answer_error(failure, hello.ref)
+        self._waiting = None
+        while self._early and self._waiting is None:
+            self.receive(self._early.popleft())
+        if self._waiting is None:
+            self.peer.read_on()
+
+    def _session(self, hello: messages.Hello, *, shown: bool) -> tuple[Session, bool]:
+        """A newcomer's session, or that of a connection which was lost; EndMissedError if its
+        episode has ended, and what it was at last is not `shown` yet."""
         server = self._server
         if hello.resume is None:
             role, grant = server.sessions.role_of(
@@ -182,6 +228,9 @@ class Conversation:
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
         room = server.lobby.home_of(resume.session, resume.episode)
+        unknown = room is None and resume.session not in server.sessions.by_id
+        if unknown and not shown and resume.episode and server.lobby.has_ended(resume.episode):
+            raise EndMissedError(resume.episode)
         session = server.sessions.resume(resume, room)
         session.view = hello.view or session.view
         return session, True

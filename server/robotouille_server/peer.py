@@ -112,6 +112,15 @@ class Peer:
             self.socket.transport.pause_reading()
             self._await("reading", MAX_UNSENT, self._read_on)
 
+    def wait(self) -> None:
+        """Read nothing until `read_on`."""
+        self.socket.transport.pause_reading()
+
+    def read_on(self) -> None:
+        """Read what has come while one waited, unless the client is behind as well."""
+        if "reading" not in self._when_caught_up:
+            self._read_on()
+
     def _read_on(self) -> None:
         if self.open:
             self.socket.transport.resume_reading()

@@ -12,7 +12,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["robotouille"]):
-    from robotouille.replay.frames import MAGIC
+    from robotouille.replay.frames import MAGIC, VERSIONS, frame_ends, magic
     from tests.fuzz.forgery import framed
     from tests.fuzz.targets import file_targets
 
@@ -26,7 +26,9 @@ def one_input(data: bytes) -> None:
 def mutate(data: bytes, max_size: int, seed: int) -> bytes:
     """A frame's content changed, a frame doubled or left out; or any bytes."""
     chance = random.Random(seed)
-    payloads = _payloads(data)
+    known = data[:5] in map(magic, VERSIONS)
+    version = data[4] if known else 0
+    payloads = _payloads(data, 8 if version == 1 else 12) if version else []
     if not payloads or chance.random() < 0.1:
         return bytes(atheris.Mutate(data, max_size))
     place = chance.randrange(len(payloads))
@@ -38,15 +40,16 @@ def mutate(data: bytes, max_size: int, seed: int) -> bytes:
         payloads.insert(place, chance.choice(payloads))
     else:
         del payloads[place]
-    return (MAGIC + b"".join(map(framed, payloads)))[:max_size]
+    if chance.random() < 0.1:
+        version = chance.choice(VERSIONS)
+    return (magic(version) + b"".join(framed(payload, version) for payload in payloads))[:max_size]
 
 
-def _payloads(data: bytes) -> list[bytes]:
+def _payloads(data: bytes, head: int) -> list[bytes]:
     found, position = [], len(MAGIC)
-    while data.startswith(MAGIC) and position + 8 <= len(data):
-        size = int.from_bytes(data[position : position + 4], "little")
-        found.append(data[position + 8 : position + 8 + size])
-        position += 8 + size
+    for end in frame_ends(data):
+        found.append(data[position + head : end])
+        position = end
     return found
 
 
