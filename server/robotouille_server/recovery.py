@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Container
+from collections.abc import Callable, Mapping
 
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.frames import MAGIC, VERSIONS, magic, read_frames
@@ -46,7 +46,7 @@ class Recovery:
         self._looking: asyncio.TimerHandle | None = None
         self._stopped = False
 
-    def look(self, known: Container[str]) -> None:
+    def look(self, known: Mapping[str, Room]) -> None:
         """Go on with every recording that is not closed; those that another process still writes
         are taken over when it lets go. `known` are the episodes that are here already."""
         if self._stopped:
@@ -62,17 +62,22 @@ class Recovery:
         for name in names:
             episode = episode_of(name)
             mine = name.endswith(OPEN) and self._worker.owns(episode)
-            if mine and name not in self.unrestored and episode not in known:
+            if not mine or name in self.unrestored:
+                continue
+            room = known.get(episode)
+            if room is None:
                 self._take_over(name)
+            elif room.journal is not None and room.journal.name != name:
+                self._give_up(name, f"a copy of {room.journal.name}")
         if self._foreign:
             self._again(known)
 
-    def _again(self, known: Container[str]) -> None:
+    def _again(self, known: Mapping[str, Room]) -> None:
         if self._looking is None:
             loop = asyncio.get_running_loop()
             self._looking = loop.call_later(LOOK_AGAIN_SECONDS, self._look_again, known)
 
-    def _look_again(self, known: Container[str]) -> None:
+    def _look_again(self, known: Mapping[str, Room]) -> None:
         self._looking = None
         self.look(known)
 
@@ -89,7 +94,7 @@ class Recovery:
         room = self._seated.get(session)
         return room if room is not None and room.holds_seat(session) is not None else None
 
-    def elsewhere(self, name: str, known: Container[str]) -> bool:
+    def elsewhere(self, name: str, known: Mapping[str, Room]) -> bool:
         """Whether the episode of an id or code is still with another process."""
         if self._foreign:
             self.look(known)

@@ -26,9 +26,7 @@ def one_input(data: bytes) -> None:
 def mutate(data: bytes, max_size: int, seed: int) -> bytes:
     """A frame's content changed, a frame doubled or left out; or any bytes."""
     chance = random.Random(seed)
-    known = data[:5] in map(magic, VERSIONS)
-    version = data[4] if known else 0
-    payloads = _payloads(data, 8 if version == 1 else 12) if version else []
+    payloads = _payloads(data)
     if not payloads or chance.random() < 0.1:
         return bytes(atheris.Mutate(data, max_size))
     place = chance.randrange(len(payloads))
@@ -40,13 +38,14 @@ def mutate(data: bytes, max_size: int, seed: int) -> bytes:
         payloads.insert(place, chance.choice(payloads))
     else:
         del payloads[place]
-    if chance.random() < 0.1:
-        version = chance.choice(VERSIONS)
+    version = chance.choice(VERSIONS) if chance.random() < 0.1 else data[4]
     return (magic(version) + b"".join(framed(payload, version) for payload in payloads))[:max_size]
 
 
-def _payloads(data: bytes, head: int) -> list[bytes]:
-    found, position = [], len(MAGIC)
+def _payloads(data: bytes) -> list[bytes]:
+    if data[:5] not in map(magic, VERSIONS):
+        return []
+    found, position, head = [], len(MAGIC), 8 if data[4] == 1 else 12
     for end in frame_ends(data):
         found.append(data[position + head : end])
         position = end

@@ -271,7 +271,7 @@ def _end_of_frame(stream: bytes, position: int, version: int) -> tuple[int, str]
         stream[position : position + 8]
     ):
         return position, "the checksum of a frame's length does not match"
-    if length > MAX_FRAME:
+    if not 0 < length <= MAX_FRAME:
         return position, f"a frame of {length:,} bytes"
     end = start + length
     if end > len(stream):
@@ -304,7 +304,8 @@ def _is_begun(stream: bytes, position: int, version: int) -> bool:
         return _SUM.pack(zlib.crc32(head)) == stream[position + 8 : start]
     # Nothing covers the length: where all that is there fits the checksum, it is the length that
     # is wrong, and nothing is missing.
-    return zlib.crc32(stream[start:]) != checksum
+    its_sum: int = checksum
+    return zlib.crc32(stream[start:]) != its_sum
 
 
 def _whole_behind(stream: bytes, position: int, version: int) -> bool:
@@ -317,7 +318,7 @@ def _whole_behind(stream: bytes, position: int, version: int) -> bool:
             if begin <= position:
                 continue
             length = _LENGTH_AND_SUM.unpack_from(stream, begin)[0]
-            if length > len(stream) - at:
+            if length > len(stream) - at + before:
                 continue
             allowance -= length
             if allowance < 0 or not _end_of_frame(stream, begin, version)[1]:
