@@ -1,4 +1,4 @@
-"""Every flipped bit of a recording is noticed, or changes nothing; what stands before it is read."""
+"""Every flipped bit is noticed or changes nothing that is read; what stands before it is read."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from robotouille import RecordingError
-from robotouille.episode import Clock
 from robotouille.replay import frames as container
 from robotouille.replay.frames import compress, frame_ends, intact, pack_frame, plain, unwrap
 from robotouille.replay.recording import Recording, read_recording, recording_of
