@@ -13,6 +13,9 @@ from pydantic import BaseModel
 from robotouille.domain.files import MAX_NESTING
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, MAX_DEPTH, MAX_SERVER_BYTES
+from robotouille.replay.entries import MAX_ENTRIES
+from robotouille.replay.frames import MAX_FILE, MAX_FRAME
+from robotouille_server import archive
 from robotouille_server.access import WRONG_CODES_A_MINUTE
 from robotouille_server.connection import MAX_EARLY, MAX_PARTS
 from robotouille_server.conversation import COSTS, MAX_REFUSED
@@ -167,6 +170,15 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "episode/unknown", value=f"{LINGER_SECONDS:g} s"),
         Limit("time for which a server that was sent SIGTERM lets episodes end",
               "they are handed over", setting="drain_seconds", unit="s"),
+    ),
+    "Recordings": (
+        Limit("a recording, uncompressed", "it is not read", value=_size(MAX_FILE)),
+        Limit("a frame of it", "it is neither written nor read", value=_size(MAX_FRAME)),
+        Limit("values in a frame", "it is neither written nor read", value=f"{MAX_ENTRIES:,}"),
+        Limit("steps of an ended episode that is shown to who comes back late",
+              "one is told that it is over", "auth/expired", value=f"{archive.MAX_STEPS:,}"),
+        Limit("… and bytes of its recording, uncompressed", "one is told that it is over",
+              "auth/expired", value=_size(archive.MAX_BYTES)),
     ),
 }  # fmt: skip
 

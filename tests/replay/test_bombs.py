@@ -9,6 +9,7 @@ import msgpack
 import pytest
 
 from robotouille import RecordingError, World
+from robotouille.episode import Rejected
 from robotouille.replay.entries import MAX_ENTRIES
 from robotouille.replay.frames import (
     MAX_FRAME,
