@@ -30,6 +30,7 @@ from robotouille_server.access import Caller, Visitor
 from robotouille_server.conversation import Conversation
 from robotouille_server.logs import configure_logs
 from robotouille_server.peer import Peer
+from robotouille_server.storage import Condition
 
 ROOMS, RATE = 50, 20
 TASK = "multi_agent/01"
@@ -107,6 +108,12 @@ class Growing:
 
     def cut(self, size: int) -> None:
         del self._content[size:]
+
+    def read(self) -> bytes:
+        return bytes(self._content)
+
+    def condition(self) -> Condition:
+        return Condition.WHOLE
 
     def close(self) -> None:
         pass

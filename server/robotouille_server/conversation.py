@@ -43,6 +43,14 @@ class FloodError(Exception):
     """A connection has sent far more than it may."""
 
 
+class EndMissedError(Exception):
+    """Somebody comes back to an episode that is over and has no room any more."""
+
+    def __init__(self, episode: str) -> None:
+        super().__init__(episode)
+        self.episode = episode
+
+
 class Conversation:
     """Takes the messages of one connection, as they come, and answers each."""
 
@@ -54,6 +62,7 @@ class Conversation:
         "_patience",
         "_server",
         "_silence",
+        "_waiting",
         "peer",
         "session",
     )
@@ -74,14 +83,21 @@ class Conversation:
         seconds = self._server.settings.hello_seconds
         self._silence = self._loop.call_later(seconds, self._too_silent)
 
+        self._waiting: asyncio.Task[None] | None = None
+
     def close(self) -> None:
         """The connection is gone."""
         if self._silence is not None:
             self._silence.cancel()
+        if self._waiting is not None:
+            self._waiting.cancel()
 
     def _too_silent(self) -> None:
         if self._silence is not None and self._loop.time() > self._silence.when() + LATE:
             # The server stood still, and has not read what came meanwhile.
+            self._await_hello()
+            return
+        if self._waiting is not None:  # It has said hello, and is being looked for.
             self._await_hello()
             return
         self._server.metrics.dropped.labels("silent").inc()
@@ -175,20 +191,24 @@ class Conversation:
 
     # Hello
 
-    def _greet(self, message: messages.ClientMessage) -> None:
+    def _greet(self, message: messages.ClientMessage, *, shown: bool = False) -> None:
         if not isinstance(message, messages.Hello):
             raise ProtocolError("protocol/hello", "say hello first", "type")
         if message.protocol != messages.PROTOCOL_VERSION:
             text = f"version {message.protocol}; this server speaks {messages.PROTOCOL_VERSION}"
             raise ProtocolError("protocol/version", text, "protocol")
         try:
-            session, resumed = self._session(message)
+            session, resumed = self._session(message, shown=shown)
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
             return
         except NoPlaceError as error:
             self._server.metrics.dropped.labels("crowded").inc()
             self.peer.part(error.code, error.message, retry=True, status=1013)
+            return
+        except EndMissedError as error:
+            self.peer.socket.pause_reading("hello")
+            self._waiting = self._loop.create_task(self._greet_later(message, error.episode))
             return
         except ProtocolError as error:
             if error.code != "server/recording":
@@ -219,8 +239,24 @@ class Conversation:
                 reason = "you are no longer in this episode"
                 self.peer.send(messages.Left(episode=message.seen.episode, reason=reason))
 
-    def _session(self, hello: messages.Hello) -> tuple[Session, bool]:
-        """A newcomer's session, or that of a connection which was lost."""
+    async def _greet_later(self, hello: messages.Hello, episode: str) -> None:
+        """Find the end of an episode beside the games; what the client says meanwhile waits."""
+        try:
+            await self._server.lobby.show_end(episode)
+            if self.peer.open and self._server.farewell is None:
+                self._greet(hello, shown=True)
+        except ProtocolError as error:
+            self._answer_error(error, hello.ref)
+        except Exception:
+            get_logger().exception("a message failed")
+            failure = ProtocolError("server/internal", "the server failed to handle this")
+            self._answer_error(failure, hello.ref)
+        self._waiting = None
+        self.peer.socket.resume_reading("hello")
+
+    def _session(self, hello: messages.Hello, *, shown: bool) -> tuple[Session, bool]:
+        """A newcomer's session, or that of a connection which was lost; EndMissedError if its
+        episode has ended, and what it was at last is not `shown` yet."""
         server, visitor = self._server, self._caller.who
         if hello.resume is None:
             role, grant = server.sessions.role_of(hello, visitor)
@@ -228,6 +264,9 @@ class Conversation:
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
         room = server.lobby.home_of(resume.session, resume.episode)
+        unknown = room is None and resume.session not in server.sessions.by_id
+        if unknown and not shown and resume.episode and server.lobby.has_ended(resume.episode):
+            raise EndMissedError(resume.episode)
         role = server.sessions.judge(resume, room, visitor)
         if room is not None:
             room.check_return()

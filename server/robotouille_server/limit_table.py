@@ -21,6 +21,9 @@ from robotouille.protocol.codec import (
     MAX_ITEMS,
     MAX_SERVER_BYTES,
 )
+from robotouille.replay.entries import MAX_ENTRIES
+from robotouille.replay.frames import MAX_FILE, MAX_FRAME
+from robotouille_server import archive
 from robotouille_server.access import WRONG_CODES_A_MINUTE
 from robotouille_server.connection import (
     FRAMES_A_SECOND,
@@ -35,7 +38,8 @@ from robotouille_server.journal import MAX_RECORDING_BYTES
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.patience import WAITING_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
-from robotouille_server.revocation import KEPT_SECONDS, MAX_ENTRIES
+from robotouille_server.revocation import KEPT_SECONDS
+from robotouille_server.revocation import MAX_ENTRIES as MAX_REVOKED
 from robotouille_server.room import MAX_UNWRITTEN
 from robotouille_server.settings import ServerSettings
 
@@ -215,7 +219,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("sessions that join with a token of `mint --once`", "refused", "auth/used",
               value="1"),
         Limit("revoked tokens in the list", "`robotouille-token revoke` refuses",
-              value=f"{MAX_ENTRIES:,}"),
+              value=f"{MAX_REVOKED:,}"),
         Limit("time for which a revoked token is remembered after its end, at least",
               "it has expired", "auth/expired", value=f"{KEPT_SECONDS / 86400:g} days"),
     ),
@@ -268,6 +272,15 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "episode/unknown", value=f"{LINGER_SECONDS:g} s"),
         Limit("time for which a server that was sent SIGTERM lets episodes end",
               "they are handed over", setting="drain_seconds", unit="s"),
+    ),
+    "Recordings": (
+        Limit("a recording, uncompressed", "it is not read", value=_size(MAX_FILE)),
+        Limit("a frame of it", "it is neither written nor read", value=_size(MAX_FRAME)),
+        Limit("values in a frame", "it is neither written nor read", value=f"{MAX_ENTRIES:,}"),
+        Limit("steps of an ended episode that is shown to who comes back late",
+              "one is told that it is over", "auth/expired", value=f"{archive.MAX_STEPS:,}"),
+        Limit("… and bytes of its recording, uncompressed", "one is told that it is over",
+              "auth/expired", value=_size(archive.MAX_BYTES)),
     ),
 }  # fmt: skip
 

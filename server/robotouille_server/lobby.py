@@ -15,11 +15,13 @@ from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.agenda import Agenda
+from robotouille_server.archive import Found
 from robotouille_server.audience import Audience
+from robotouille_server.inspection import Inspection
 from robotouille_server.journal import Journal, file_name
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
-from robotouille_server.recovery import Found, Recovery
+from robotouille_server.recovery import Recovery
 from robotouille_server.room import Room, RoomHost
 from robotouille_server.session import Session
 from robotouille_server.settings import ServerSettings
@@ -68,6 +70,7 @@ class Lobby:
         self._host = RoomHost(
             metrics, resume_token, vacated, sent_out, self._closed, Agenda(), self._thoughts
         )
+        self._inspection = Inspection(self._journals)
         self._recovery = None
         if storage is not None:
             self._recovery = Recovery(
@@ -146,6 +149,8 @@ class Lobby:
         self._codes[plain_code(code)] = room
         if episode.phase is not Phase.OVER:
             self._live.add(room)
+            if journal is not None:
+                self._inspection.begin()
         self._count()
         room.flush()
         return room
@@ -215,17 +220,23 @@ class Lobby:
 
     def home_of(self, session: str, episode: str) -> Room | None:
         """The room of a resume token: where it was made, or where its session was given a seat
-        after that and before a restart; for a game that has ended since, its last picture."""
+        after that and before a restart."""
         if self._recovery is not None:
             seated = self._recovery.seated(session)
             if seated is not None:
                 return seated
         if not episode:
             return None
-        room = self.rooms.get(episode) or self._found_elsewhere(episode)
-        if room is None and self._recovery is not None:
-            room = self._recovery.ended(episode)
-        return room
+        return self.rooms.get(episode) or self._found_elsewhere(episode)
+
+    def has_ended(self, episode: str) -> bool:
+        """Whether an episode without a room is over, and its end could be shown."""
+        return self._recovery is not None and self._recovery.archive.has(episode)
+
+    async def show_end(self, episode: str) -> None:
+        """Make a room again of an episode that has ended; ProtocolError if it takes too long."""
+        if self._recovery is not None and episode not in self.rooms:
+            await self._recovery.archive.show(episode)
 
     def _known(self, name: str) -> Room | None:
         return self.rooms.get(name) or self._codes.get(plain_code(name))
@@ -283,6 +294,9 @@ class Lobby:
     def stop(self) -> None:
         """Look after nothing any more."""
         self._host.agenda.clear()
+        self._inspection.stop()
+        if self._recovery is not None:
+            self._recovery.archive.stop()
         for timer in self._lingering.values():
             timer.cancel()
         self._lingering.clear()
@@ -303,6 +317,10 @@ class Lobby:
         if self._recovery is not None:
             self._recovery.forget(room)
         self._count()
+
+    def _journals(self) -> list[Journal]:
+        """Of all episodes that go on."""
+        return [room.journal for room in self._live if room.journal is not None]
 
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))

@@ -3,42 +3,32 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Container
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from robotouille.errors import RecordingError, RobotouilleError
-from robotouille.replay.frames import MAGIC, intact, read_frames, unwrap
+from robotouille.replay.frames import MAGIC, VERSIONS, magic, read_frames
 from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
-from robotouille_server.journal import CLOSED, OPEN, Journal, close_recording
+from robotouille_server.archive import Archive, Found, episode_of
+from robotouille_server.journal import OPEN, Journal, close_recording, name_in
 from robotouille_server.logs import get_logger
 from robotouille_server.room import Room
 from robotouille_server.storage import Appender, Storage
 from robotouille_server.workers import Worker, plain_code
 
-__all__ = ["Found", "Recovery"]
+__all__ = ["Recovery"]
 
 LOOK_AGAIN_SECONDS = 0.5
 """Between two looks at the episodes that another process still has."""
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """An episode and its recording; `journal` is None if it is over."""
-
-    head: dict[str, Any]
-    restored: Restored
-    recorder: Recorder
-    journal: Journal | None
 
 
 class Recovery:
     """Looks for recordings that are not closed. `adopt` makes a room of one.
 
     `unrestored` are files that cannot be gone on with, `problems` those that cannot yet, and why.
+    The `archive` has the recordings that are closed.
     """
 
     def __init__(
@@ -57,12 +47,12 @@ class Recovery:
         self._adopt = adopt
         self._now = now
         self._foreign: dict[str, str] = {}
-        self._closed: dict[str, str] = {}
+        self.archive = Archive(storage, adopt)
         self._seated: dict[str, Room] = {}
         self._looking: asyncio.TimerHandle | None = None
         self._stopped = False
 
-    def look(self, known: Container[str]) -> None:
+    def look(self, known: Mapping[str, Room]) -> None:
         """Go on with every recording that is not closed; those that another process still writes
         are taken over when it lets go. `known` are the episodes that are here already."""
         if self._stopped:
@@ -74,21 +64,26 @@ class Recovery:
             self._again(known)
             return
         self._foreign = {name: code for name, code in self._foreign.items() if name in names}
-        self._list_closed(names)
+        self.archive.list(names)
         for name in names:
-            episode = _episode_of(name)
+            episode = episode_of(name)
             mine = name.endswith(OPEN) and self._worker.owns(episode)
-            if mine and name not in self.unrestored and episode not in known:
+            if not mine or name in self.unrestored:
+                continue
+            room = known.get(episode)
+            if room is None:
                 self._take_over(name)
+            elif room.journal is not None and room.journal.name != name:
+                self._give_up(name, f"a copy of {room.journal.name}")
         if self._foreign:
             self._again(known)
 
-    def _again(self, known: Container[str]) -> None:
+    def _again(self, known: Mapping[str, Room]) -> None:
         if self._looking is None:
             loop = asyncio.get_running_loop()
             self._looking = loop.call_later(LOOK_AGAIN_SECONDS, self._look_again, known)
 
-    def _look_again(self, known: Container[str]) -> None:
+    def _look_again(self, known: Mapping[str, Room]) -> None:
         self._looking = None
         self.look(known)
 
@@ -105,32 +100,13 @@ class Recovery:
         room = self._seated.get(session)
         return room if room is not None and room.holds_seat(session) is not None else None
 
-    def elsewhere(self, name: str, known: Container[str]) -> bool:
+    def elsewhere(self, name: str, known: Mapping[str, Room]) -> bool:
         """Whether the episode of an id or code is still with another process."""
         if self._foreign:
             self.look(known)
         codes = {plain_code(code) for code in self._foreign.values() if code}
-        episodes = {_episode_of(file) for file in self._foreign}
+        episodes = {episode_of(file) for file in self._foreign}
         return name in episodes or plain_code(name) in codes
-
-    def ended(self, episode: str) -> Room | None:
-        """The room of an episode that is over, for those who have missed its end."""
-        if episode not in self._closed:
-            self._list_closed(self._storage.names())
-        name = self._closed.get(episode)
-        if name is None:
-            return None
-        try:
-            recording = Recording(unwrap(self._storage.read(name)), name)
-            restored = self._restored(recording)
-        except (RobotouilleError, OSError) as error:
-            get_logger().error("recording not read", file=name, error=str(error))
-            return None
-        recorder = Recorder(restored.episode.world)
-        return self._adopt(Found(recording.header, restored, recorder, None))
-
-    def _list_closed(self, names: list[str]) -> None:
-        self._closed = {_episode_of(name): name for name in names if name.endswith(CLOSED)}
 
     def forget(self, room: Room) -> None:
         """A room is closed."""
@@ -173,25 +149,43 @@ class Recovery:
     def _go_on(self, name: str, file: Appender) -> bool:
         """Make a room of a file; whether the room keeps it open."""
         content = self._storage.read(name)
-        if MAGIC.startswith(content[: len(MAGIC)]) and not any(read_frames(content)):
-            self._storage.remove(name)  # Cut off in its header: nobody was told of it.
+        if _has_no_header(content):
+            self._storage.remove(name)  # Torn in its header: nobody was told of it.
             return False
-        recording = Recording(_without_zeros(content), name)
+        recording = Recording(content, name)
+        if (its_own := name_in(recording.header)) != name:
+            raise RecordingError(f"a copy of {its_own}")
         restored = self._restored(recording)
-        file.cut(restored.kept)
+        self._cut(name, file, content, restored.kept)
         if restored.missing:
             file.append(restored.missing)
-        if restored.complete:
-            self._closed[_episode_of(name)] = close_recording(self._storage, name)
-            return False
-        recorder = Recorder(restored.episode.world)
         size = restored.kept + len(restored.missing)
+        if restored.complete:
+            closed = close_recording(self._storage, name, file.read(), size)
+            self.archive.add(closed)
+            return False
+        recorder = Recorder(restored.episode.world, recording.version)
         journal = Journal(self._storage, name, recorder, found=file, size=size)
         room = self._adopt(Found(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():
             if seat.taken:
                 self._seated[seat.session] = room
         return True
+
+    def _cut(self, name: str, file: Appender, content: bytes, kept: int) -> None:
+        """Cut what is torn off a file, and keep it in another one beside it."""
+        torn = content[kept:]
+        if not torn:
+            return
+        there, beside, number = self._storage.names(), f"{name}.cut", 1
+        while beside in there:
+            number += 1
+            beside = f"{name}.cut{number}"
+        self._storage.replace(beside, torn)
+        file.cut(kept)
+        get_logger().warning(
+            "recording was torn", file=name, at=kept, bytes=len(torn), kept_in=beside
+        )
 
     def _restored(self, recording: Recording) -> Restored:
         return restore(recording, self._now(), self._patience, shared_world)
@@ -216,12 +210,8 @@ class Recovery:
         get_logger().error("episode not restored", file=name, error=reason)
 
 
-def _without_zeros(content: bytes) -> bytes:
-    """A file without the zeros that a power cut may leave behind its last frame."""
-    end = intact(content)
-    return content if content[end:].strip(b"\0") else content[:end]
-
-
-def _episode_of(name: str) -> str:
-    """The episode's id in a recording's name."""
-    return name.removesuffix(OPEN).removesuffix(CLOSED).rpartition("_")[2]
+def _has_no_header(content: bytes) -> bool:
+    """Whether a file was torn before its first frame was whole."""
+    if len(content) < len(MAGIC):
+        return any(magic(version).startswith(content) for version in VERSIONS)
+    return content[:4] == MAGIC[:4] and next(read_frames(content), None) is None

@@ -10,11 +10,12 @@ from typer.testing import CliRunner
 
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, Event, Hold, Rules
+from robotouille.replay.frames import compress, frame_ends
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
 from robotouille_client.cli.main import app
-from tests.support.games import record
+from tests.support.games import record, recorded_game
 
 TASK = World("multi_agent/01")
 
@@ -130,3 +131,28 @@ def test_a_game_without_interruptions_has_no_such_lines(tmp_path: Path) -> None:
     assert "moved by" in shown
     assert "paused" not in shown
     assert "restarted" not in shown
+
+
+def test_a_damaged_file_fails_and_what_stands_before_the_damage_can_be_had(tmp_path: Path) -> None:
+    whole = recorded_game("multi_agent/01", seed=2, steps=30)
+    path = tmp_path / "a.rbt"
+    path.write_bytes(compress(whole) + b"garbage")
+    done = CliRunner().invoke(app, ["replay", "verify", str(path)])
+    assert done.exit_code == 1
+    assert "something follows" in done.stderr
+    assert CliRunner().invoke(app, ["replay", "info", str(path)]).exit_code != 0
+    told = CliRunner().invoke(app, ["replay", "info", str(path), "--json", "--damaged"])
+    assert json.loads(told.stdout)["steps"] == 30
+    assert "something follows" in told.stderr
+    lines = robotouille("replay", "export", str(path), "--damaged").splitlines()
+    assert sum(json.loads(line)["kind"] == "step" for line in lines) == 30
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_closed_file_without_an_end_does_not_verify(tmp_path: Path, version: int) -> None:
+    whole = recorded_game("multi_agent/01", seed=2, steps=30, version=version)
+    path = tmp_path / "a.rbt"
+    path.write_bytes(compress(whole[: list(frame_ends(whole))[-2]]))
+    done = CliRunner().invoke(app, ["replay", "verify", str(path)])
+    assert done.exit_code == 1
+    assert "closed without an end" in done.stderr

@@ -21,16 +21,20 @@ export function recording({ path }) {
   const file = readFileSync(path);
   if (file.toString("latin1", 0, 4) !== "RBTL") throw new Error("not a recording");
   const frames = [];
+  const head = file[4] === 1 ? 8 : 12;
   let position = 5;
-  while (position + 8 <= file.length) {
+  while (position + head <= file.length) {
     const size = file.readUInt32LE(position);
-    const payload = file.subarray(position + 8, position + 8 + size);
+    if (head > 8 && crc32(file.subarray(position, position + 8)) !== file.readUInt32LE(position + 8)) {
+      throw new Error(`byte ${position}: the checksum of the length does not match`);
+    }
+    const payload = file.subarray(position + head, position + head + size);
     if (payload.length < size) break;
     if (crc32(payload) !== file.readUInt32LE(position + 4)) {
       throw new Error(`byte ${position}: the checksum does not match`);
     }
     frames.push(decode(payload));
-    position += 8 + size;
+    position += head + size;
   }
   return { version: file[4], frames };
 }

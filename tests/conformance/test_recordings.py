@@ -14,13 +14,14 @@ from tests.fuzz.process import ServerProcess
 from tests.support.games import recorded_game
 
 
+@pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("cut", [0, 1, 700])
-def test_node_reads_the_frames_that_python_reads(tmp_path: Path, cut: int) -> None:
-    stream = recorded_game("multi_agent/10@3", seed=2, steps=110)
+def test_node_reads_the_frames_that_python_reads(tmp_path: Path, cut: int, version: int) -> None:
+    stream = recorded_game("multi_agent/10@3", seed=2, steps=110, version=version)
     path = tmp_path / "game.rbt.part"
     path.write_bytes(stream[: len(stream) - cut])
     found = run_node("recording", path=str(path))
-    assert found["version"] == 1
+    assert found["version"] == version
     assert found["frames"] == list(read_frames(stream[: len(stream) - cut]))
     assert len(found["frames"]) > 110
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["robotouille"]):
-    from robotouille.replay.frames import MAGIC
+    from robotouille.replay.frames import MAGIC, VERSIONS, frame_ends, magic
     from tests.fuzz.forgery import framed
     from tests.fuzz.targets import file_targets
 
@@ -38,15 +38,17 @@ def mutate(data: bytes, max_size: int, seed: int) -> bytes:
         payloads.insert(place, chance.choice(payloads))
     else:
         del payloads[place]
-    return (MAGIC + b"".join(map(framed, payloads)))[:max_size]
+    version = chance.choice(VERSIONS) if chance.random() < 0.1 else data[4]
+    return (magic(version) + b"".join(framed(payload, version) for payload in payloads))[:max_size]
 
 
 def _payloads(data: bytes) -> list[bytes]:
-    found, position = [], len(MAGIC)
-    while data.startswith(MAGIC) and position + 8 <= len(data):
-        size = int.from_bytes(data[position : position + 4], "little")
-        found.append(data[position + 8 : position + 8 + size])
-        position += 8 + size
+    if data[:5] not in map(magic, VERSIONS):
+        return []
+    found, position, head = [], len(MAGIC), 8 if data[4] == 1 else 12
+    for end in frame_ends(data):
+        found.append(data[position + head : end])
+        position = end
     return found
 
 

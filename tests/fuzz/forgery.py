@@ -8,16 +8,19 @@ from typing import Any
 
 import msgpack
 
-from robotouille.replay.frames import MAGIC, compress, read_frames, unwrap
+from robotouille.replay.frames import compress, magic, read_frames, unwrap
 from tests.fuzz.hostility import Adversary
 from tests.fuzz.specimens import recordings
 
 __all__ = ["forged", "framed", "recording_bytes"]
 
 
-def framed(payload: bytes) -> bytes:
-    """A frame around any bytes, with their length and checksum."""
-    return len(payload).to_bytes(4, "little") + zlib.crc32(payload).to_bytes(4, "little") + payload
+def framed(payload: bytes, version: int = 2) -> bytes:
+    """A frame around any bytes, with their length and right checksums."""
+    head = len(payload).to_bytes(4, "little") + zlib.crc32(payload).to_bytes(4, "little")
+    if version > 1:
+        head += zlib.crc32(head).to_bytes(4, "little")
+    return head + payload
 
 
 @cache
@@ -35,7 +38,8 @@ def forged(adversary: Adversary) -> bytes:
     frames = _game(adversary)
     for _ in range(adversary.random.choice((1, 1, 1, 2, 3))):
         _change(adversary, frames)
-    stream = MAGIC + b"".join(framed(payload) for payload in frames)
+    version = adversary.random.choice((1, 2, 2))
+    stream = magic(version) + b"".join(framed(payload, version) for payload in frames)
     return compress(stream) if adversary.random.random() < 0.05 else stream
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,11 @@ from robotouille.protocol import messages
 from robotouille.replay.frames import compress
 from robotouille.resources import data_folder
 from tests.support.games import recorded_game
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
 
 __all__ = ["client_messages", "files", "recordings", "server_messages"]
 
@@ -55,14 +61,16 @@ def server_messages() -> tuple[dict[str, Any], ...]:
 
 @cache
 def recordings() -> tuple[bytes, ...]:
-    """Recordings of short games: while they were written, and closed."""
+    """Recordings of short games: while they were written, and closed; of both versions."""
     games = (
         recorded_game("synchronous/01", seed=1, clock=Clock.TURN, steps=12),
         recorded_game("workshop/02", seed=2, clock=Clock.LOCKSTEP, steps=110),
         recorded_game("multi_agent/10@3", seed=3, clock=Clock.LOCKSTEP, steps=25),
         recorded_game("asynchronous/06", seed=4, clock=Clock.REALTIME, steps=20, timing="people"),
     )
-    return (*games, compress(games[0]))
+    first = recorded_game("synchronous/01", seed=1, clock=Clock.TURN, steps=12, version=1)
+    other = recorded_game("workshop/02", seed=5, clock=Clock.LOCKSTEP, steps=30, version=1)
+    return (*games, compress(games[0]), first, other, compress(first), zstd.compress(first))
 
 
 FOLDERS = {

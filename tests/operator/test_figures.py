@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from robotouille.episode import Clock
-from robotouille.replay.frames import MAGIC
+from robotouille.replay.frames import MAGIC, frame_ends
 from robotouille_server.metrics import Metrics
-from robotouille_server.operator.frames import frame_ends
 from robotouille_server.operator.totals import History, RateOf
 from robotouille_server.operator.transcript import READ, Transcript
 from tests.support.games import recorded_game

@@ -200,6 +200,6 @@ def test_export_is_json_lines_with_what_everybody_did() -> None:
 
 
 def test_frames_are_plain_messagepack() -> None:
-    """Anybody can read them: four bytes of length, four of CRC-32, then MessagePack."""
+    """Anybody can read them: four bytes of length, twice four of CRC-32, then MessagePack."""
     length = int.from_bytes(GAME[5:9], "little")
-    assert msgpack.unpackb(GAME[13 : 13 + length])["kind"] == "header"
+    assert msgpack.unpackb(GAME[17 : 17 + length])["kind"] == "header"

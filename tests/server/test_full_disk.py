@@ -13,7 +13,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server import room as room_module
 from robotouille_server.peer import MAX_UNSENT, Peer
-from robotouille_server.storage import Appender, Folder
+from robotouille_server.storage import Appender, Condition, Folder
 from tests.server.test_storage import FullDisk
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
@@ -51,6 +51,12 @@ class CountedFile:
 
     def cut(self, size: int) -> None:
         self._file.cut(size)
+
+    def read(self) -> bytes:
+        return self._file.read()
+
+    def condition(self) -> Condition:
+        return self._file.condition()
 
     def close(self) -> None:
         self._disk.still_open -= 1

@@ -15,7 +15,7 @@ from tests.episode.test_absence import TWO
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
-NAME = "20260101T000000Z_x_0123456789abcdef.rbt.part"
+NAME = "20260101T000000Z_multi_agent-01_lettuce_burger_0123456789abcdef.rbt.part"
 ROSTER = {"note": "roster", "t": 1, "player": "robot1", "name": "x", "kind": "human",
           "present": True}  # fmt: skip
 FRAMES: dict[str, tuple[dict[str, Any], str]] = {
@@ -39,7 +39,8 @@ def begun() -> tuple[Episode, Recorder, bytes]:
     """A game of two that runs, its recorder, and what that has recorded."""
     episode = Episode(TWO, Rules(clock=Clock.REALTIME), 0.0)
     recorder = Recorder(TWO)
-    content = recorder.begin(header(TWO.task, episode.rules, episode="0123456789abcdef"))
+    head = header(TWO.task, episode.rules, episode="0123456789abcdef", created="20260101T000000Z")
+    content = recorder.begin(head)
     for player in TWO.players:
         episode.join(player, player.upper(), "human", 0.0, session=f"s-{player}")
     episode.tick(0.5)

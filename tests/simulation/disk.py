@@ -10,6 +10,7 @@ import errno
 import random
 from collections.abc import Callable
 
+from robotouille_server.storage import Condition
 from tests.simulation.loop import Killed, Process, current_process
 
 __all__ = ["Disk", "OpenFile"]
@@ -156,6 +157,12 @@ class OpenFile:
 
     def cut(self, size: int) -> None:
         self._disk.cut(self, size)
+
+    def read(self) -> bytes:
+        return self._disk.read(self.name)
+
+    def condition(self) -> Condition:
+        return Condition.WHOLE
 
     def close(self) -> None:
         self._open = False

@@ -7,24 +7,19 @@ been recorded before.
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Callable, MutableMapping
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
-import msgpack
-
 from robotouille.domain.task import Task
-from robotouille.replay.frames import MAGIC, unwrap
+from robotouille.replay.frames import MAGIC, frame_ends, frame_value, unwrap
 from robotouille.replay.recording import Recording
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client import Game
 
 __all__ = ["EpisodeTruth", "Oracle", "RecordedMove"]
-
-PREFIX = struct.Struct("<II")
 
 Fail = Callable[[str], None]
 
@@ -107,13 +102,9 @@ class EpisodeTruth:
             if len(self.content) < len(MAGIC):
                 return
             self._parsed = len(MAGIC)
-        while len(self.content) >= self._parsed + PREFIX.size:
-            length, _ = PREFIX.unpack_from(self.content, self._parsed)
-            start = self._parsed + PREFIX.size
-            if len(self.content) < start + length:
-                return
-            self._frame(msgpack.unpackb(bytes(self.content[start : start + length])))
-            self._parsed = start + length
+        for end in frame_ends(self.content, self._parsed):
+            self._frame(frame_value(self.content, self._parsed, end))
+            self._parsed = end
 
     def _frame(self, frame: dict[str, Any]) -> None:
         if self.outcome is not None:

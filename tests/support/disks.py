@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille_server.storage import Appender, Folder
+from robotouille_server.storage import Appender, Condition, Folder
 
 __all__ = ["TroubledFolder"]
 
@@ -29,6 +29,12 @@ class _TroubledFile:
 
     def cut(self, size: int) -> None:
         self._file.cut(size)
+
+    def read(self) -> bytes:
+        return self._file.read()
+
+    def condition(self) -> Condition:
+        return self._file.condition()
 
     def close(self) -> None:
         self._file.close()

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from robotouille import GroundAction, World, load_task
 from robotouille.episode import Clock, Episode, Event, Phase, Rules
+from robotouille.replay.frames import FORMAT_VERSION
 from robotouille.replay.recorder import Recorder, header
 
 Choose = Callable[[Episode, str], GroundAction | None]
@@ -47,16 +48,22 @@ def play_through(
     return episode, events
 
 
-def record(episode: Episode, events: list[Event]) -> bytes:
+def record(episode: Episode, events: list[Event], version: int = FORMAT_VERSION) -> bytes:
     """The bytes of an episode's recording."""
     head = header(episode.world.task, episode.rules, episode="test")
-    recorder = Recorder(episode.world)
+    recorder = Recorder(episode.world, version)
     return recorder.begin(head) + recorder.record(events)
 
 
 def recorded_game(
-    task: str, *, seed: int = 0, clock: Clock = Clock.LOCKSTEP, steps: int = 120, **options: str
+    task: str,
+    *,
+    seed: int = 0,
+    clock: Clock = Clock.LOCKSTEP,
+    steps: int = 120,
+    version: int = FORMAT_VERSION,
+    **options: str,
 ) -> bytes:
     """The recording of a random game."""
     rules = Rules(clock=clock, max_steps=steps)
-    return record(*play_through(task, rules, random_choice(seed), **options))
+    return record(*play_through(task, rules, random_choice(seed), **options), version)

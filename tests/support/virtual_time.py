@@ -1,22 +1,26 @@
 """An event loop whose clock jumps: nothing waits, real sockets still work.
 
 While messages are on their way through the loopback interface time stands still; once nothing has
-arrived for a moment, the clock jumps to the next timer.
+arrived for a moment, the clock jumps to the next timer; not while the loop's own threads work.
 """
 
 from __future__ import annotations
 
 import asyncio
 import selectors
+from collections.abc import Callable
 from typing import Any
 
 SETTLE = 0.002
+WORK = 5.0
+"""Real seconds for which time stands still while a thread works for the loop."""
 
 
 class JumpingSelector(selectors.DefaultSelector):  # type: ignore[misc, valid-type]
     """Gives real events the first word, then lets virtual time pass instead of waiting."""
 
     now = 1000.0
+    working = 0
 
     def select(self, timeout: float | None = None) -> list[Any]:
         ready = super().select(0)
@@ -24,6 +28,8 @@ class JumpingSelector(selectors.DefaultSelector):  # type: ignore[misc, valid-ty
             return ready
         ready = super().select(SETTLE)
         if ready:
+            return ready
+        if self.working and (ready := super().select(WORK)):
             return ready
         if timeout is None:
             return super().select(None)
@@ -40,6 +46,16 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def time(self) -> float:
         return self._jumping.now
+
+    def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:
+        future = super().run_in_executor(executor, func, *args)
+        if executor is None:
+            self._jumping.working += 1
+            future.add_done_callback(self._done)
+        return future
+
+    def _done(self, _: Any) -> None:
+        self._jumping.working -= 1
 
     async def shutdown_default_executor(self, timeout: float | None = None) -> None:
         """Threads end in real time, of which none passes here: wait for them without a limit."""

@@ -132,7 +132,7 @@ def _recorded_state(reference: str) -> State:
     if not file or not re.fullmatch("[0-9]{1,9}", number):
         raise RobotouilleError(f"expected RECORDING@STEP like game.rbt@12, found {reference!r}")
     recording, step = read_recording(Path(file)), int(number)
-    last = len(recording.steps)
+    last = recording.length
     if step > last:
         raise RecordingError(f"{file}: there is no step {step}; it has the steps 0 to {last}")
     return next(islice(recording.states(), step, None))[1]

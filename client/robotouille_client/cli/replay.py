@@ -34,22 +34,30 @@ PATIENCE = 2.0
 """Seconds before progress is shown."""
 
 FileArgument = Annotated[Path, typer.Argument(help="A recording (.rbt, or .rbt.part while open).")]
+DamagedOption = Annotated[
+    bool, typer.Option("--damaged", help="Of a damaged file, read what stands before the damage.")
+]
 
 
-def _open(file: Path) -> Recording:
+def _open(file: Path, *, damaged: bool = False) -> Recording:
     try:
-        return read_recording(file)
+        recording = read_recording(file, damaged=damaged)
     except RobotouilleError as error:
         fail(explain(error))
+    if recording.damage:
+        read = f"the {recording.length} steps before it are read"
+        tell(printable(f"{file}: {recording.damage}; {read}"), err=True)
+    return recording
 
 
 @replay.command()
 def info(
     file: FileArgument,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    damaged: DamagedOption = False,
 ) -> None:
     """Say what was played, by whom in which steps, when it stood still, and how it ended."""
-    recording = _open(file)
+    recording = _open(file, damaged=damaged)
     head = recording.header
     rows = {
         "task": head["task"]["name"],
@@ -60,7 +68,7 @@ def info(
         "created": head["created"],
         "software": head["software"],
         "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
-        "steps": len(recording.steps),
+        "steps": recording.length,
         "outcome": recording.outcome,
     }
     if json_output:
@@ -81,12 +89,12 @@ def _no_end(file: Path) -> str:
 
 
 @replay.command()
-def notes(file: FileArgument) -> None:
+def notes(file: FileArgument, damaged: DamagedOption = False) -> None:
     """List what happened between the steps: who came, went and returned, chat, pauses, rejections.
 
     Each line begins with the step it came after and the seconds since the game began.
     """
-    for line in note_lines(_open(file)):
+    for line in note_lines(_open(file, damaged=damaged)):
         tell(printable(line))
 
 
@@ -94,7 +102,8 @@ def notes(file: FileArgument) -> None:
 def verify(files: Annotated[list[Path], typer.Argument(help="Recordings.")]) -> None:
     """Re-simulate recordings and compare every fact, timer and hash.
 
-    Exit status 1 if any differs; says the first step and the first fact that do.
+    Exit status 1 if any differs, is damaged, or is closed without an end; says the first step and
+    the first fact that differ, or the byte.
     """
     failed = False
     for file in files:
@@ -149,7 +158,7 @@ def _distances(recording: Recording, limits: Limits) -> Iterator[StepsLeft]:
     try:
         for step, recorded in recording.states():
             if time.monotonic() - began > PATIENCE:
-                status.update(f"step {step} of {len(recording.steps)}")
+                status.update(f"step {step} of {recording.length}")
                 status.start()
             state = anytime.in_model(recorded)
             yield distance(state, limits, after=before)
@@ -217,9 +226,10 @@ def export(
         Path | None, typer.Option(help="File to write; standard output else.")
     ] = None,
     texts: Annotated[bool, typer.Option(help="Add each seat's observation in words.")] = False,
+    damaged: DamagedOption = False,
 ) -> None:
     """Write a recording as JSON lines: header, steps, outcome."""
-    recording = _open(file)
+    recording = _open(file, damaged=damaged)
     try:
         lines = "".join(f"{line}\n" for line in json_lines(recording, texts=texts))
         if output is None:

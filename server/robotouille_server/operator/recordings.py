@@ -12,12 +12,9 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any, Protocol
 
-import msgpack
-
 from robotouille.errors import RecordingError
-from robotouille.replay.frames import MAGIC, unwrap
+from robotouille.replay.frames import MAGIC, frame_ends, frame_value, intact, is_closed, unwrap
 from robotouille_server.operator.errors import RefusedError
-from robotouille_server.operator.frames import frame_ends, frame_value
 from robotouille_server.operator.models import RecordingPage, RecordingRow
 
 __all__ = ["NoRecordings", "Readable", "Shelf"]
@@ -79,9 +76,12 @@ class Shelf:
             message = f"there is no recording {name!r}; it may have been finished or moved"
             raise RefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
         content = self._read(name)
-        if content.startswith(MAGIC):
-            return content[: max(frame_ends(content), default=len(MAGIC))]
-        return content
+        if is_closed(content):
+            return content
+        try:
+            return content[: intact(content)]
+        except RecordingError:
+            return content  # Whatever it is: as it is.
 
     def _names(self) -> list[str]:
         try:
@@ -139,7 +139,7 @@ def _summarised(content: bytes) -> Summary:
         head = frame_value(stream, len(MAGIC))
         last = frame_value(stream, ends[-2] if len(ends) > 1 else len(MAGIC))
         return _from_frames(size, head, last)
-    except (RecordingError, ValueError, KeyError, TypeError, msgpack.UnpackException):
+    except (RecordingError, KeyError, TypeError):
         return Summary(size)
 
 

@@ -6,8 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from robotouille.replay.frames import MAGIC
-from robotouille_server.operator.frames import frame_ends, frame_value
+from robotouille.replay.frames import MAGIC, frame_ends, frame_value
 from robotouille_server.operator.models import Line
 
 __all__ = ["Transcript"]

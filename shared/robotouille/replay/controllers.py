@@ -68,7 +68,7 @@ def seatings(recording: Recording) -> Iterator[tuple[int, Mapping[str, Seating]]
     """The seats before the first step (as step 0), then in each step."""
     seats: dict[str, Seating] = dict.fromkeys(recording.world.players, Seating())
     begun = False
-    for frame in recording.frames:
+    for frame in recording.each_frame():
         if frame["kind"] == "notes":
             seats = {**seats, **dict(_changes(frame["notes"], seats))}
         elif frame["kind"] == "step":

@@ -25,7 +25,7 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     in_control = controllers(recording)
     states = recording.states()
     before = next(states)[1]
-    for frame in recording.frames:
+    for frame in recording.each_frame():
         if frame["kind"] == "notes":
             for note in frame["notes"]:
                 yield _line({"kind": "note", "note": note})

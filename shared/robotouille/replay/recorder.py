@@ -30,7 +30,7 @@ from robotouille.episode.events import (
 from robotouille.episode.rules import Rules
 from robotouille.protocol.states import StateWriter, unmet_rows
 from robotouille.release import VERSION
-from robotouille.replay.frames import MAGIC, pack_frame
+from robotouille.replay.frames import FORMAT_VERSION, magic, pack_frame
 from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
 
@@ -38,6 +38,9 @@ __all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "st
 
 HASH_EVERY = 10
 SNAPSHOT_EVERY = 100
+MAX_NOTES = 50
+"""Notes in a frame: the longest (a rejection with 8,000 characters of reasoning and its reasons)
+takes less than 64 KiB, so that they all fit."""
 
 
 def header(
@@ -68,9 +71,11 @@ def header(
 
 @dataclass(slots=True)
 class Recorder:
-    """Turns the events of one episode into the bytes to append to its file."""
+    """Turns the events of one episode into the bytes to append to its file, which has one format
+    version from its beginning to its end."""
 
     world: World
+    version: int = FORMAT_VERSION
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
@@ -80,7 +85,8 @@ class Recorder:
         """The magic, the header with its tables, and the initial state."""
         initial = self.world.initial
         head = {**head, "tables": self.writer.tables(initial)}
-        return MAGIC + pack_frame(head) + keyframe(self.writer, 0, initial)
+        first = keyframe(self.writer, 0, initial, self.version)
+        return magic(self.version) + pack_frame(head, self.version) + first
 
     def record(self, events: Iterable[Event]) -> bytes:
         """The frames of some events, in order; nothing is held back."""
@@ -90,25 +96,28 @@ class Recorder:
             if isinstance(event, Stepped):
                 frame = self._step(event)
             elif isinstance(event, Ended):
-                frame = _footer(event)
+                frame = _footer(event, self.version)
             elif isinstance(event, Rejected) and not event.recorded:
                 continue
             else:
                 notes.append(_note(event))
                 continue
             if notes:
-                frames.append(_notes_frame(notes))
+                frames.append(_notes_frames(notes, self.version))
                 notes = []
             frames.append(frame)
         if notes:
-            frames.append(_notes_frame(notes))
+            frames.append(_notes_frames(notes, self.version))
         return b"".join(frames)
 
     def _step(self, event: Stepped) -> bytes:
         rows: dict[str, Any] = {"t": _ms(event.time), "moves": [_move(m) for m in event.moves]}
         if event.idle:
             rows["idle"] = [[player, seq] for player, seq in event.idle]
-        return step_frames(self.writer, event.step, rows, event.attempts, event.before, event.state)
+        before, after = event.before, event.state
+        return step_frames(
+            self.writer, event.step, rows, event.attempts, before, after, self.version
+        )
 
 
 def _move(move: Move) -> dict[str, Any]:
@@ -121,13 +130,16 @@ def _move(move: Move) -> dict[str, Any]:
     return row | ({"reasoning": move.reasoning} if move.reasoning else {})
 
 
-def _footer(event: Ended) -> bytes:
-    return pack_frame({"kind": "footer", "outcome": event.outcome.to_json()})
+def _footer(event: Ended, version: int) -> bytes:
+    return pack_frame({"kind": "footer", "outcome": event.outcome.to_json()}, version)
 
 
-def _notes_frame(notes: list[dict[str, Any]]) -> bytes:
-    """The frame of rejections, chat and roster changes between two steps."""
-    return pack_frame({"kind": "notes", "notes": notes})
+def _notes_frames(notes: list[dict[str, Any]], version: int) -> bytes:
+    """Rejections, chat and roster changes between two steps, in as few frames as are read."""
+    if len(notes) <= MAX_NOTES:
+        return pack_frame({"kind": "notes", "notes": notes}, version)
+    pieces = (notes[at : at + MAX_NOTES] for at in range(0, len(notes), MAX_NOTES))
+    return b"".join(_notes_frames(piece, version) for piece in pieces)
 
 
 def step_frames(
@@ -137,6 +149,7 @@ def step_frames(
     attempts: tuple[Attempt, ...],
     before: State,
     after: State,
+    version: int = FORMAT_VERSION,
 ) -> bytes:
     """The frame of a step, and the keyframe after it where one is due.
 
@@ -148,16 +161,17 @@ def step_frames(
     frame |= writer.changes(before, after)
     if step % HASH_EVERY == 0:
         frame["hash"] = writer.digest(after)
-    output = pack_frame(frame)
+    output = pack_frame(frame, version)
     if step % SNAPSHOT_EVERY == 0:
-        output += keyframe(writer, step, after)
+        output += keyframe(writer, step, after, version)
     return output
 
 
-def keyframe(writer: StateWriter, step: int, state: State) -> bytes:
+def keyframe(writer: StateWriter, step: int, state: State, version: int = FORMAT_VERSION) -> bytes:
     """The frame of a whole state."""
+    values = writer.values(state)
     return pack_frame(
-        {"kind": "state", "step": step, "hash": writer.digest(state), **writer.values(state)}
+        {"kind": "state", "step": step, "hash": writer.digest(state), **values}, version
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,18 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol.states import StateReader, StateWriter
-from robotouille.replay.frames import MAGIC, MAX_FILE, frames_with_ends, pack_frame, unwrap
+from robotouille.replay.frames import (
+    MAGIC,
+    MAX_FILE,
+    frame_ends,
+    frame_value,
+    frames_with_ends,
+    is_closed,
+    magic,
+    pack_frame,
+    plain,
+    version_of,
+)
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.replay.schema import check_frame
 from robotouille.world.actions import GroundAction
@@ -19,7 +30,7 @@ from robotouille.world.objects import atom_name
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Recording", "Verification", "read_recording"]
+__all__ = ["Comparison", "Recording", "Verification", "read_recording", "recording_of"]
 
 
 GIVEN = ("t", "moves", "idle")
@@ -45,28 +56,100 @@ class Verification:
 
 
 class Recording:
-    """The frames of one episode; the first `whole` bytes of the stream hold them."""
+    """One episode as its file has it.
 
-    def __init__(self, stream: bytes, source: str = "recording") -> None:
+    The first `whole` bytes of the stream hold its frames. They are decoded one by one, each time
+    they are gone through: a recording may be large, and as Python's objects is many times that.
+
+    A stream that is `closed` ends with the footer. RecordingError says what is wrong with one that
+    is damaged; with `damaged`, what stands before the damage is read all the same, and `damage`
+    says what it is (`fault` is what is known already).
+    """
+
+    def __init__(
+        self,
+        stream: bytes,
+        source: str = "recording",
+        *,
+        closed: bool = False,
+        damaged: bool = False,
+        fault: str = "",
+    ) -> None:
+        self._begin(stream, source)
+        try:
+            for _ in self._go_through(closed):
+                pass
+            if fault:
+                raise RecordingError(fault)
+        except RecordingError as error:
+            if not (damaged and self.header):
+                raise
+            self.damage = fault or str(error)
+
+    @classmethod
+    def opening(
+        cls, stream: bytes, source: str, *, closed: bool
+    ) -> Generator[None, None, Recording]:
+        """The same frame by frame, for those who have something else to do in between."""
+        recording = cls.__new__(cls)
+        recording._begin(stream, source)
+        yield from recording._go_through(closed)
+        return recording
+
+    def _begin(self, stream: bytes, source: str) -> None:
         self.source = source
         self.stream = stream
-        found = list(frames_with_ends(stream))
-        frames = [frame for frame, _ in found]
-        self.whole = found[-1][1] if found else 0
-        if not frames or frames[0].get("kind") != "header":
-            raise RecordingError(f"{source}: has no header")
-        for number, frame in enumerate(frames):
-            check_frame(frame, number)
-        self.header: dict[str, Any] = frames[0]
-        self.frames = frames
-        self.steps = [frame for frame in frames if frame.get("kind") == "step"]
+        self.version = version_of(stream)
+        self.header: dict[str, Any] = {}
+        self.whole = 0
+        self.length = 0
+        self.outcome: dict[str, Any] | None = None
+        self.damage = ""
 
-    @property
-    def outcome(self) -> dict[str, Any] | None:
-        """How it ended; None where the file was cut off before the end."""
-        footer = next((frame for frame in self.frames if frame["kind"] == "footer"), None)
-        outcome: dict[str, Any] | None = footer["outcome"] if footer is not None else None
-        return outcome
+    def _go_through(self, closed: bool) -> Generator[None, None, None]:
+        """Check every frame, and that nothing is missing where nothing may be."""
+        for number, (frame, end) in enumerate(frames_with_ends(self.stream)):
+            if not number and frame.get("kind") != "header":
+                break
+            check_frame(frame, number)
+            if self.outcome is not None:
+                raise RecordingError(f"damaged at byte {self.whole}: a frame behind the footer")
+            if frame["kind"] == "header" and not number:
+                self.header = frame
+            elif frame["kind"] == "step":
+                self.length += 1
+            elif frame["kind"] == "footer":
+                self.outcome = frame["outcome"]
+            self.whole = end
+            yield
+        if not self.header:
+            raise RecordingError(f"{self.source}: has no header")
+        if closed and self.whole < len(self.stream):
+            raise RecordingError(f"damaged at byte {self.whole}: a torn frame in a closed file")
+        if closed and self.outcome is None:
+            raise RecordingError(f"damaged at byte {self.whole}: the file is closed without an end")
+
+    def each_frame(self) -> Iterator[dict[str, Any]]:
+        """The frames in order, decoded anew."""
+        position = len(MAGIC)
+        for end in frame_ends(self.stream):
+            if end > self.whole:
+                return
+            yield frame_value(self.stream, position, end)
+            position = end
+
+    @cached_property
+    def frames(self) -> list[dict[str, Any]]:
+        """All frames at once: for those of a long recording see `each_frame`."""
+        return list(self.each_frame())
+
+    @cached_property
+    def steps(self) -> list[dict[str, Any]]:
+        """The frames of all steps at once; `length` says how many there are."""
+        return list(self._each_step())
+
+    def _each_step(self) -> Iterator[dict[str, Any]]:
+        return (frame for frame in self.each_frame() if frame["kind"] == "step")
 
     @cached_property
     def task(self) -> Task:
@@ -89,7 +172,7 @@ class Recording:
     def notes(self) -> Iterator[dict[str, Any]]:
         """Rejections, chat and roster changes, in order, each with the step it came after."""
         step = 0
-        for frame in self.frames:
+        for frame in self.each_frame():
             if frame["kind"] == "step":
                 step = frame["step"]
             elif frame["kind"] == "notes":
@@ -108,7 +191,7 @@ class Recording:
         """The state at step 0 and after each step, by re-simulation."""
         state = self.world.initial
         yield 0, state
-        for frame in self.steps:
+        for frame in self._each_step():
             state = state.step(self.actions(frame)).state
             yield frame["step"], state
 
@@ -128,7 +211,7 @@ class Recording:
         names = [row[0] for row in tables["objects"]]
         atoms = [_name(row, tables["predicates"], names) for row in tables["atoms"]]
         facts: set[int] = set()
-        for frame in self.frames:
+        for frame in self.each_frame():
             if frame["kind"] == "state":
                 facts = set(frame["facts"])
                 if frame["step"] > 0:
@@ -143,35 +226,28 @@ class Recording:
             yield frame["step"], frozenset(atoms[i] for i in facts if atoms[i])
 
     def verify(self) -> Verification:
-        """Re-simulate, and compare every fact, timer and hash with the recorded ones."""
-        complete = self.outcome is not None
+        """Re-simulate, and compare every fact, timer and hash with the recorded ones, and the
+        file with one that is written anew."""
+        comparison = Comparison(self)
         try:
-            fault = self._first_difference()
+            fault = self._first_difference(comparison)
         except RobotouilleError as error:
             fault = str(error)
-        identical = not fault and self._same_bytes(self.resimulate())
-        return Verification(len(self.steps), fault, identical, complete)
+        identical = not fault and comparison.identical
+        return Verification(self.length, fault, identical, self.outcome is not None)
 
-    def _same_bytes(self, anew: bytes) -> bool:
-        """Whether the whole frames of the file are these; one that was cut off does not count,
-        nor does a keyframe that was not yet written."""
-        whole = self.whole
-        if self.outcome is not None:
-            return anew == self.stream
-        return anew[:whole] == self.stream[:whole]
-
-    def _first_difference(self) -> str:
+    def _first_difference(self, comparison: Comparison) -> str:
         if self.task.digest != self.header["digest"]:
             return f"the task's hash is {self.task.digest}, recorded {self.header['digest']}"
-        state, reader, expected = self.world.initial, None, 0
-        for frame in self.frames[1:]:
+        reader, expected, state = None, 0, self.world.initial
+        for frame, state, written in self.anew():
+            comparison.add(written)
             if frame["kind"] == "state" and reader is None:
                 reader = StateReader(self.world, self.header["tables"], frame)
             elif frame["kind"] == "step":
                 expected += 1
                 if frame["step"] != expected or reader is None:
                     return f"step {expected} is missing: the next frame is step {frame['step']}"
-                state = state.step(self.actions(frame)).state
                 reader.apply(frame)
             recorded = reader.state if reader else state
             if difference := _difference(frame, state, recorded):
@@ -192,21 +268,59 @@ class Recording:
 
     def resimulate(self) -> bytes:
         """The recording written anew from the header, the actions and the notes alone."""
-        writer = StateWriter(self.world)
-        tables = writer.tables(self.world.initial)
+        return b"".join(written for _, _, written in self.anew())
+
+    def anew(self) -> Iterator[tuple[dict[str, Any], State, bytes]]:
+        """Each frame, the state after it by re-simulation, and what a recorder writes for it now:
+        for a step also the keyframe that follows it, and for that nothing."""
+        writer, version = StateWriter(self.world), self.version
         state = self.world.initial
-        head = pack_frame({**self.header, "tables": tables})
-        output = [MAGIC, head, keyframe(writer, 0, state)]
-        for frame in self.frames:
-            if frame["kind"] == "step":
+        for number, frame in enumerate(self.each_frame()):
+            written = b""
+            if not number:
+                head = pack_frame({**frame, "tables": writer.tables(state)}, version)
+                written = magic(version) + head + keyframe(writer, 0, state, version)
+            elif frame["kind"] == "step":
                 before, result = state, state.step(self.actions(frame))
                 state = result.state
                 rows = {key: value for key, value in frame.items() if key in GIVEN}
-                attempts = result.attempts
-                output.append(step_frames(writer, frame["step"], rows, attempts, before, state))
+                attempts, step = result.attempts, frame["step"]
+                written = step_frames(writer, step, rows, attempts, before, state, version)
             elif frame["kind"] in ("footer", "notes"):
-                output.append(pack_frame(frame))
-        return b"".join(output)
+                written = pack_frame(frame, version)
+            yield frame, state, written
+
+
+class Comparison:
+    """Compares what is written anew with a recording, piece by piece. What goes beyond the
+    recording's whole frames is `missing` in it: a keyframe that was not written any more."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.same = True
+        self.missing = b""
+        self._recording = recording
+        self._position = 0
+
+    def add(self, written: bytes) -> None:
+        """The next bytes of the recording written anew."""
+        recording, position = self._recording, self._position
+        known = min(len(written), max(0, recording.whole - position))
+        self.same = self.same and recording.stream[position : position + known] == written[:known]
+        self.missing += written[known:]
+        self._position = position + len(written)
+
+    @property
+    def reaches_the_end(self) -> bool:
+        """Whether nothing is recorded that was not written anew."""
+        return self._position >= self._recording.whole
+
+    @property
+    def identical(self) -> bool:
+        """Whether the whole frames of the file are these; where it is over, all of it."""
+        recording = self._recording
+        if recording.outcome is not None:
+            return self.same and self._position == recording.whole == len(recording.stream)
+        return self.same and self.reaches_the_end
 
 
 def _name(row: list[int], predicates: list[str], names: list[str]) -> str:
@@ -228,8 +342,10 @@ def _difference(frame: dict[str, Any], state: State, recorded: State) -> str:
     return ""
 
 
-def read_recording(path: Path | str) -> Recording:
-    """The recording in a file, open or closed, whole or cut off; RecordingError otherwise."""
+def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
+    """The recording in a file, open or closed; an open one may be torn at its end. RecordingError
+    says what is wrong with any other; with `damaged`, what stands before the damage is read (see
+    `Recording.damage`)."""
     path = Path(path)
     try:
         if path.stat().st_size > MAX_FILE:
@@ -238,8 +354,17 @@ def read_recording(path: Path | str) -> Recording:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
-        return Recording(unwrap(content), str(path))
+        return recording_of(content, str(path), damaged=damaged)
     except RecordingError as error:
         message = str(error)
         prefix = "" if message.startswith(str(path)) else f"{path}: "
         raise RecordingError(f"{prefix}{message}") from None
+
+
+def recording_of(content: bytes, source: str, *, damaged: bool = False) -> Recording:
+    """The recording in a file's content, like `read_recording`."""
+    stream, fault = plain(content)
+    if fault and not damaged:
+        raise RecordingError(fault)
+    closed = is_closed(content)
+    return Recording(stream, source, closed=closed, damaged=damaged, fault=fault)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +12,10 @@ from robotouille.domain.task import Task
 from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
 from robotouille.errors import RecordingError
-from robotouille.replay.recording import Recording
+from robotouille.replay.recording import Comparison, Recording
 from robotouille.world.world import World
 
-__all__ = ["Restored", "restore"]
+__all__ = ["Restored", "restore", "restoring"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +45,41 @@ def restore(
     Everybody who was present is waited for, for `patience` seconds. Raises RecordingError where
     the recording does not re-simulate.
     """
+    steps = restoring(recording, now, patience, world_of)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            found: Restored = end.value
+            return found
+        except _DifferentError:
+            fault = recording.verify().fault or "its frames are not those that play writes now"
+            raise RecordingError(f"{recording.source}: {fault}") from None
+
+
+class _DifferentError(RecordingError):
+    """The recording does not re-simulate."""
+
+
+def restoring(
+    recording: Recording,
+    now: float,
+    patience: float,
+    world_of: Callable[[Task], World] = World,
+) -> Generator[None, None, Restored]:
+    """The same frame by frame, for those who have something else to do in between."""
     recording.world = world_of(recording.task)
-    whole = recording.whole
-    anew = recording.resimulate()
-    if anew[:whole] != recording.stream[:whole]:
-        fault = recording.verify().fault or "its frames are not those that play writes now"
-        raise RecordingError(f"{recording.source}: {fault}")
-    missing = anew[whole:]
+    comparison = Comparison(recording)
     episode = Episode(recording.world, _rules(recording), now)
     retraced = _Retraced(episode)
-    for frame in recording.frames:
+    for frame, _, written in recording.anew():
+        comparison.add(written)
+        if not comparison.same:
+            raise _DifferentError(f"{recording.source}: it does not re-simulate")
         retraced.frame(recording, frame)
+        yield
+    if not comparison.reaches_the_end:
+        raise _DifferentError(f"{recording.source}: it does not re-simulate")
     outcome = recording.outcome
     if outcome is not None:
         episode.conclude(_outcome(recording, outcome))
@@ -67,7 +91,8 @@ def restore(
             expected=retraced.expected,
             held="operator" in retraced.holds,
         )
-    return Restored(episode, whole, missing, tuple(retraced.said), outcome is not None)
+    missing, said = comparison.missing, tuple(retraced.said)
+    return Restored(episode, recording.whole, missing, said, outcome is not None)
 
 
 def _outcome(recording: Recording, row: dict[str, Any]) -> Outcome:

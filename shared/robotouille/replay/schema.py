@@ -1,4 +1,5 @@
-"""The frames of a recording as schemas: what a reader may rely on. Unknown fields are let pass."""
+"""The frames of a recording as schemas: what a reader may rely on, and all that there may be. The
+task and the rules are as free here as their own schemas are."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
 class Frame(BaseModel):
-    model_config = ConfigDict(extra="allow", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class Tables(Frame):
@@ -26,6 +27,8 @@ class Tables(Frame):
 
 
 class PlayedTask(Frame):
+    model_config = ConfigDict(extra="allow", strict=True)
+
     name: str
     domain: dict[str, Any]
     problem: dict[str, Any]
@@ -33,6 +36,8 @@ class PlayedTask(Frame):
 
 
 class PlayedRules(Frame):
+    model_config = ConfigDict(extra="allow", strict=True)
+
     clock: str
     max_steps: int
 
@@ -65,6 +70,7 @@ class RecordedMove(Frame):
     action: Annotated[list[str], Field(min_length=1)]
     seq: int
     ms: int
+    reasoning: str = ""
 
 
 class RosterNote(Frame):
@@ -89,6 +95,7 @@ class RejectedNote(Frame):
     seq: int
     action: str
     reasons: list[str]
+    reasoning: str = ""
 
 
 class QuotaNote(Frame):
@@ -172,10 +179,20 @@ class StepFrame(Frame):
     hash: str = ""
 
 
+class RecordedTally(Frame):
+    player: str
+    applied: int
+    rejected: int
+    idle: int = 0
+    said: int = 0
+
+
 class RecordedOutcome(Frame):
     reason: str
     steps: int
     seconds: float
+    detail: str = ""
+    seats: list[RecordedTally] = []
 
 
 class Footer(Frame):

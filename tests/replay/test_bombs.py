@@ -1,0 +1,124 @@
+"""Small recordings that would become large: refused, or gone through without holding it all."""
+
+from __future__ import annotations
+
+import tracemalloc
+import zlib
+
+import msgpack
+import pytest
+
+from robotouille import RecordingError, World
+from robotouille.episode import Rejected
+from robotouille.replay.entries import MAX_ENTRIES
+from robotouille.replay.frames import (
+    MAX_FRAME,
+    compress,
+    frame_ends,
+    magic,
+    pack_frame,
+    plain,
+    read_frames,
+)
+from robotouille.replay.recorder import MAX_NOTES, Recorder
+from robotouille.replay.recording import Recording, recording_of
+from tests.support.games import recorded_game
+
+GAME = recorded_game("synchronous/01", seed=1, steps=5)
+BEGINNING = GAME[: list(frame_ends(GAME))[-2]]
+MIB = 1024 * 1024
+
+
+def framed(payload: bytes) -> bytes:
+    head = len(payload).to_bytes(4, "little") + zlib.crc32(payload).to_bytes(4, "little")
+    return head + zlib.crc32(head).to_bytes(4, "little") + payload
+
+
+def peak(content: bytes) -> tuple[float, str]:
+    """The most memory that verifying takes, in MiB, and how it ends."""
+    tracemalloc.start()
+    try:
+        end = str(recording_of(content, "it").verify().ok)
+    except RecordingError as error:
+        end = str(error)
+    finally:
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    return most / MIB, end
+
+
+NOTES = b"\x82\xa4kind\xa5notes\xa5notes\x90"
+BOMBS = {
+    "empty lists in an unknown field": b"\x83" + NOTES[1:] + b"\xa1x\xdd" + b"\x00\x03\x0d\x40"
+    + b"\x90" * 200_000,
+    "lists of lists": b"\x83" + NOTES[1:] + b"\xa1x" + b"\xdc\xff\xff" * 900 + b"\x90" * 100_000,
+    "more values than may be": b"\x82\xa4kind\xa5notes\xa5notes\xdc\x00\x14"
+    + (b"\xdd" + (200_000).to_bytes(4, "big") + b"\x90" * 200_000) * 20,
+    "what is announced and not there": b"\x82\xa4kind\xa5notes\xa5notes"
+    + b"\xdd\x00\x03\x0d\x40" * 1000,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_frame_that_would_become_large_is_refused(name: str) -> None:
+    content = compress(BEGINNING + framed(BOMBS[name]) * 20)
+    assert len(content) < 60_000
+    most, end = peak(content)
+    assert "damaged" in end or "frame" in end
+    assert most < 3 * 20 * len(BOMBS[name]) / MIB + 40
+
+
+def test_verifying_holds_no_more_than_one_frame() -> None:
+    """Of a recording that is right in all respects, and has a great deal of what is allowed."""
+    notes = {"kind": "notes", "notes": [{"note": "said", "t": 1, "name": "a", "player": "",
+                                         "text": "x"}] * 2000}  # fmt: skip
+    stream = BEGINNING + pack_frame(notes) * 20 + GAME[len(BEGINNING) :]
+    most, end = peak(compress(stream))
+    assert end == "True"
+    assert most < 3 * len(stream) / MIB + 12
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        {"kind": "notes", "notes": [], "more": 1},
+        {"kind": "notes", "notes": [{"note": "started", "t": 0, "more": 1}]},
+        {"kind": "footer", "outcome": {"reason": "goal", "steps": 5, "seconds": 1.0, "more": 1}},
+    ],
+)
+def test_unknown_fields_are_refused(field: dict[str, object]) -> None:
+    with pytest.raises(RecordingError, match="more: Extra inputs"):
+        Recording(BEGINNING + pack_frame(field))
+
+
+def test_a_bomb_of_another_kind_is_noticed_at_once() -> None:
+    with pytest.raises(RecordingError, match="does not begin"):
+        plain(compress(bytes(8 * MIB))[:40])
+
+
+def test_nothing_is_written_that_is_not_read() -> None:
+    with pytest.raises(RecordingError, match="bytes"):
+        pack_frame({"kind": "notes", "notes": ["x" * MAX_FRAME]})
+    with pytest.raises(RecordingError, match="cannot be recorded"):
+        pack_frame({"kind": "notes", "notes": [[0] * 200_000] * (MAX_ENTRIES // 200_000 + 1)})
+    with pytest.raises(RecordingError, match="cannot be recorded"):
+        pack_frame({"kind": "notes", "notes": [0] * 200_001})
+
+
+def test_many_long_notes_at_once_take_several_frames() -> None:
+    """What waited for a full disk, say: each frame is one that readers take."""
+
+    world = World("synchronous/01")
+    rejected = Rejected(
+        player="robot1", seq=1, action="a" * 300, reasons=("r" * 500,) * 4,
+        reasoning="\N{ROBOT FACE}" * 8000, time=0.0,
+    )  # fmt: skip
+    written = Recorder(world).record([rejected] * (3 * MAX_NOTES))
+    frames = list(read_frames(magic(2) + written))
+    assert [len(frame["notes"]) for frame in frames] == [MAX_NOTES] * 3
+
+
+def test_packing_and_unpacking_agree_with_messagepack() -> None:
+    value = {"kind": "x", "n": [1.5, -3, 2**40, None, True, "ä" * 300, {"a": [[]]}] * 50}
+    (frame,) = read_frames(magic(2) + pack_frame(value))
+    assert frame == value == msgpack.unpackb(msgpack.packb(value))
