@@ -107,10 +107,10 @@ class _Mind:
 
 class Minds:
     """The minds of all stand-ins, in whatever process they think. The same questions in the same
-    order have the same answers."""
+    order have the same answers, whatever is known of `kitchens` (by digest) already."""
 
-    def __init__(self) -> None:
-        self._kitchens: OrderedDict[str, Kitchen] = OrderedDict()
+    def __init__(self, kitchens: OrderedDict[str, Kitchen] | None = None) -> None:
+        self._kitchens = OrderedDict() if kitchens is None else kitchens
         self._minds: OrderedDict[int, _Mind] = OrderedDict()
 
     def knows(self, digest: str) -> bool:

@@ -34,10 +34,11 @@ class Thinker(Protocol):
 
 class InThread:
     """Thinks in the server's own process, in a thread: where no other process can be had. It
-    takes time from all games; in tests `executor` may let time stand still meanwhile."""
+    takes time from all games; in tests `executor` may let time stand still meanwhile, and `minds`
+    know kitchens already."""
 
-    def __init__(self, executor: Executor | None = None) -> None:
-        self.minds = Minds()
+    def __init__(self, executor: Executor | None = None, minds: Minds | None = None) -> None:
+        self.minds = minds or Minds()
         self._executor = executor
         self._loop = asyncio.get_running_loop()
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from tests.simulation.frames import Unit, UnitKind, payload_of
 from tests.simulation.scenario import Scenario
+from tests.simulation.stranger import Stranger
 from tests.simulation.transport import Connection
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
 
 __all__ = ["Adversary"]
+
+PORT = 8765
 
 
 class LossyLink:
@@ -46,6 +49,7 @@ class Adversary:
         self.scenario = scenario
         self.done: list[str] = []
         self.mangled: set[str] = set()
+        self.strangers: list[Stranger] = []
         self._random = chance
         self._mangles = scenario.faults.pop("mangle", 0.0)
         self._lossy: list[Connection] = []
@@ -95,6 +99,8 @@ class Adversary:
                 pipe.sender.has_room()
         for connection in self._lossy:
             connection.cut()
+        for stranger in self.strangers:
+            stranger.process.kill()
 
     def _later(self, delay: float, act: Callable[..., None], *values: object) -> None:
         now = self.sim.loop.time()
@@ -160,6 +166,13 @@ class Adversary:
 
         self._later(seconds, accept)
         return f"{self.sim.network.refusing} {seconds:.3f}"
+
+    def flood(self) -> str:
+        """A stranger sends far more than anybody may; no game notices."""
+        stranger = Stranger(f"stranger-{len(self.strangers)}", self.sim.loop, self._random)
+        self.strangers.append(stranger)
+        stranger.start(PORT)
+        return stranger.flood
 
     # Clients
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import random
+from collections import OrderedDict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import CannotListenError
+from robotouille_server.minds import Kitchen, Minds
 from robotouille_server.thinker import InThread
 from tests.simulation.clients import PORT
 from tests.simulation.loop import Process
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
 
 __all__ = ["ServerMachine"]
+
+KITCHENS: OrderedDict[str, Kitchen] = OrderedDict()
+"""What stand-ins have learnt, for all servers and seeds: it changes no answer."""
 
 KEYS = "simulated:" + "A" * 43
 
@@ -62,7 +67,7 @@ class ServerMachine:
             "timestamp": lambda: f"20260101T{int(self.sim.loop.time()):06d}Z",
             "storage": self.sim.disk,
             "wall": lambda: 1_700_000_000 + self.sim.loop.time(),
-            "thinker": lambda: InThread(AtOnce()),
+            "thinker": lambda: InThread(AtOnce(), Minds(KITCHENS)),
         }
         while True:
             try:

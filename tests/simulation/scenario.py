@@ -52,6 +52,7 @@ FAULTS = (
     "fill_disk",
     "hand_over",
     "mangle",
+    "flood",
 )
 """Kinds of faults; each seed draws some of them."""
 

@@ -1,0 +1,54 @@
+"""Who floods a server is cut off, and those who play do not notice."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz.wire import Closed, Wire
+from tests.simulation.stranger import FLOODS
+from tests.support.servers import raw, serving
+from tests.support.virtual_time import run
+
+UNANSWERED = ("pings", "pongs", "parts")
+"""What a server ends without a word."""
+
+
+@pytest.mark.parametrize("name", sorted(FLOODS))
+def test_a_flood_is_ended_and_a_game_goes_on(tmp_path: Path, name: str) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, hello_seconds=5) as server, raw(server) as ada:
+            order = {"type": "create", "task": "synchronous/01", "clock": "realtime"}
+            created = await ada.ask({**order, "step_rate": 10}, "created")
+            await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+            await ada.expect("snapshot")
+            before = (await ada.expect("delta"))["step"]
+            wire = await Wire.open(server.port)
+            assert await wire.upgrade(text=True) == 101
+            said = []
+            try:
+                await wire.write(FLOODS[name])
+                async with asyncio.timeout(10):
+                    async for answer in wire.messages():
+                        said.append(answer)
+                pytest.fail("messages end with the connection only")
+            except Closed as closed:
+                polite = closed.code == 1008
+            assert polite == (name not in UNANSWERED)
+            if polite:
+                code = "auth/silent" if name == "silence" else "rate/limited"
+                assert (said[-1]["type"], said[-1]["code"]) == ("bye", code)
+            wire.cut()
+            while (await ada.expect("delta"))["step"] < before + 20:
+                pass
+
+    run(main())
+
+
+def test_strangers_are_many() -> None:
+    """The simulation draws them all."""
+    chance = random.Random(1)
+    assert {chance.choice(sorted(FLOODS)) for _ in range(100)} == set(FLOODS)
