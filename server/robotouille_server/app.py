@@ -32,6 +32,8 @@ from robotouille_server.access import (
     parse_proxies,
     visitor,
 )
+from robotouille_server.alerts import Alert, alerts
+from robotouille_server.audit import AuditLog
 from robotouille_server.connection import Connection, cut
 from robotouille_server.conversation import Conversation
 from robotouille_server.keys import FileKeyring, Keyring
@@ -39,6 +41,7 @@ from robotouille_server.lobby import Lobby
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.peer import MAX_HELD, Peer
+from robotouille_server.resources import Resources
 from robotouille_server.roles import Role
 from robotouille_server.room import Room
 from robotouille_server.session import Session
@@ -46,7 +49,7 @@ from robotouille_server.sessions import Sessions
 from robotouille_server.settings import ServerSettings
 from robotouille_server.storage import Folder, Storage
 from robotouille_server.tls import ServerTLS
-from robotouille_server.tokens import Tokens
+from robotouille_server.tokens import RoleGrant, Tokens
 from robotouille_server.workers import Worker
 
 __all__ = ["CannotListenError", "Server", "serve"]
@@ -97,6 +100,9 @@ class Server:
         self.worker = worker or Worker()
         chance = randomness or random.SystemRandom()
         self.tokens = Tokens(_keyring(settings), wall)
+        self.audit = AuditLog(settings.state_folder / self.worker.file_name("audit.log"), wall)
+        folder = self.storage.path if isinstance(self.storage, Folder) else None
+        self.resources = Resources(self.metrics, folder)
         self.sessions = Sessions(self.tokens, chance, settings.resume_hours * 3600)
         self.lobby = Lobby(
             settings,
@@ -272,10 +278,23 @@ class Server:
         """What the sockets are encrypted with."""
         return self._tls.context if self._tls is not None else None
 
-    def authorize(self, token: str) -> None:
-        """ProtocolError unless this is an operator's token."""
-        if self.tokens.check_role(token).role is not Role.OPERATOR:
+    def authorize(self, token: str) -> RoleGrant:
+        """What an operator's token grants; ProtocolError if it is none."""
+        grant = self.tokens.check_role(token)
+        if grant.role is not Role.OPERATOR:
             raise ProtocolError("auth/role", "this takes a token with the role operator", "token")
+        return grant
+
+    def sample(self, now: float) -> None:
+        """Look at what alerts are about; cheap, as it is done anew only now and then."""
+        self.resources.sample(now, self.sessions.by_id.values())
+
+    def alerts(self) -> list[Alert]:
+        """What the operator must look after, as it was when it was sampled."""
+        found = alerts(self.resources)
+        if self.audit.problem:
+            found.insert(0, Alert("audit", self.audit.problem, "critical"))
+        return found
 
     # HTTP on the same port
 
@@ -304,6 +323,7 @@ class Server:
         if not who.local:
             text = "metrics are for programs on the server's own machine\n"
             return connection.respond(HTTPStatus.FORBIDDEN, text)
+        self.sample(connection.loop.time())
         response = connection.respond(HTTPStatus.OK, self.metrics.page().decode())
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = "text/plain; version=0.0.4; charset=utf-8"
@@ -350,6 +370,8 @@ class Server:
 
     def _lost(self, session: Session) -> None:
         """A connection is gone: its session is kept for a while."""
+        if session.peer is not None:
+            session.earlier_bytes += session.peer.received_bytes
         session.peer = None
         if self._stopping:
             return

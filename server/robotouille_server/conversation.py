@@ -74,6 +74,7 @@ class Conversation:
             return
         server.metrics.received += 1
         peer.received += 1
+        peer.received_bytes += len(payload)
         message = ref = None
         try:
             message = peer.codec.decode_client(payload)
@@ -189,6 +190,8 @@ class Conversation:
     def _attach(self, session: Session) -> None:
         """This is the session's connection from now on; an earlier one is told so."""
         old, session.peer = session.peer, self.peer
+        if old is not None:
+            session.earlier_bytes += old.received_bytes
         self.session = session
         session.visitor = self._visitor
         self._server.expect(session)

@@ -37,6 +37,7 @@ class Peer:
         "_when_caught_up",
         "codec",
         "received",
+        "received_bytes",
         "sent",
         "socket",
     )
@@ -49,6 +50,7 @@ class Peer:
         self.codec = codec
         self.sent = 0
         self.received = 0
+        self.received_bytes = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
         self._parted = False

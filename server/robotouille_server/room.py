@@ -253,6 +253,8 @@ class Room:
                 think_ms=request.think_ms,
                 reasoning=request.reasoning or "",
             )
+            if request.reasoning:
+                session.recorded_bytes += len(request.reasoning.encode())
         except ProtocolError as error:
             self._refuse(session, request, error)
         self.flush()
@@ -294,6 +296,7 @@ class Room:
     def say(self, session: Session, text: str) -> None:
         self._check_recording()
         self.episode.say(session.name, session.player or "", text, self._now())
+        session.recorded_bytes += len(text.encode())
         self.flush()
 
     def send_picture(self, session: Session) -> None:

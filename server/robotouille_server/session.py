@@ -19,12 +19,14 @@ class Session:
 
     `participant` is the pseudonym under which they are recorded, `generation` that of the resume
     token which was used last; `only_episode` and `only_seat` are what their role token is
-    limited to, `role_expires` until when it is good (0: for ever).
+    limited to, `role_expires` until when it is good (0: for ever). `earlier_bytes` came over
+    connections that are over, `recorded_bytes` are what it said and gave as reasons on record.
     """
 
     __slots__ = (
         "_view",
         "away_since",
+        "earlier_bytes",
         "generation",
         "id",
         "kind",
@@ -35,6 +37,7 @@ class Session:
         "participant",
         "peer",
         "player",
+        "recorded_bytes",
         "role",
         "role_expires",
         "room",
@@ -71,6 +74,12 @@ class Session:
         self.view = "state"
         self.known: set[str] = set()
         self.away_since = 0.0
+        self.earlier_bytes = self.recorded_bytes = 0
+
+    @property
+    def received_bytes(self) -> int:
+        """What came over all connections, as messages."""
+        return self.earlier_bytes + (self.peer.received_bytes if self.peer is not None else 0)
 
     @property
     def view(self) -> str:

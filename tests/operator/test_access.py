@@ -14,6 +14,7 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_server.operator import operator_view
 from robotouille_server.operator.access import Access
 from robotouille_server.operator.errors import RefusedError
+from robotouille_server.tokens import Role, RoleGrant
 from tests.operator.support import CHANGE, Api, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -21,9 +22,10 @@ from tests.support.virtual_time import run
 READING = ["/", "/main.js", "/api/overview", "/api/overview/events", "/api/recordings"]
 
 
-def authorize(token: str) -> None:
+def authorize(token: str) -> RoleGrant:
     if token != "let-me-in":
         raise ProtocolError("auth/expired", "this token has expired", "token")
+    return RoleGrant(Role.OPERATOR, "lab")
 
 
 def asked(tmp_path: Path, ask: Callable[[Api], Any], **view: Any) -> None:

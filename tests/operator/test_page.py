@@ -21,6 +21,7 @@ from robotouille_client.bots import play
 from robotouille_server import Server
 from robotouille_server.operator import operator_view
 from robotouille_server.room import Room
+from robotouille_server.tokens import Role, RoleGrant
 from tests.operator.support import Api, Disk, viewing
 
 playwright = pytest.importorskip(
@@ -283,9 +284,10 @@ async def test_light_and_dark_are_the_systems_until_somebody_chooses(tmp_path: P
 
 
 async def test_a_token_is_asked_for_once_and_kept_for_the_tab(tmp_path: Path) -> None:
-    def authorize(token: str) -> None:
+    def authorize(token: str) -> RoleGrant:
         if token != "let-me-in":
             raise ProtocolError("auth/invalid", "this is no operator's token", "token")
+        return RoleGrant(Role.OPERATOR, "lab")
 
     view = {"authorize": authorize, "ask_token": True}
     async with viewing(tmp_path, view=view) as (server, port, api):

@@ -93,6 +93,8 @@ class Rows:
             present=seat.present,
             session=None if session is None else session.id,
             latency_ms=_latency(session),
+            received_bytes=0 if session is None else session.received_bytes,
+            recorded_bytes=0 if session is None else session.recorded_bytes,
             address=self._address(session),
             applied=seat.tally.applied,
             rejected=seat.tally.rejected,
@@ -105,6 +107,8 @@ class Rows:
             kind=session.kind,
             present=session.peer is not None,
             latency_ms=_latency(session),
+            received_bytes=session.received_bytes,
+            recorded_bytes=session.recorded_bytes,
             address=self._address(session),
         )
 
