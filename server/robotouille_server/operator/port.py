@@ -149,7 +149,15 @@ class PortProtocol(H11Protocol):
             self._deadline.cancel()
             self._deadline = None
         if awaited is not None:
-            self._deadline = self._later(REQUEST_SECONDS, self._raw.abort)
+            self._deadline = self._later(REQUEST_SECONDS, self._too_late)
+
+    def _too_late(self) -> None:
+        """Who is still reading the last answer has time for the next request."""
+        if self._unsent():
+            self._await_reader()
+            self._deadline = self._later(REQUEST_SECONDS, self._too_late)
+        else:
+            self._raw.abort()
 
     def _await_reader(self) -> None:
         """An answer that waits for the client must become shorter."""
