@@ -58,7 +58,7 @@ def _descriptors(resources: Resources) -> Iterator[Alert]:
     used, most = resources.descriptors, resources.max_descriptors
     if used is None or not most or used <= DESCRIPTOR_SHARE * most:
         return
-    text = f"{used:,} of {most:,} file descriptors are open; then nobody else can come in"
+    text = f"{used:,} of {most:,} file descriptors are open; without one nobody comes in"
     yield Alert("descriptors", text, "critical" if used > DESCRIPTOR_CRITICAL * most else "warning")
 
 
