@@ -30,7 +30,8 @@ def wall() -> float:
 
 async def last_event(lines: Any) -> Any:
     """The event that a stream ends with, as its kind and its data."""
-    kept = [line async for line in lines if line]
+    async with asyncio.timeout(60):
+        kept = [line async for line in lines if line]
     assert kept[-2].startswith("event: "), kept[-3:]
     return kept[-2].removeprefix("event: "), json.loads(kept[-1].removeprefix("data: "))
 
