@@ -35,6 +35,8 @@ from robotouille_server.access import (
     parse_proxies,
     visitor,
 )
+from robotouille_server.alerts import Alert, alerts
+from robotouille_server.audit import AuditLog
 from robotouille_server.connection import Connection, cut
 from robotouille_server.conversation import Conversation
 from robotouille_server.keys import FileKeyring, Keyring
@@ -42,6 +44,7 @@ from robotouille_server.lobby import Lobby
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.peer import MAX_HELD, Peer
+from robotouille_server.resources import Resources
 from robotouille_server.revocation import REVOKED_FILE, Revocations
 from robotouille_server.roles import Role
 from robotouille_server.room import Room
@@ -110,6 +113,9 @@ class Server:
         self._revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
         self.tokens = Tokens(_keyring(settings), wall, self._revoked)
         self.used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
+        self.audit = AuditLog(settings.state_folder / self.worker.file_name("audit.log"), wall)
+        folder = self.storage.path if isinstance(self.storage, Folder) else None
+        self.resources = Resources(self.metrics, folder)
         self.sessions = Sessions(
             self.tokens,
             self.used_tokens,
@@ -308,6 +314,17 @@ class Server:
             raise ProtocolError("auth/role", "this takes a token with the role operator", "token")
         return grant
 
+    def sample(self, now: float) -> None:
+        """Look at what alerts are about; cheap, as it is done anew only now and then."""
+        self.resources.sample(now, self.sessions.by_id.values())
+
+    def alerts(self) -> list[Alert]:
+        """What the operator must look after, as it was when it was sampled."""
+        found = alerts(self.resources)
+        if self.audit.problem:
+            found.insert(0, Alert("audit", self.audit.problem, "critical"))
+        return found
+
     # HTTP on the same port
 
     def _http(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -331,6 +348,7 @@ class Server:
         if not who.local:
             text = "metrics are for programs on the server's own machine\n"
             return connection.respond(HTTPStatus.FORBIDDEN, text)
+        self.sample(connection.loop.time())
         response = connection.respond(HTTPStatus.OK, self.metrics.page().decode())
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = "text/plain; version=0.0.4; charset=utf-8"
@@ -376,6 +394,8 @@ class Server:
 
     def _lost(self, session: Session) -> None:
         """A connection is gone: its session is kept for a while."""
+        if session.peer is not None:
+            session.earlier_bytes += session.peer.received_bytes
         session.peer = None
         if self._stopping:
             return

@@ -113,6 +113,7 @@ class Conversation:
             return
         server.metrics.received += 1
         peer.received += 1
+        peer.received_bytes += len(payload)
         ref = None
         try:
             affordable = self._pay(payload)
@@ -286,6 +287,8 @@ class Conversation:
     def _attach(self, session: Session) -> None:
         """This is the session's connection from now on; an earlier one is told so."""
         old, session.peer = session.peer, self.peer
+        if old is not None:
+            session.earlier_bytes += old.received_bytes
         self.session = session
         session.visitor = self._caller.who
         session.caller = self._caller

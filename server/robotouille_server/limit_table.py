@@ -25,6 +25,7 @@ from robotouille.replay.entries import MAX_ENTRIES
 from robotouille.replay.frames import MAX_FILE, MAX_FRAME
 from robotouille_server import archive
 from robotouille_server.access import WRONG_CODES_A_MINUTE
+from robotouille_server.audit import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.connection import (
     FRAMES_A_SECOND,
     FRAMES_AT_A_TIME,
@@ -36,6 +37,15 @@ from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.descriptors import RESERVED
 from robotouille_server.journal import MAX_RECORDING_BYTES
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
+from robotouille_server.operator.access import MAX_BODY
+from robotouille_server.operator.logins import REFUSED_A_MINUTE
+from robotouille_server.operator.places import MAX_CONNECTIONS, MAX_PER_ADDRESS, MAX_PER_SUBJECT
+from robotouille_server.operator.streams import MAX_STREAMS, MAX_STREAMS_PER_SUBJECT
+from robotouille_server.operator.timeouts import (
+    KEEP_ALIVE_SECONDS,
+    REQUEST_SECONDS,
+    STALL_SECONDS,
+)
 from robotouille_server.patience import WAITING_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
 from robotouille_server.revocation import KEPT_SECONDS
@@ -281,6 +291,39 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "one is told that it is over", "auth/expired", value=f"{archive.MAX_STEPS:,}"),
         Limit("… and bytes of its recording, uncompressed", "one is told that it is over",
               "auth/expired", value=_size(archive.MAX_BYTES)),
+    ),
+    "The operator's port": (
+        Limit(
+            "connections",
+            "a newcomer takes the place of one that has shown no token: the one that has been "
+            "silent for the longest, else idle, else answered",
+            value=f"{MAX_CONNECTIONS}",
+        ),
+        Limit(
+            "… without a token from an address (IPv6: a /64 network), except of this machine",
+            "likewise, among those of the address",
+            value=f"{MAX_PER_ADDRESS}",
+        ),
+        Limit("… with tokens of one subject", "HTTP status 503, `operator/busy`",
+              value=f"{MAX_PER_SUBJECT}"),
+        Limit("time for a TLS handshake, for a request's head, and for its body", "disconnected",
+              value=f"{REQUEST_SECONDS:g} s"),
+        Limit("time between two requests", "disconnected", value=f"{KEEP_ALIVE_SECONDS} s"),
+        Limit("time without any progress of an answer that waits to be read", "disconnected",
+              value=f"{STALL_SECONDS:g} s"),
+        Limit("a request's body", "HTTP status 413, `request/size`", value=_size(MAX_BODY)),
+        Limit(
+            "streams",
+            "HTTP status 503, `operator/busy`; one with a token takes the place of the oldest "
+            "without",
+            value=f"{MAX_STREAMS}",
+        ),
+        Limit("… with tokens of one subject", "HTTP status 503, `operator/busy`",
+              value=f"{MAX_STREAMS_PER_SUBJECT}"),
+        Limit("lines about refused tokens in the audit log", "counted in a later line",
+              value=f"{REFUSED_A_MINUTE} a minute"),
+        Limit("a file of the audit log", f"put aside; {KEPT_FILES} of those are kept",
+              value=_size(MAX_AUDIT_BYTES)),
     ),
 }  # fmt: skip
 

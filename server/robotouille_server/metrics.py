@@ -6,7 +6,12 @@ from bisect import bisect_left
 from collections.abc import Iterator
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
-from prometheus_client.core import CounterMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    Metric,
+)
 from prometheus_client.registry import Collector
 
 __all__ = ["BUCKETS", "Durations", "Metrics"]
@@ -46,6 +51,11 @@ class Metrics(Collector):
         self.steps = self.applied = self.rejected = 0
         self.log_suppressed = 0
         self.received = self.sent_messages = self.sent_bytes = 0
+        self.log_suppressed = 0
+        self.disk_free: int | None = None
+        self.descriptors: int | None = None
+        self.max_descriptors: int | None = None
+        self.busiest_participant = 0.0
         self.lateness = Durations()
         self.age = Durations()
         self.connections = Gauge(
@@ -104,6 +114,17 @@ class Metrics(Collector):
         yield CounterMetricFamily(
             "robotouille_sent_bytes", "Bytes of messages sent", value=self.sent_bytes
         )
+        yield CounterMetricFamily(
+            "robotouille_suppressed_log_lines", "Log lines held back", value=self.log_suppressed
+        )
+        yield _known("robotouille_disk_free_bytes", "Free on the recordings' disk", self.disk_free)
+        yield _known("robotouille_open_descriptors", "Open file descriptors", self.descriptors)
+        yield _known("robotouille_max_descriptors", "Most descriptors", self.max_descriptors)
+        yield GaugeMetricFamily(
+            "robotouille_busiest_participant_bytes_per_second",
+            "What comes from the participant who sends most",
+            value=self.busiest_participant,
+        )
         yield self.lateness.family(
             "robotouille_step_lateness_seconds", "How late a scheduled step was taken"
         )
@@ -115,3 +136,11 @@ class Metrics(Collector):
     def page(self) -> bytes:
         """The exposition format's text."""
         return generate_latest(self.registry)
+
+
+def _known(name: str, text: str, value: int | None) -> GaugeMetricFamily:
+    """A gauge that has no value where that cannot be told."""
+    family = GaugeMetricFamily(name, text)
+    if value is not None:
+        family.add_metric([], value)
+    return family

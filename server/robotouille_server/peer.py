@@ -40,6 +40,7 @@ class Peer:
         "picture_due",
         "pictured",
         "received",
+        "received_bytes",
         "sent",
         "socket",
     )
@@ -54,6 +55,7 @@ class Peer:
         self.received = 0
         self.pictured = self.picture_due = False
         self._answered = 0
+        self.received_bytes = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
         self._parted = False

@@ -316,6 +316,8 @@ class Room:
                 think_ms=request.think_ms,
                 reasoning=request.reasoning or "",
             )
+            if request.reasoning:
+                session.recorded_bytes += len(request.reasoning.encode())
         except ProtocolError as error:
             self._refuse(session, request, error)
         self.flush()
@@ -359,6 +361,7 @@ class Room:
         if self.mutes(session):
             raise ProtocolError("seat/muted", "the operator has muted you in this episode", "text")
         self.episode.say(session.name, session.player or "", text, self._now())
+        session.recorded_bytes += len(text.encode())
         self.flush()
 
     def ask_picture(self, session: Session) -> None:

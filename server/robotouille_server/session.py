@@ -22,13 +22,15 @@ class Session:
     they are recorded, `generation` that of the resume token which was used last; `only_episode` and
     `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
     for ever), `token_id` its id, and `once` says that nobody else may join with it. `caller` is the
-    connection as the door knows it.
+    connection as the door knows it; `earlier_bytes` came over those before it, `recorded_bytes` are
+    what it said and gave as reasons on record.
     """
 
     __slots__ = (
         "_view",
         "away_since",
         "caller",
+        "earlier_bytes",
         "generation",
         "given_name",
         "id",
@@ -41,6 +43,7 @@ class Session:
         "participant",
         "peer",
         "player",
+        "recorded_bytes",
         "role",
         "role_expires",
         "room",
@@ -83,6 +86,12 @@ class Session:
         self.view = "state"
         self.known: set[str] = set()
         self.away_since = 0.0
+        self.earlier_bytes = self.recorded_bytes = 0
+
+    @property
+    def received_bytes(self) -> int:
+        """What came over all connections, as messages."""
+        return self.earlier_bytes + (self.peer.received_bytes if self.peer is not None else 0)
 
     @property
     def view(self) -> str:

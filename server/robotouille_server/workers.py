@@ -53,6 +53,11 @@ class Worker:
         """The first letter of a code."""
         return letter if self.count == 1 else CODE_LETTERS[self.index]
 
+    def file_name(self, name: str) -> str:
+        """A name of a file that each worker has for itself: `audit.log`, or `audit.0.log`."""
+        stem, dot, suffix = name.rpartition(".")
+        return name if self.count == 1 else f"{stem}.{self.index}{dot}{suffix}"
+
     def owns(self, episode: str) -> bool:
         """Whether an episode's recording is for this worker to go on with."""
         return self.count == 1 or self._of_id(episode) % self.count == self.index

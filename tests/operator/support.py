@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ import httpx
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.operator import OperatorPort, operator_view
+from robotouille_server.roles import Role
 from robotouille_server.storage import Folder, Storage
 from tests.support.servers import STAMP
 
@@ -64,18 +66,29 @@ async def viewing(
     *,
     storage: Storage | None = None,
     view: dict[str, Any] | None = None,
+    tokens: bool = False,
+    wall: Callable[[], float] = time.time,
     **options: Any,
 ) -> AsyncIterator[tuple[Server, OperatorPort, Api]]:
-    """A server on a free port, its operator's view on another, and a client of that."""
+    """A server on a free port, its operator's view on another, and a client of that; with
+    `tokens` the view asks for the server's own."""
     settings = ServerSettings(port=0, recordings=folder, **options)
     async with AsyncExitStack() as stack:
-        serving = serve(settings, timestamp=lambda: STAMP, storage=storage)
+        serving = serve(settings, timestamp=lambda: STAMP, storage=storage, wall=wall)
         server = await stack.enter_async_context(serving)
-        port = await stack.enter_async_context(operator_view(server, port=0, **view or {}))
+        asked = {"authorize": server.authorize, "ask_token": True} if tokens else {}
+        opening = operator_view(server, port=0, **{**asked, **(view or {})})
+        port = await stack.enter_async_context(opening)
         http = await stack.enter_async_context(
             httpx.AsyncClient(base_url=port.url, timeout=None, trust_env=False)
         )
         yield server, port, Api(http)
+
+
+def bearer(server: Server, subject: str = "lab", **limits: Any) -> dict[str, str]:
+    """The header with an operator's token of this server."""
+    token = server.tokens.mint_role(Role.OPERATOR, subject, **{"seconds": 3600, **limits})
+    return {"Authorization": f"Bearer {token}"}
 
 
 class Table:

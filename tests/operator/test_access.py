@@ -3,7 +3,7 @@ token where one is asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_server.operator import operator_view
 from robotouille_server.operator.access import Access
 from robotouille_server.operator.errors import RefusedError
+from robotouille_server.tokens import Role, RoleGrant
 from tests.operator.support import CHANGE, Api, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -21,9 +22,10 @@ from tests.support.virtual_time import run
 READING = ["/", "/main.js", "/api/overview", "/api/overview/events", "/api/recordings"]
 
 
-def authorize(token: str) -> None:
+def authorize(token: str) -> RoleGrant:
     if token != "let-me-in":
         raise ProtocolError("auth/expired", "this token has expired", "token")
+    return RoleGrant(Role.OPERATOR, "lab")
 
 
 def asked(tmp_path: Path, ask: Callable[[Api], Any], **view: Any) -> None:
@@ -117,6 +119,33 @@ def test_bodies_are_small_and_say_how_long_they_are(tmp_path: Path) -> None:
         for content in (b" " * 20_000, pieces()):
             answer = await api.http.post("/api/announce", content=content, headers=headers)
             assert refusal(answer) == (413, "request/size")
+
+    asked(tmp_path, ask)
+
+
+@pytest.mark.parametrize("method", ["GET", "POST"])
+@pytest.mark.parametrize("length", [{}, {"Content-Length": "2"}])
+def test_a_body_in_chunks_has_no_end_and_is_refused(
+    tmp_path: Path, method: str, length: dict[str, str]
+) -> None:
+    async def ask(api: Api) -> None:
+        headers = {**CHANGE, "Content-Type": "application/json", "Transfer-Encoding": "chunked"}
+
+        async def chunks() -> AsyncIterator[bytes]:
+            yield b'{"text": "' + b"x" * 100_000 + b'"}'
+
+        path = "/api/announce" if method == "POST" else "/api/overview"
+        request = api.http.build_request(method, path, content=chunks(), headers=headers)
+        request.headers.update(length)
+        assert refusal(await api.http.send(request)) == (413, "request/size")
+
+    asked(tmp_path, ask)
+
+
+def test_what_only_asks_has_no_large_body_either(tmp_path: Path) -> None:
+    async def ask(api: Api) -> None:
+        answer = await api.http.request("GET", "/api/overview", content=b"x" * 20_000)
+        assert refusal(answer) == (413, "request/size")
 
     asked(tmp_path, ask)
 

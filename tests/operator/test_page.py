@@ -18,10 +18,14 @@ from robotouille.planning.policies import RandomPolicy
 from robotouille.replay.recording import Recording
 from robotouille_client import Announced, Over, connect
 from robotouille_client.bots import play
-from robotouille_server import Server
+from robotouille_server import Server, resources
 from robotouille_server.operator import operator_view
+from robotouille_server.resources import Disk
 from robotouille_server.room import Room
-from tests.operator.support import Api, Disk, viewing
+from robotouille_server.tokens import Role, RoleGrant
+from tests.operator.support import Api, bearer, viewing
+from tests.operator.support import Disk as FillingDisk
+from tests.operator.test_alerts import Machine
 
 playwright = pytest.importorskip(
     "playwright.async_api", reason="needs playwright: pip install playwright"
@@ -230,7 +234,7 @@ async def _downloaded(page: Any, where: Any) -> Path:
 
 
 async def test_a_disk_that_is_full_is_seen_at_once(tmp_path: Path) -> None:
-    disk = Disk(tmp_path)
+    disk = FillingDisk(tmp_path)
     async with viewing(tmp_path, storage=disk) as (server, port, _):
         async with live_game(server) as (room, _), browser_page(port.url) as page:
             alert = page.get_by_role("alert")
@@ -290,9 +294,10 @@ async def test_light_and_dark_are_the_systems_until_somebody_chooses(tmp_path: P
 
 
 async def test_a_token_is_asked_for_once_and_kept_for_the_tab(tmp_path: Path) -> None:
-    def authorize(token: str) -> None:
+    def authorize(token: str) -> RoleGrant:
         if token != "let-me-in":
             raise ProtocolError("auth/invalid", "this is no operator's token", "token")
+        return RoleGrant(Role.OPERATOR, "lab")
 
     view = {"authorize": authorize, "ask_token": True}
     async with viewing(tmp_path, view=view) as (server, port, api):
@@ -316,6 +321,57 @@ async def test_a_token_is_asked_for_once_and_kept_for_the_tab(tmp_path: Path) ->
 
 async def _is_closed_to_others(api: Api) -> bool:
     return (await api.http.get("/api/overview")).status_code == 401
+
+
+async def test_a_token_that_is_over_is_asked_for_again(tmp_path: Path) -> None:
+    over: set[str] = set()
+
+    def authorize(token: str) -> RoleGrant:
+        if token in over:
+            raise ProtocolError("auth/expired", "the token has expired", "token")
+        return RoleGrant(Role.OPERATOR, "lab")
+
+    view = {"authorize": authorize, "ask_token": True}
+    async with viewing(tmp_path, view=view) as (_, port, _):
+        async with browser_page(port.url, allow="401") as page:
+            dialog = page.get_by_role("dialog")
+            await dialog.get_by_label("Token").fill("one")
+            await dialog.get_by_role("button", name="Show").click()
+            await expect(page.locator("#link")).to_have_text("live")
+            over.add("one")
+            await expect(dialog).to_contain_text("the token has expired")
+            await dialog.get_by_label("Token").fill("two")
+            await dialog.get_by_role("button", name="Show").click()
+            await expect(page.locator("#link")).to_have_text("live")
+
+
+async def test_what_runs_out_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resources, "SAMPLE_SECONDS", 0.5)
+    async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, _):
+        machine = server.resources.system = Machine()
+        machine.free, machine.open = Disk(900 * 1024**2, 10 * 1024**3), 990
+        async with browser_page(port.url) as page:
+            warnings = page.get_by_label("Warnings").locator("p")
+            await expect(warnings).to_have_count(2)
+            await expect(warnings.first).to_contain_text("990 of 1,000 file descriptors")
+            await expect(warnings.last).to_contain_text("900 MiB")
+            assert await warnings.first.get_attribute("data-severity") == "critical"
+            panel = await watch(page, room)
+            await expect(panel.locator(".person").first).to_contain_text(" in")
+            machine.free, machine.open = Disk(5 * 1024**3, 10 * 1024**3), 90
+            await expect(warnings).to_have_count(0)
+
+
+async def test_who_may_see_one_episode_cannot_speak_to_all(tmp_path: Path) -> None:
+    async with viewing(tmp_path, tokens=True) as (server, port, _):
+        async with live_game(server) as (mine, _), live_game(server):
+            token = bearer(server, episode=mine.id)["Authorization"].removeprefix("Bearer ")
+            async with browser_page(port.url, allow="401") as page:
+                dialog = page.get_by_role("dialog")
+                await dialog.get_by_label("Token").fill(token)
+                await dialog.get_by_role("button", name="Show").click()
+                await expect(page.locator(".episode")).to_have_count(1)
+                await expect(page.get_by_role("button", name="Announce to all")).to_have_count(0)
 
 
 async def test_the_page_finds_the_server_again(tmp_path: Path) -> None:

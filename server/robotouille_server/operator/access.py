@@ -12,12 +12,17 @@ import ipaddress
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import ProtocolError
 from robotouille_server.access import PROXY_HEADERS
+from robotouille_server.operator.caller import Caller
 from robotouille_server.operator.errors import RefusedError
+from robotouille_server.operator.logins import Logins
+from robotouille_server.operator.places import Place
+from robotouille_server.tokens import RoleGrant
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -54,23 +59,25 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True)
 class Access:
-    """The rules. `authorize` raises ProtocolError for a token that is not an operator's; `always`
-    asks for one on loopback, too; `hosts` are names allowed in `Host` beside loopback's; `public`
-    are the paths that say nothing about the server and need no token."""
+    """The rules. `authorize` says what an operator's token grants and raises ProtocolError for
+    any other; `always` asks for one on loopback, too; `hosts` are names allowed in `Host` beside
+    loopback's; `public` are the paths that say nothing about the server and need no token."""
 
-    authorize: Callable[[str], object] | None = None
+    authorize: Callable[[str], RoleGrant] | None = None
     always: bool = False
     hosts: frozenset[str] = frozenset()
     public: frozenset[str] = frozenset()
 
-    def check(self, scope: Scope) -> None:
-        """RefusedError says why a request goes no further."""
+    def check(self, scope: Scope) -> Caller:
+        """Who makes a request; RefusedError says why it goes no further."""
         headers = _headers(scope)
         self._check_host(scope, headers.get("host", []))
+        _check_length(headers)
         if scope["method"] not in SAFE:
             _check_change(headers)
-        if scope["path"] not in self.public:
-            self._check_token(headers)
+        if scope["path"] in self.public:
+            return Caller()
+        return self._caller(headers)
 
     def _check_host(self, scope: Scope, hosts: list[str]) -> None:
         own = (scope.get("server") or ("", 0))[0]
@@ -80,21 +87,44 @@ class Access:
         message = f"{', '.join(hosts) or 'no host'} is not a name of this page"
         raise RefusedError(HTTPStatus.MISDIRECTED_REQUEST, "host/unknown", message)
 
-    def _check_token(self, headers: dict[str, list[str]]) -> None:
+    def _caller(self, headers: dict[str, list[str]]) -> Caller:
+        """Where no token is needed one that is given counts, too, and must be good."""
         forwarded = any(name.lower() in headers for name in PROXY_HEADERS)
-        if not (self.always or forwarded):
-            return
+        needed = self.always or forwarded
+        given = "authorization" in headers
         if self.authorize is None:
+            if not needed:
+                return Caller()
             message = "requests through a proxy need a token, and this server checks none"
             raise RefusedError(HTTPStatus.FORBIDDEN, "auth/forwarded", message)
+        if not (needed or given):
+            return Caller()
         scheme, _, token = " ".join(headers.get("authorization", [])).partition(" ")
         if scheme.lower() != "bearer" or not token.strip():
             message = "give an operator's token: Authorization: Bearer TOKEN"
             raise RefusedError(HTTPStatus.UNAUTHORIZED, "auth/needed", message)
-        try:
-            self.authorize(token.strip())
-        except ProtocolError as error:
-            raise RefusedError(HTTPStatus.UNAUTHORIZED, error.code, error.message) from None
+        judge = partial(_judged, self.authorize, token.strip())
+        return Caller(judge(), judge)
+
+
+def _judged(authorize: Callable[[str], RoleGrant], token: str) -> RoleGrant:
+    """What a token grants at this moment; RefusedError if nothing (any longer)."""
+    try:
+        return authorize(token)
+    except ProtocolError as error:
+        raise RefusedError(HTTPStatus.UNAUTHORIZED, error.code, error.message) from None
+
+
+def _check_length(headers: dict[str, list[str]]) -> None:
+    """A body says how long it is, whatever the method: one in chunks would have no end."""
+    length = "".join(headers.get("content-length", ["0"]))
+    if "transfer-encoding" in headers or not length.isdecimal() or int(length) > MAX_BODY:
+        raise _too_large()
+
+
+def _too_large() -> RefusedError:
+    message = f"send a body of at most {MAX_BODY} bytes with its Content-Length, not in chunks"
+    return RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "request/size", message)
 
 
 def _check_change(headers: dict[str, list[str]]) -> None:
@@ -114,10 +144,8 @@ def _check_change(headers: dict[str, list[str]]) -> None:
         raise RefusedError(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "request/type", "send Content-Type: application/json"
         )
-    length = "".join(headers.get("content-length", []))
-    if not length.isdecimal() or int(length) > MAX_BODY:
-        message = f"send a body of at most {MAX_BODY} bytes with its Content-Length"
-        raise RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "request/size", message)
+    if "content-length" not in headers:
+        raise _too_large()
 
 
 def _headers(scope: Scope) -> dict[str, list[str]]:
@@ -137,9 +165,10 @@ def _host_name(host: str) -> str:
 class Gate:
     """The checks around an ASGI application."""
 
-    def __init__(self, app: ASGIApp, access: Access) -> None:
+    def __init__(self, app: ASGIApp, access: Access, logins: Logins) -> None:
         self._app = app
         self._access = access
+        self._logins = logins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -151,11 +180,27 @@ class Gate:
             await send(message)
 
         try:
-            self._access.check(scope)
+            self._let_in(scope)
         except RefusedError as error:
             await _refuse(send_guarded, error)
         else:
             await self._app(scope, receive, send_guarded)
+
+    def _let_in(self, scope: Scope) -> None:
+        """Leave the caller in the request's state; a valid token keeps the connection's place."""
+        state = scope.setdefault("state", {})
+        place: Place | None = state.get("place")
+        try:
+            caller = self._access.check(scope)
+        except RefusedError as error:
+            if error.status is HTTPStatus.UNAUTHORIZED and error.code != "auth/needed":
+                self._logins.refused(error.code, "" if place is None else place.address)
+            raise
+        if caller.grant is not None:
+            if place is not None:
+                place.know(caller.grant.subject)
+            self._logins.good(caller.grant, "" if place is None else place.address)
+        state["caller"] = caller
 
 
 def _missing(message: Any) -> Iterable[tuple[bytes, bytes]]:

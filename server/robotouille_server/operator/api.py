@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator
 from http import HTTPStatus
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,9 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from robotouille_server.logs import get_logger
+from robotouille_server.operator.access import SAFE
 from robotouille_server.operator.assets import page_routes
+from robotouille_server.operator.caller import Caller
 from robotouille_server.operator.desk import Desk
 from robotouille_server.operator.errors import RefusedError
 from robotouille_server.operator.models import (
@@ -50,9 +52,15 @@ WATCH_SECONDS = 0.25
 router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
 
 
+async def _caller(request: Request) -> Caller:
+    caller: Caller = request.state.caller
+    return caller
+
+
 async def _desk(request: Request) -> Desk:
+    """The desk as the caller may use it."""
     desk: Desk = request.app.state.desk
-    return desk
+    return desk.serving(request.state.caller)
 
 
 async def _streams(request: Request) -> Streams:
@@ -60,6 +68,7 @@ async def _streams(request: Request) -> Streams:
     return streams
 
 
+TheCaller = Annotated[Caller, Depends(_caller)]
 TheDesk = Annotated[Desk, Depends(_desk)]
 TheStreams = Annotated[Streams, Depends(_streams)]
 AnyPhase = Literal["", "waiting", "running", "paused", "over"]
@@ -97,6 +106,7 @@ async def overview(
 async def overview_events(
     desk: TheDesk,
     streams: TheStreams,
+    caller: TheCaller,
     phase: PhaseParameter = "",
     search: Search = "",
     limit: Limit = 50,
@@ -105,7 +115,7 @@ async def overview_events(
     async def look() -> BaseModel:
         return desk.overview(phase, search, limit, offset)
 
-    return _events(streams, look, OVERVIEW_SECONDS)
+    return _events(streams.events(look, OVERVIEW_SECONDS, caller))
 
 
 @router.get("/episodes/{episode}", summary="One episode: its state in words, what happened last")
@@ -119,8 +129,10 @@ async def episode(desk: TheDesk, episode: str) -> EpisodeDetail:
     response_class=Response,
     responses=EVENTS,
 )
-async def episode_events(desk: TheDesk, streams: TheStreams, episode: str) -> Response:
-    return _events(streams, desk.watch(episode).look, WATCH_SECONDS)
+async def episode_events(
+    desk: TheDesk, streams: TheStreams, caller: TheCaller, episode: str
+) -> Response:
+    return _events(streams.events(desk.watch(episode).look, WATCH_SECONDS, caller))
 
 
 @router.post("/episodes/{episode}/pause", summary="Let an episode stand still")
@@ -177,11 +189,9 @@ async def recording(desk: TheDesk, name: str) -> Response:
     return Response(content, media_type="application/octet-stream", headers=headers)
 
 
-def _events(
-    streams: Streams, look: Callable[[], Awaitable[BaseModel]], seconds: float
-) -> StreamingResponse:
+def _events(events: AsyncIterator[str]) -> StreamingResponse:
     return StreamingResponse(
-        streams.events(look, seconds),
+        events,
         media_type="text/event-stream",
         headers={"x-accel-buffering": "no"},
     )
@@ -190,6 +200,10 @@ def _events(
 async def _refused(request: Request, error: Exception) -> Response:
     if not isinstance(error, RefusedError):
         raise error
+    if request.method not in SAFE or error.status is HTTPStatus.FORBIDDEN:
+        desk: Desk = request.app.state.desk.serving(request.state.caller)
+        what = request.scope["route"].name.replace("_", " ")
+        desk.refused(what, request.path_params.get("episode", ""), error.code)
     return _problem(error.status, error.code, error.message)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import copy
 from collections import Counter
 from collections.abc import Callable, Iterable
 from http import HTTPStatus
@@ -12,9 +13,12 @@ from robotouille.errors import ProtocolError, RecordingError
 from robotouille.release import VERSION
 from robotouille.replay.frames import unwrap
 from robotouille_server.app import Server
+from robotouille_server.journal import CLOSED
 from robotouille_server.logs import get_logger
+from robotouille_server.operator.caller import Caller
 from robotouille_server.operator.errors import RefusedError
 from robotouille_server.operator.models import (
+    AlertRow,
     Done,
     EpisodeCounts,
     EpisodeDetail,
@@ -46,7 +50,11 @@ READ_BYTES_A_SECOND = 8_000_000
 
 
 class Desk:
-    """One server's operator. `now` is the loop's time."""
+    """One server's operator. `now` is the loop's time.
+
+    What somebody may see and do is that of `serving` them; a caller whose token is for one
+    episode is at a server that has no other.
+    """
 
     def __init__(self, server: Server, now: Callable[[], float]) -> None:
         self._server = server
@@ -57,12 +65,21 @@ class Desk:
         self._storage: Readable = server.storage or NoRecordings()
         self._shelf = Shelf(self._storage)
         self._history.sample(self._opened)
+        self._caller = Caller()
+        server.sample(self._opened)
+
+    def serving(self, caller: Caller) -> Desk:
+        """The same desk, for this caller."""
+        desk = copy.copy(self)
+        desk._caller = caller
+        return desk
 
     def tick(self) -> None:
         """To be called about once a second."""
         now = self._now()
         self._history.sample(now)
         self._rows.forget(now)
+        self._server.sample(now)
 
     # Seeing
 
@@ -84,20 +101,27 @@ class Desk:
                 version=VERSION,
                 url=self._server.url,
                 uptime=round(now - self._opened, 1),
+                only=self._caller.only,
             ),
             totals=self._totals(Counter(its for _, its in census)),
+            alerts=self._alerts(),
             faults=self._faults(room for room, _ in census),
             found=len(found),
             episodes=[self._rows.row(room, now) for room, _ in found[offset : offset + limit]],
         )
 
     def room(self, name: str) -> Room:
-        """The room of an id or a code; RefusedError if there is none."""
+        """The room of an id or a code; RefusedError if there is none, or the caller may not see
+        it: who looks for others is not told which there are."""
         try:
-            return self._server.lobby.find(name)
+            room = self._server.lobby.find(name)
+            self._caller.check(room.id, room.code)
+            return room
         except ProtocolError as error:
+            self._caller.check(name)
             raise RefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", error.message) from None
         except ElsewhereError as error:
+            self._caller.check(name)
             message = f"{name} is with another worker; look at the operator's view of that one"
             raise RefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", message) from error
 
@@ -108,15 +132,37 @@ class Desk:
             for room in self._rooms()
             if room.episode.phase is not Phase.OVER
         }
+        if self._caller.only:
+            search = f"{search} {self._only_file()}"
         return await asyncio.to_thread(self._shelf.page, search, limit, offset, live)
 
     async def recording(self, name: str) -> bytes:
         """A recording to download, up to its last whole frame."""
-        return await asyncio.to_thread(self._shelf.content, name)
+        if self._caller.only and not name.removesuffix(".part").endswith(self._only_file()):
+            self._caller.check()
+        content = await asyncio.to_thread(self._shelf.content, name)
+        self._note("recording", file=name)
+        return content
+
+    def _only_file(self) -> str:
+        """How the name of the only recording ends that the caller may see. A recording has its
+        episode's id in its name: that of a code is known as long as the episode is there."""
+        ids = (room.id for room in self._rooms())
+        return f"_{next(ids, self._caller.only.lower())}{CLOSED}"
 
     def _rooms(self) -> list[Room]:
         """The newest first."""
-        return list(self._server.lobby.rooms.values())[::-1]
+        rooms = list(self._server.lobby.rooms.values())[::-1]
+        if not self._caller.only:
+            return rooms
+        return [room for room in rooms if self._caller.may_see(room.id, room.code)]
+
+    def _alerts(self) -> list[AlertRow]:
+        """What the whole server's operator must look after."""
+        if self._caller.only:
+            return []
+        found = self._server.alerts()
+        return [AlertRow(kind=a.kind, text=a.text, severity=a.severity) for a in found]
 
     def _totals(self, phases: Counter[str]) -> Totals:
         history, metrics = self._history, self._server.metrics
@@ -148,10 +194,11 @@ class Desk:
             )
             for text, those in troubled.items()
         ]
-        unrestored = self._server.lobby.unrestored.items()
+        ours = self._only_file() if self._caller.only else ""
+        unrestored = [one for one in self._server.lobby.unrestored.items() if ours in one[0]]
         return faults + [
             Fault(text=f"{name} was not restored: {reason}", episodes=0, episode="", code="")
-            for name, reason in list(unrestored)[:MAX_UNRESTORED]
+            for name, reason in unrestored[:MAX_UNRESTORED]
         ]
 
     # Doing
@@ -201,8 +248,10 @@ class Desk:
 
     def announce_to_all(self, text: str) -> Done:
         """Say something to everybody in all episodes."""
+        self._caller.check()
         self._server.announce(text)
         get_logger().info("operator: announce to all", text=text)
+        self._note("announce to all", text=text)
         return Done(done="told everybody")
 
     def _live(self, name: str) -> Room:
@@ -214,7 +263,23 @@ class Desk:
 
     def _done(self, what: str, room: Room, done: str, **details: str) -> Done:
         get_logger().info(f"operator: {what}", episode=room.id, code=room.code, **details)
+        self._note(what, room.id, **details)
         return Done(done=done)
+
+    def refused(self, what: str, episode: str, code: str) -> None:
+        """The caller asked for something that was not done."""
+        self._note(what, episode, result=code)
+
+    def _note(self, what: str, episode: str = "", result: str = "done", **details: str) -> None:
+        caller = self._caller
+        self._server.audit.note(
+            what,
+            by=caller.name,
+            token=caller.token_id,
+            episode=episode,
+            result=result,
+            details=details,
+        )
 
     def watch(self, name: str) -> Watch:
         """Follow one episode."""

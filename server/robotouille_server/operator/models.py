@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 __all__ = [
+    "AlertRow",
     "AnnounceRequest",
     "AudienceRow",
     "Done",
@@ -63,6 +64,8 @@ class AudienceRow(Answer):
     present: bool = Field(description="Whether the connection is open.")
     muted: bool = Field(False, description="Whether they may not talk; see `mute`.")
     latency_ms: float | None = Field(description="Round trip; null until it has been measured.")
+    received_bytes: int = Field(description="What came from them since the server's start.")
+    recorded_bytes: int = Field(description="Their chat and reasoning in the recording.")
     address: str | None = Field(description="Null unless the server keeps addresses.")
 
 
@@ -79,6 +82,8 @@ class SeatRow(Answer):
     muted: bool = Field(False, description="Whether they may not talk; see `mute`.")
     session: str | None = Field(description="Names the participant in `kick`; null while free.")
     latency_ms: float | None = Field(description="Round trip; null until it has been measured.")
+    received_bytes: int = Field(description="What came from them since the server's start.")
+    recorded_bytes: int = Field(description="Their chat and reasoning in the recording.")
     address: str | None = Field(description="Null unless the server keeps addresses.")
     applied: int
     rejected: int
@@ -196,12 +201,21 @@ class Fault(Answer):
     code: str = Field(description="Its code, or empty.")
 
 
+class AlertRow(Answer):
+    """Something that is not wrong yet, or not with one episode."""
+
+    kind: str = Field(description="`disk`, `log`, `descriptors`, `participant` or `audit`.")
+    text: str
+    severity: Literal["warning", "critical"]
+
+
 class ServerInfo(Answer):
     """Which server this is."""
 
     version: str
     url: str
     uptime: float = Field(description="Seconds since this page's port was opened.")
+    only: str = Field(description="The only episode that your token is for; empty for all.")
 
 
 class Overview(Answer):
@@ -209,6 +223,7 @@ class Overview(Answer):
 
     server: ServerInfo
     totals: Totals
+    alerts: list[AlertRow] = Field(description="Those that are critical first.")
     faults: list[Fault]
     found: int = Field(description="How many episodes match.")
     episodes: list[EpisodeRow] = Field(description="Those in trouble first, those over last.")

@@ -94,6 +94,8 @@ class Rows:
             muted=session is not None and room.mutes(session),
             session=None if session is None else session.id,
             latency_ms=_latency(session),
+            received_bytes=0 if session is None else session.received_bytes,
+            recorded_bytes=0 if session is None else session.recorded_bytes,
             address=self._address(session),
             applied=seat.tally.applied,
             rejected=seat.tally.rejected,
@@ -107,6 +109,8 @@ class Rows:
             present=session.peer is not None,
             muted=room.mutes(session),
             latency_ms=_latency(session),
+            received_bytes=session.received_bytes,
+            recorded_bytes=session.recorded_bytes,
             address=self._address(session),
         )
 

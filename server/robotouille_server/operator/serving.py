@@ -7,7 +7,7 @@ import contextlib
 import logging
 import socket
 import ssl
-from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -16,13 +16,18 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_server.app import CannotListenError, Server
 from robotouille_server.logs import get_logger
 from robotouille_server.operator.access import Access, Gate, is_loopback
+from robotouille_server.operator.logins import Logins
+from robotouille_server.operator.places import Places
+from robotouille_server.operator.timeouts import KEEP_ALIVE_SECONDS
+from robotouille_server.tokens import RoleGrant
 
 if TYPE_CHECKING:
     from robotouille_server.operator.streams import Streams
 
 __all__ = ["OperatorPort", "openapi", "operator_view", "require_operator"]
 
-MAX_CONNECTIONS = 128
+BACKLOG = 32
+"""Connections that the system completes before they are accepted: they are, at once."""
 CLOSE_SECONDS = 3
 TICK_SECONDS = 1.0
 
@@ -65,16 +70,16 @@ async def operator_view(
     host: str = "127.0.0.1",
     port: int = 8766,
     *,
-    authorize: Callable[[str], object] | None = None,
+    authorize: Callable[[str], RoleGrant] | None = None,
     ask_token: bool = False,
     allowed_hosts: Collection[str] = (),
     tls: ssl.SSLContext | None = None,
 ) -> AsyncIterator[OperatorPort]:
     """The operator's page and API of a running server, until the block is left.
 
-    `authorize` raises ProtocolError for a token that is not an operator's; it is asked about every
-    request if `host` is not loopback or `ask_token` is set. `allowed_hosts` are names by which a
-    browser may call this port, beside loopback's. `port` 0 takes a free one.
+    `authorize` says what an operator's token grants, and raises ProtocolError for any other;
+    every request needs one if `host` is not loopback or `ask_token` is set. `allowed_hosts` are
+    names by which a browser may call this port, beside loopback's. `port` 0 takes a free one.
     """
     require_operator()
     access = _access(host, authorize, ask_token, allowed_hosts)
@@ -90,7 +95,7 @@ async def operator_view(
 
 def _access(
     host: str,
-    authorize: Callable[[str], object] | None,
+    authorize: Callable[[str], RoleGrant] | None,
     ask_token: bool,
     allowed_hosts: Collection[str],
 ) -> Access:
@@ -116,7 +121,7 @@ def _listen(host: str, port: int) -> socket.socket:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.setblocking(False)
             listening.bind(address)
-            listening.listen()
+            listening.listen(BACKLOG)
         except OSError:
             listening.close()
             raise
@@ -134,35 +139,67 @@ async def _served(
     from robotouille_server.operator.desk import Desk
     from robotouille_server.operator.streams import Streams
 
-    desk, streams = Desk(server, asyncio.get_running_loop().time), Streams()
-    http = _http_server(Gate(application(desk, streams), access), tls)
+    now = asyncio.get_running_loop().time
+    desk, streams = Desk(server, now), Streams()
+    logins = Logins(server.audit, now, addresses=server.settings.record_addresses)
+    http = _http_server(Gate(application(desk, streams), access, logins))
+    ticks = (desk.tick, logins.tick)
     tasks = [
-        asyncio.create_task(_tick(desk.tick, streams), name="operator's figures"),
-        asyncio.create_task(http.serve(sockets=[listening]), name="operator's port"),
+        asyncio.create_task(_tick(ticks, streams), name="operator's figures"),
+        asyncio.create_task(http.serve(sockets=[]), name="operator's port"),
     ]
-    try:
-        yield
-    finally:
-        streams.stop()
-        http.should_exit = True
-        await asyncio.wait(tasks, timeout=2 * CLOSE_SECONDS)
-        for task in tasks:
-            task.cancel()
-        for problem in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(problem, Exception):
-                get_logger().error("the operator's view failed", exc_info=problem)
-
-
-async def _tick(tick: Callable[[], None], streams: Streams) -> None:
-    while not await streams.stopped_within(TICK_SECONDS):
+    async with _accepting(http, listening, tls) as accepting:
         try:
-            tick()
-        except Exception:
-            get_logger().exception("the operator's view failed")
+            yield
+        finally:
+            accepting.close()
+            streams.stop()
+            http.should_exit = True
+            await asyncio.wait(tasks, timeout=2 * CLOSE_SECONDS)
+            for task in tasks:
+                task.cancel()
+            for problem in await asyncio.gather(*tasks, return_exceptions=True):
+                if isinstance(problem, Exception):
+                    get_logger().error("the operator's view failed", exc_info=problem)
+            logins.finish()
 
 
-def _http_server(app: Any, tls: ssl.SSLContext | None) -> Any:
-    """A uvicorn server that leaves signals to the program."""
+@asynccontextmanager
+async def _accepting(
+    http: Any, listening: socket.socket, tls: ssl.SSLContext | None
+) -> AsyncIterator[asyncio.Server]:
+    """Hand all that connects to the HTTP server: it accepts nobody by itself, since it would
+    neither count nor time connections before their first request."""
+    from robotouille_server.operator.port import Door
+
+    places, opening = Places(), set[asyncio.Task[None]]()
+
+    def door() -> asyncio.Protocol:
+        return Door(http.config, http.server_state, places, tls, opening)
+
+    loop = asyncio.get_running_loop()
+    accepting = await loop.create_server(door, sock=listening, backlog=BACKLOG)
+    try:
+        yield accepting
+    finally:
+        accepting.close()
+        places.clear()
+        for task in list(opening):
+            task.cancel()
+        await asyncio.gather(*opening, return_exceptions=True)
+
+
+async def _tick(ticks: Iterable[Callable[[], None]], streams: Streams) -> None:
+    while not await streams.stopped_within(TICK_SECONDS):
+        for tick in ticks:
+            try:
+                tick()
+            except Exception:
+                get_logger().exception("the operator's view failed")
+
+
+def _http_server(app: Any) -> Any:
+    """A uvicorn server that leaves signals, and accepting connections, to the program."""
     import uvicorn
 
     # What fails is logged by the API itself.
@@ -183,9 +220,8 @@ def _http_server(app: Any, tls: ssl.SSLContext | None) -> Any:
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=MAX_CONNECTIONS,
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=CLOSE_SECONDS,
     )
     config.load()
-    config.ssl = tls
     return Quiet(config)

@@ -3,6 +3,7 @@
 import { askToken } from "./dialogs.js";
 
 const KEY = "robotouille-operator-token";
+const REFUSED = "event: refused\ndata: ";
 let token = sessionStorage.getItem(KEY) ?? "";
 let asking = null;
 
@@ -55,7 +56,8 @@ export async function download(event, name) {
 }
 
 // Server-sent events that come back by themselves. `told` gets each value, `linked` whether the
-// stream is up, `gone` the refusal after which there is no coming back.
+// stream is up, `gone` the refusal after which there is no coming back. A stream that ends since
+// its token does not hold any longer is asked for at once, and with it the token.
 export function follow(path, { told, linked = () => {}, gone = () => {} }) {
   const stop = new AbortController();
   (async () => {
@@ -68,12 +70,13 @@ export function follow(path, { told, linked = () => {}, gone = () => {} }) {
         await readEvents(answer.body, told);
       } catch (problem) {
         if (stop.signal.aborted) return;
-        if (problem instanceof Refused && problem.status === 404) return gone(problem);
+        if (problem instanceof Refused && [403, 404].includes(problem.status)) return gone(problem);
+        if (problem instanceof Refused && problem.code.startsWith("auth/")) wait = 0;
       }
       if (stop.signal.aborted) return;
       linked(false);
       await new Promise((resolve) => setTimeout(resolve, wait * (0.75 + Math.random() / 2)));
-      wait = Math.min(5000, wait * 2);
+      wait = Math.min(5000, Math.max(250, wait * 2));
     }
   })();
   return () => stop.abort();
@@ -89,6 +92,10 @@ async function readEvents(body, told) {
     for (let end; (end = text.indexOf("\n\n")) >= 0; text = text.slice(end + 2)) {
       const event = text.slice(0, end);
       if (event.startsWith("data: ")) told(JSON.parse(event.slice(6)));
+      if (event.startsWith(REFUSED)) {
+        const { code, message } = JSON.parse(event.slice(REFUSED.length));
+        throw new Refused(0, code, message);
+      }
     }
   }
 }

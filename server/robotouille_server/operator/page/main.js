@@ -20,7 +20,7 @@ const watch = new Watch($("watch"), (episode) => {
   history.replaceState(null, "", episode ? `#${episode}` : location.pathname);
 });
 const show = (episode) => watch.show(episode);
-const totals = new Totals($("totals"), $("faults"), show);
+const totals = new Totals($("totals"), $("faults"), $("alerts"), show);
 const episodes = new Episodes($("episodes"), show);
 const recordings = new Recordings($("recordings"));
 
@@ -44,6 +44,7 @@ function followOverview() {
     },
     told: (overview) => {
       totals.update(overview);
+      $("announce").hidden = Boolean(overview.server.only);
       const counts = overview.totals.episodes;
       setText($("count-episodes"), counts.running + counts.paused + counts.waiting + counts.over);
       if (view.tab !== "episodes") return;

@@ -18,7 +18,7 @@ function within(bound) {
 const others = (fault) => (fault.episodes > 1 ? ` and ${number(fault.episodes - 1)} more` : "");
 
 export class Totals {
-  constructor(root, faults, watch) {
+  constructor(root, faults, alerts, watch) {
     this.cards = {
       episodes: card("Running"),
       connections: card("Connections"),
@@ -37,9 +37,20 @@ export class Totals {
         update: (now) => setText(words, now.code ? `${now.code}${others(now)}: ${now.text}` : now.text),
       };
     });
+    this.alerts = new Rows(alerts, (alert) => alert.kind, () => {
+      const words = h("span");
+      const row = h("p", {}, icon("warn"), words);
+      return {
+        root: row,
+        update: (now) => {
+          setAttribute(row, "data-severity", now.severity);
+          setText(words, now.text.charAt(0).toUpperCase() + now.text.slice(1));
+        },
+      };
+    });
   }
 
-  update({ server, totals, faults }) {
+  update({ server, totals, faults, alerts }) {
     const { episodes, connections, steps, sent, late } = this.cards;
     const counts = totals.episodes;
     setText(document.getElementById("server"), `${server.url} · version ${server.version} · up ${span(server.uptime)}`);
@@ -55,6 +66,7 @@ export class Totals {
     steps.line.update(totals.history.steps);
     sent.line.update(totals.history.bytes);
     this.faults.update(faults);
+    this.alerts.update(alerts);
   }
 }
 

@@ -4,7 +4,9 @@ import { announce, end, kick, mute, pauseOrResume } from "./actions.js";
 import { download, follow } from "./api.js";
 import { toast } from "./dialogs.js";
 import { controllerWords, heading, phaseBadge, progress, recordingWords, setHold } from "./episodes.js";
-import { Rows, button, h, icon, latency, setAttribute, setText } from "./dom.js";
+import { Rows, button, bytes, h, icon, latency, setAttribute, setText } from "./dom.js";
+
+const traffic = (row) => (row.received_bytes ? `${bytes(row.received_bytes)} in` : "");
 
 function person(row, remove, silence) {
   let now = row;
@@ -23,7 +25,8 @@ function person(row, remove, silence) {
       const words = seat
         ? [next.player, controllerWords(next), `${next.applied} done`, next.rejected ? `${next.rejected} rejected` : ""]
         : [next.present ? "watches" : "away", next.kind];
-      setText(more, [...words, next.muted ? "muted" : "", latency(next), next.address].filter(Boolean).join(" · "));
+      setText(more, [...words, next.muted ? "muted" : "", latency(next), traffic(next), next.address].filter(Boolean).join(" · "));
+      setAttribute(more, "title", `${bytes(next.recorded_bytes)} of chat and reasoning are on record`);
       setAttribute(out, "aria-label", `Remove ${next.name}`);
       setAttribute(hush, "aria-label", `Mute ${next.name}`);
       setAttribute(hush, "title", next.muted ? "Let talk again" : "Mute");

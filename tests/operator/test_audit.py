@@ -1,0 +1,174 @@
+"""What is done at the operator's port, and by whom, can be read afterwards."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille_server import audit
+from robotouille_server.audit import AuditLog
+from robotouille_server.operator.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Logins
+from robotouille_server.tokens import Role, RoleGrant
+from tests.operator.support import CHANGE, bearer, table, viewing
+from tests.support.virtual_time import run
+
+NOW = 1_800_000_000.0
+GUESS = {"Authorization": "Bearer guess"}
+
+
+def written(recordings: Path) -> list[dict[str, Any]]:
+    file = recordings.with_name(f"{recordings.name}.state") / "audit.log"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def test_everything_an_operator_does_is_there_with_who_did_it(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path / "r", tokens=True, wall=lambda: NOW) as (server, _, api):
+            async with table(server) as play:
+                await play.until(lambda game: game.step >= 1)
+                headers = bearer(server, "lab")
+                token = server.authorize(headers["Authorization"].split()[1]).token_id
+                api.http.headers.update(headers)
+                here = f"/api/episodes/{play.code}"
+                await api.do(f"{here}/pause")
+                await api.do(f"{here}/announce", text="soon")
+                await api.do("/api/announce", text="to all")
+                row = await api.row(play.episode)
+                name = row["recording"]["name"]
+                await api.http.get(f"/api/recordings/{name}")
+                session = row["seats"][1]["session"]
+                await api.do(f"{here}/kick", session=session, reason="asleep")
+                await api.do(f"{here}/end", reason="lunch")
+                await api.post(f"{here}/pause")
+                await api.post("/api/episodes/NOSUCHCODE/end")
+        mine = {"time": "2027-01-15T08:00:00.000Z", "by": "lab", "token": token}
+        it = {"episode": play.episode}
+        assert written(tmp_path / "r") == [
+            {**mine, "what": "login", "result": "done"},
+            {**mine, **it, "what": "pause", "result": "done"},
+            {**mine, **it, "what": "announce", "text": "soon", "result": "done"},
+            {**mine, "what": "announce to all", "text": "to all", "result": "done"},
+            {**mine, "what": "recording", "file": name, "result": "done"},
+            {
+                **mine,
+                **it,
+                "what": "kick",
+                "session": session,
+                "reason": "asleep",
+                "result": "done",
+            },
+            {**mine, **it, "what": "end", "reason": "lunch", "result": "done"},
+            {**mine, "episode": play.code, "what": "pause", "result": "episode/over"},
+            {**mine, "episode": "NOSUCHCODE", "what": "end", "result": "episode/unknown"},
+        ]
+
+    run(main())
+
+
+def test_who_needs_no_token_is_called_local(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path / "r") as (_, _, api):
+            await api.do("/api/announce", text="hello")
+        (line,) = written(tmp_path / "r")
+        assert (line["by"], line["what"], "token" in line) == ("local", "announce to all", False)
+
+    run(main())
+
+
+def test_what_is_refused_to_a_token_for_another_episode_is_there(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path / "r", tokens=True) as (server, _, api):
+            async with table(server) as mine, table(server) as other:
+                api.http.headers.update(bearer(server, "eve", episode=mine.episode))
+                await api.post("/api/announce", text="boo")
+                await api.http.get(f"/api/episodes/{other.code}")
+        _, *lines = written(tmp_path / "r")
+        assert [(line["what"], line["result"]) for line in lines] == [
+            ("announce to all", "auth/episode"),
+            ("episode", "auth/episode"),
+        ]
+
+    run(main())
+
+
+@pytest.mark.parametrize("record_addresses", [False, True])
+def test_wrong_tokens_are_there_in_few_lines_and_all_counted(
+    tmp_path: Path, record_addresses: bool
+) -> None:
+    tries = 2 * REFUSED_A_MINUTE
+
+    async def main() -> None:
+        options = {"tokens": True, "record_addresses": record_addresses}
+        async with viewing(tmp_path / "r", **options) as (server, _, api):
+            assert (await api.http.get("/api/overview")).status_code == 401
+            for _ in range(tries):
+                assert (await api.http.get("/api/overview", headers=GUESS)).status_code == 401
+            await asyncio.sleep(7)
+            for _ in range(2):
+                await api.get("/api/overview", headers=bearer(server))
+        lines = written(tmp_path / "r")
+        refused = [line for line in lines if line["result"] != "done"]
+        assert {line["result"] for line in refused} == {"auth/invalid", "refused"}
+        assert len(refused) <= REFUSED_A_MINUTE + 4
+        once = sum(line["result"] == "auth/invalid" for line in refused)
+        assert once + sum(line.get("left_out", 0) for line in refused) == tries
+        assert not any("guess" in json.dumps(line) for line in lines)
+        assert {line.get("address") for line in refused if line["result"] != "refused"} == {
+            "127.0.0.1" if record_addresses else None
+        }
+        assert sum(line["what"] == "login" and line["result"] == "done" for line in lines) == 2
+
+    run(main())
+
+
+def test_a_token_in_use_is_one_login(tmp_path: Path) -> None:
+    now = 0.0
+    log = AuditLog(tmp_path / "audit.log", lambda: NOW)
+    logins = Logins(log, lambda: now, addresses=True)
+    for passed in (0, 1, 1000, 1000, FORGOTTEN_AFTER + 1):
+        now += passed
+        logins.good(RoleGrant(Role.OPERATOR, "lab", token_id="a"), "127.0.0.1")
+    logins.good(RoleGrant(Role.OPERATOR, "lab", token_id="b"), "127.0.0.1")
+    lines = [json.loads(line) for line in log.path.read_text().splitlines()]
+    assert [line["token"] for line in lines] == ["a", "a", "b"]
+
+
+def test_a_line_that_cannot_be_written_is_an_alert_and_stops_nobody(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with viewing(tmp_path / "r") as (server, _, api):
+            (tmp_path / "elsewhere").mkdir()
+            server.audit.path.parent.mkdir(exist_ok=True)
+            server.audit.path.symlink_to(tmp_path / "elsewhere" / "file")
+            await api.http.post("/api/announce", json={"text": "hello"}, headers=CHANGE)
+            seen = await api.get("/api/overview")
+            (alert,) = [one for one in seen["alerts"] if one["kind"] == "audit"]
+            assert (alert["severity"], "audit log" in alert["text"]) == ("critical", True)
+            assert not (tmp_path / "elsewhere" / "file").exists()
+            server.audit.path.unlink()
+            await api.do("/api/announce", text="hello")
+            kinds = {one["kind"] for one in (await api.get("/api/overview"))["alerts"]}
+            assert "audit" not in kinds
+
+    run(main())
+
+
+def test_files_that_have_grown_large_are_put_aside_and_the_oldest_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(audit, "MAX_AUDIT_BYTES", 300)
+    log = AuditLog(tmp_path / "audit.log", lambda: NOW)
+    for number in range(60):
+        log.note("announce", by="lab", details={"number": number})
+    files = sorted(tmp_path.iterdir())
+    assert len(files) == 1 + audit.KEPT_FILES
+    assert all(file.stat().st_size < 600 for file in files)
+    lines = [json.loads(line) for file in files for line in file.read_text().splitlines()]
+    numbers = sorted(line["number"] for line in lines)
+    assert numbers == list(range(numbers[0], 60))
