@@ -51,7 +51,6 @@ class Metrics(Collector):
         self.steps = self.applied = self.rejected = 0
         self.log_suppressed = 0
         self.received = self.sent_messages = self.sent_bytes = 0
-        self.log_suppressed = 0
         self.disk_free: int | None = None
         self.descriptors: int | None = None
         self.max_descriptors: int | None = None
