@@ -11,6 +11,7 @@ from tests.fuzz.codes import documented_codes
 from tests.fuzz.hostility import Adversary
 from tests.fuzz.specimens import client_messages
 from tests.fuzz.wire import BINARY, TEXT, Closed, Wire, frame, hostile_frames, hostile_request
+from tests.simulation.stranger import FLOODS
 
 __all__ = ["Siege", "ask_honestly"]
 
@@ -61,6 +62,8 @@ class Siege:
             await self._knock()
         elif pick < 0.4:
             await self._stay_silent()
+        elif pick < 0.41:
+            await self._flood()
         else:
             await self._talk(most)
 
@@ -96,6 +99,25 @@ class Siege:
         self.outcomes["left hanging"] += 1
         if len(self._silent) > MAX_SILENT:
             self._silent.pop(0).cut()
+
+    async def _flood(self) -> None:
+        """Far more of one thing than anybody may send."""
+        self.sent += 1
+        wire = await Wire.open(self.port)
+        try:
+            await wire.upgrade(text=True)
+            await wire.write(FLOODS[self.adversary.random.choice(sorted(FLOODS))])
+            async with asyncio.timeout(0.05):
+                async for answer in wire.messages():
+                    self._count(answer)
+        except TimeoutError:
+            self.outcomes["flood, not over yet"] += 1
+        except Closed as closed:
+            self.outcomes[f"flood, closed {closed.code}"] += 1
+            if closed.code not in CLOSE_CODES:
+                self.faults.append(f"closed with {closed.code}")
+        finally:
+            wire.cut()
 
     # Inside
 
