@@ -103,10 +103,11 @@ class Agenda:
     def _run(self) -> None:
         self._timer = None
         self._running = True
-        now = self.time()
+        self.time()
         try:
             for _ in range(AT_ONCE):
-                if not self._heap or self._heap[0][0] > now:
+                # The very sum for which the timer was set: differences round otherwise.
+                if not self._heap or self._heap[0][0] + self.lost > self._seen:
                     return
                 due, _number, appointment = heappop(self._heap)
                 call, appointment.call = appointment.call, None

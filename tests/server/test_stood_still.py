@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -124,3 +125,43 @@ def test_only_what_was_waited_for_counts() -> None:
         assert agenda.time() <= loop.time() - STILL
 
     run(main())
+
+
+class Exact:
+    """A loop that calls back at the very moment that was asked for."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+        self.waits: tuple[float, Callable[[], None]] | None = None
+
+    def time(self) -> float:
+        return self.now
+
+    def call_at(self, when: float, call: Callable[[], None]) -> Exact:
+        self.waits = when, call
+        return self
+
+    def when(self) -> float:
+        assert self.waits is not None
+        return self.waits[0]
+
+    def cancel(self) -> None:
+        self.waits = None
+
+    def run(self) -> None:
+        assert self.waits is not None
+        (self.now, call), self.waits = self.waits, None
+        call()
+
+
+def test_what_is_due_is_done_however_times_are_rounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once the loop waited again and again for a moment that, the lost seconds taken off, was not
+    quite due."""
+    loop, done = Exact(), []
+    monkeypatch.setattr(asyncio, "get_running_loop", lambda: loop)
+    agenda = Agenda()
+    for number in range(1, 200):
+        agenda.lost += number / 7
+        agenda.call_at(agenda.time() + 1 / number, done.append)
+        loop.run()
+        assert len(done) == number

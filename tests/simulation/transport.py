@@ -40,6 +40,10 @@ class Conditions:
         self.window = window
 
 
+SOONEST = 1e-9
+"""Seconds between two units: timers of the same time come in no order."""
+
+
 class Pipe:
     """One direction of a connection."""
 
@@ -117,7 +121,7 @@ class Pipe:
         if extra:
             at += extra
         else:
-            at = self._last = max(at, self._last)
+            at = self._last = max(at, self._last + SOONEST)
         self._schedule(at - now, deliver, *values)
 
     def _schedule(self, delay: float, deliver: Callable[..., None], *values: Any) -> None:
@@ -303,7 +307,10 @@ class Transport(asyncio.Transport):
             self._out.reset()
 
     def feed(self, data: bytes | None) -> None:
-        """Bytes, or the end of the stream, have come."""
+        """Bytes, or the end of the stream, have come; nobody has them who did not accept the
+        connection before its end."""
+        if self._protocol is None:
+            return
         if self._closing or self.lost:
             if data is not None:
                 self._into.unread -= len(data)
