@@ -143,7 +143,7 @@ def _address(text: object) -> Address | None:
     """An address with or without port or brackets; IPv4 in IPv6's clothes is IPv4."""
     host = str(text).strip().strip('"')
     if match := re.fullmatch(r"\[([^\]]*)\](?::\d+)?|([0-9.]+):\d+", host):
-        host = match[1] or match[2]
+        host = match[1] if match[1] is not None else match[2]
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

@@ -189,10 +189,6 @@ class Server:
                 ping_interval=20,
                 ping_timeout=20,
                 close_timeout=2,
-                ssl=self._tls.context if self._tls is not None else None,
-                ssl_handshake_timeout=(
-                    self.settings.hello_seconds if self._tls is not None else None
-                ),
                 backlog=ACCEPTED_AT_ONCE,
                 write_limit=2 * MAX_HELD,
                 reuse_port=shared or None,
@@ -361,7 +357,13 @@ class Server:
 
     def _accept(self, *arguments: Any, **options: Any) -> Connection:
         self._accepted += 1
-        return Connection(*arguments, metrics=self.metrics, **options)
+        return Connection(
+            *arguments,
+            metrics=self.metrics,
+            tls=self.tls,
+            handshake_seconds=self.settings.hello_seconds,
+            **options,
+        )
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:
@@ -421,6 +423,7 @@ class Server:
 
     def _sent_out(self, session: Session) -> None:
         """Somebody who is away is told of it at the return, if that is soon."""
+        self.expect(session)
         later = asyncio.get_running_loop().call_later
         self._expiries[session] = later(SENT_OUT_SECONDS, self._expire, session)
 

@@ -8,8 +8,9 @@ parts of messages) are charged first, and those beyond what a connection may sen
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 from websockets.asyncio.server import ServerConnection
 from websockets.frames import Frame, Opcode
@@ -34,6 +35,8 @@ MAX_UNSENT = 128 * 1024
 MAX_HELD = 1024 * 1024
 """Bytes that wait for a client at which it is cut off."""
 
+MAX_PARTS = 1024
+"""Of one message, however slowly they come."""
 FRAMES_AT_A_TIME = 32
 """Frames of one connection that are dealt with before all others have their turn."""
 FRAMES_A_SECOND = 50.0
@@ -72,9 +75,20 @@ def frame_of(payload: bytes | str) -> bytes:
 class Connection(ServerConnection):
     """The library's connection, with messages going straight to `receiver`."""
 
-    def __init__(self, *arguments: Any, metrics: Metrics, **options: Any) -> None:
+    def __init__(
+        self,
+        *arguments: Any,
+        metrics: Metrics,
+        tls: ssl.SSLContext | None = None,
+        handshake_seconds: float = 10.0,
+        **options: Any,
+    ) -> None:
         super().__init__(*arguments, **options)
         self._metrics = metrics
+        self._tls = tls
+        self._handshake_seconds = handshake_seconds
+        self._opening: asyncio.Task[None] | None = None
+        self._made = False
         self._receiver: Callable[[bytes | str], None] | None = None
         self._parts: list[bytes] = []
         self._is_text = False
@@ -87,12 +101,42 @@ class Connection(ServerConnection):
         self._paused: set[str] = set()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Somebody is accepted. TLS comes after: asyncio's own way would tell of a connection only
+        when its handshake is over, and of one that says nothing never."""
+        raw = cast("asyncio.Transport", transport)
+        if few_left(raw.get_extra_info("socket")):
+            self._metrics.dropped.labels("descriptors").inc()
+            raw.abort()
+        elif self._tls is None:
+            self._open(raw)
+        else:
+            raw.pause_reading()  # The handshake is start_tls's business from its first byte on.
+            self._opening = self.loop.create_task(self._encrypt(raw, self._tls))
+
+    async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
+        encrypted = None
+        try:
+            encrypted = await self.loop.start_tls(
+                raw, self, tls, server_side=True, ssl_handshake_timeout=self._handshake_seconds
+            )
+        except OSError:  # A handshake that fails or takes too long is nobody's business.
+            pass
+        finally:
+            self._opening = None
+            if encrypted is None:
+                raw.abort()
+        if encrypted is not None:
+            self._open(encrypted)
+
+    def _open(self, transport: asyncio.Transport) -> None:
+        self._made = True
         super().connection_made(transport)
-        if few_left(transport.get_extra_info("socket")):
-            self.drop("descriptors")
 
     def connection_lost(self, exc: Exception | None) -> None:
-        super().connection_lost(exc)
+        if self._opening is not None:
+            self._opening.cancel()
+        if self._made:
+            super().connection_lost(exc)
         self._rest = b""
         self._parts.clear()
 
@@ -125,12 +169,13 @@ class Connection(ServerConnection):
             return
         self._paused.discard(why)
         if not self._paused and not self.transport.is_closing():
-            self._give_way()
+            self.give_way()
 
-    def _give_way(self) -> None:
+    def give_way(self) -> None:
         """Go on with what has come already when all others have had their turn."""
-        self.pause_reading(TURN)
-        self.loop.call_soon(self._go_on)
+        if TURN not in self._paused:
+            self.pause_reading(TURN)
+            self.loop.call_soon(self._go_on)
 
     def _go_on(self) -> None:
         self._paused.discard(TURN)
@@ -194,7 +239,7 @@ class Connection(ServerConnection):
                 return size
             left -= 1
             if left == 0:
-                self._give_way()
+                self.give_way()
             if self._paused:
                 break
         return at
@@ -237,7 +282,9 @@ class Connection(ServerConnection):
         if frame.opcode is not Opcode.CONT:
             self._is_text = frame.opcode is Opcode.TEXT
         self._parts.append(bytes(frame.data))
-        if frame.fin:
+        if len(self._parts) > MAX_PARTS:
+            self.drop("flood")
+        elif frame.fin:
             content = b"".join(self._parts)
             self._parts.clear()
             self._hand_over(content, self._is_text)

@@ -31,7 +31,8 @@ COSTS: dict[type[messages.Message], float] = {
     messages.ListEpisodes: 3,
 }
 """What a message takes of a connection's budget, where that is not one. Each KiB of it, and of
-the snapshots and lists that it is answered with, is one more."""
+the snapshots and lists that it is answered with, is one more. After each of these everybody else
+has a turn; of resyncs all those of a turn are answered together."""
 KIB = 1024
 MAX_HELLO_BYTES = 8 * KIB
 """Of a message before `hello` is answered: that is the longest anybody needs."""
@@ -77,13 +78,12 @@ class Conversation:
         self._budget = Budget(server.settings.messages_per_second, self._loop.time())
         self._patience = Budget(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
         self._silence: asyncio.TimerHandle | None = None
+        self._waiting: asyncio.Task[None] | None = None
         self._await_hello()
 
     def _await_hello(self) -> None:
         seconds = self._server.settings.hello_seconds
         self._silence = self._loop.call_later(seconds, self._too_silent)
-
-        self._waiting: asyncio.Task[None] | None = None
 
     def close(self) -> None:
         """The connection is gone."""
@@ -159,6 +159,8 @@ class Conversation:
 
     def _heed(self, message: messages.ClientMessage, affordable: bool) -> None:
         extra = COSTS.get(type(message), 1) - 1
+        if extra and not isinstance(message, messages.Resync):
+            self.peer.socket.give_way()
         if not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
             self._refuse(message)
         elif self.session is None:

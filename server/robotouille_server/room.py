@@ -173,6 +173,7 @@ class Room:
             raise ProtocolError("episode/full", message, "role")
         else:
             session.player = None
+            self._forget_away(max_spectators)
             self._names.watch(name)
         session.name, session.room = name, self
         session.view = request.view
@@ -180,6 +181,15 @@ class Room:
         self.flush()
         self.members.append(session)
         self._confirm(session, partial(self._welcome, session, request.ref))
+
+    def _forget_away(self, most: int) -> None:
+        """Of the spectators who are away, and may come back for a while, there are not more than
+        may watch."""
+        away = [one for one in self.members if one.player is None and one.peer is None]
+        if len(away) >= most > 0:
+            longest = min(away, key=lambda one: one.away_since)
+            self._part_with(longest)
+            self._host.vacated(longest)
 
     def _welcome(self, session: Session, ref: int | None) -> None:
         self.audience.welcome(session, ref, self._host.resume_token(session))

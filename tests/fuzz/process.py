@@ -61,6 +61,6 @@ def server_process(folder: Path, *flags: str) -> Iterator[ServerProcess]:
 
 def _listening(output: IO[str]) -> str:
     for line in output:
-        if found := re.search(r"ws://[^\s,;]+", line):
+        if found := re.search(r"wss?://[^\s,;]+", line):
             return found[0]
     return ""

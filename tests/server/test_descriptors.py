@@ -6,6 +6,7 @@ import asyncio
 import json
 import resource
 import socket
+import ssl
 import sys
 import time
 from contextlib import ExitStack
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import trustme
 from structlog.testing import capture_logs
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
@@ -38,10 +40,10 @@ def ask(client: Any, message: dict[str, Any], kind: str) -> dict[str, Any]:
             return answer
 
 
-def newcomer(url: str) -> str:
+def newcomer(url: str, tls: ssl.SSLContext | None) -> str:
     """What somebody is answered who comes now; "" for nothing."""
     try:
-        with connect(url, subprotocols=[SUBPROTOCOL], open_timeout=5) as client:  # type: ignore[list-item]
+        with connect(url, subprotocols=[SUBPROTOCOL], open_timeout=5, ssl=tls) as client:  # type: ignore[list-item]
             return str(
                 ask(client, {"type": "hello", "protocol": 1, "name": "b"}, "welcome")["type"]
             )
@@ -49,12 +51,25 @@ def newcomer(url: str) -> str:
         return ""
 
 
-def test_silent_connections_take_neither_games_nor_the_disk(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encrypted", [False, True], ids=["ws", "wss"])
+def test_silent_connections_take_neither_games_nor_the_disk(
+    tmp_path: Path, encrypted: bool
+) -> None:
     with ExitStack() as stack:
-        command = ("--mode", "realtime", "--step-rate", "20", "--max-steps", "100000")
+        command = ["--mode", "realtime", "--step-rate", "20", "--max-steps", "100000"]
+        tls = None
+        if encrypted:
+            authority = trustme.CA()
+            certificate = authority.issue_cert("127.0.0.1")
+            certificate.private_key_pem.write_to_path(tmp_path / "key.pem")
+            certificate.cert_chain_pems[0].write_to_path(tmp_path / "cert.pem")
+            command += ["--tls-cert", str(tmp_path / "cert.pem")]
+            command += ["--tls-key", str(tmp_path / "key.pem")]
+            tls = ssl.create_default_context()
+            authority.configure_trust(tls)
         server = stack.enter_context(server_process(tmp_path, *command, "--hello-seconds", "60"))
         resource.prlimit(server.process.pid, resource.RLIMIT_NOFILE, (LIMIT, LIMIT))
-        player = stack.enter_context(connect(server.url, subprotocols=[SUBPROTOCOL]))  # type: ignore[list-item]
+        player = stack.enter_context(connect(server.url, subprotocols=[SUBPROTOCOL], ssl=tls))  # type: ignore[list-item]
         assert ask(player, {"type": "hello", "protocol": 1, "name": "a"}, "welcome")
         order = {"type": "create", "task": "synchronous/01", "clock": "realtime", "step_rate": 20}
         code = ask(player, order, "created")["code"]
@@ -74,7 +89,7 @@ def test_silent_connections_take_neither_games_nor_the_disk(tmp_path: Path) -> N
         for silent in held:
             silent.close()
         end = time.monotonic() + 10
-        while newcomer(server.url) != "welcome":
+        while newcomer(server.url, tls) != "welcome":
             assert time.monotonic() < end, "nobody is let in when places are free again"
 
 

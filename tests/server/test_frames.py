@@ -127,6 +127,23 @@ def test_messages_in_many_parts_are_cut_off(tmp_path: Path) -> None:
     run(main())
 
 
+def test_a_message_does_not_gather_parts_for_ever(tmp_path: Path) -> None:
+    """Slowly enough they are within what a connection may send."""
+
+    async def main() -> None:
+        async with wired(tmp_path) as (server, wire):
+            await wire.write(frame(b"", TEXT, fin=False))
+            try:
+                for _ in range(200):
+                    await wire.write(frame(b"", CONTINUATION, fin=False) * 20)
+                    await asyncio.sleep(0.5)
+            except Closed:
+                pass
+            assert dropped(server, "flood") == 1
+
+    run(main())
+
+
 def test_large_parts_count_for_more_than_small_ones(tmp_path: Path) -> None:
     part = frame(b" " * 60_000, CONTINUATION, fin=False)
     again = frame(b" " * 60_000, TEXT, fin=False) + part + frame(b"", CONTINUATION)

@@ -130,3 +130,30 @@ def test_a_copy_of_a_closed_recording_is_nobodys_end(tmp_path: Path) -> None:
                 assert refused["code"] == "auth/expired"
 
     run(main())
+
+
+def test_who_has_said_hello_is_not_silent_however_long_it_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was thrown out after twice the time for a `hello`."""
+    show = archive.Archive._show
+
+    async def slowly(self: archive.Archive, episode: str) -> None:
+        await asyncio.sleep(25)
+        await show(self, episode)
+
+    monkeypatch.setattr(archive.Archive, "_show", slowly)
+
+    async def main() -> None:
+        async with after_the_end(tmp_path) as (server, token):
+            async with raw(server, hello=False) as bob:
+                answer = await bob.ask({**HELLO, "resume": token}, "welcome", "bye")
+                assert (answer["type"], answer["resumed"]) == ("welcome", True)
+            async with raw(server, hello=False) as bob:
+                await bob.send({**HELLO, "resume": token})
+                await asyncio.sleep(12)
+            await asyncio.sleep(1)
+            waiting = [t for t in asyncio.all_tasks() if "_greet_later" in str(t.get_coro())]
+            assert not waiting, "who has gone is still being looked for"
+
+    run(main())

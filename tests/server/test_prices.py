@@ -97,6 +97,56 @@ def test_going_in_and_out_is_paid_for(tmp_path: Path) -> None:
     run(main())
 
 
+def test_one_costly_message_is_dealt_with_in_a_turn(tmp_path: Path) -> None:
+    """So that those who join, leave and list as fast as they can hold nobody up."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as host:
+            code = await kitchen(host)
+            wire = await watcher(server, code)
+            handled: list[int] = []
+            turn = 0
+
+            async def count() -> None:
+                nonlocal turn
+                while True:
+                    turn += 1
+                    await asyncio.sleep(0)
+
+            infos = server.lobby.infos
+
+            def noted(only: str = "") -> Any:
+                handled.append(turn)
+                return infos(only)
+
+            server.lobby.infos = noted  # type: ignore[method-assign]
+            counting = asyncio.create_task(count())
+            await wire.write(frame(b'{"type": "list"}', TEXT) * 20)
+            while len(handled) < 20:
+                await asyncio.sleep(0)
+            counting.cancel()
+            assert len(set(handled)) == 20
+            wire.cut()
+
+    run(main())
+
+
+def test_spectators_who_come_and_go_are_not_kept_without_end(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, max_spectators=5) as server, raw(server) as host:
+            code = await kitchen(host)
+            room = server.lobby.find(code)
+            for _ in range(30):
+                (await watcher(server, code)).cut()
+                await asyncio.sleep(0.01)
+            assert len(room.members) <= 6
+            wire = await watcher(server, code)
+            assert room.spectators == 1
+            wire.cut()
+
+    run(main())
+
+
 def test_a_snapshot_is_encoded_once_a_step_for_all(tmp_path: Path) -> None:
     async def main() -> None:
         made = 0

@@ -169,7 +169,9 @@ class Adversary:
 
     def flood(self) -> str:
         """A stranger sends far more than anybody may; no game notices."""
-        stranger = Stranger(f"stranger-{len(self.strangers)}", self.sim.loop, self._random)
+        name = f"stranger-{len(self.strangers)}"
+        code = self._random.choice([plan.code for plan in self.sim.plans] or [None])
+        stranger = Stranger(name, self.sim.loop, self._random, code)
         self.strangers.append(stranger)
         stranger.start(PORT)
         return stranger.flood

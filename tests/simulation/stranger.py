@@ -12,6 +12,9 @@ from tests.simulation.loop import Process, SimulatedLoop
 __all__ = ["FLOODS", "Stranger"]
 
 HELLO = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
+CODE = "AAAAA-AAAAA"
+"""Where an episode's code is to stand."""
+WATCH = {"type": "join", "episode": CODE, "role": "spectator"}
 STAYS = 8.0
 """Seconds after which a stranger goes, if the server has not ended it."""
 
@@ -29,8 +32,9 @@ FLOODS = {
     "parts": _message(HELLO) + frame(b"", TEXT, fin=False) + _PARTS,
     "fields": _FIELDS * 200,
     "lists": _message(HELLO) + _message({"type": "list"}) * 500,
-    "resyncs": _message(HELLO) + _message({"type": "resync"}) * 500,
-    "codes": _message(HELLO) + _message({"type": "join", "episode": "AAAAA-AAAAA"}) * 400,
+    "resyncs": _message(HELLO) + _message(WATCH) + _message({"type": "resync"}) * 500,
+    "in and out": _message(HELLO) + (_message(WATCH) + _message({"type": "leave"})) * 300,
+    "codes": _message(HELLO) + _message({"type": "join", "episode": "AAAAA-AAAAB"}) * 400,
     "long": _message(HELLO) + frame(b" " * 60_000, TEXT) * 60,
     "silence": b"",
 }
@@ -38,13 +42,17 @@ FLOODS = {
 
 
 class Stranger(asyncio.Protocol):
-    """One connection, from a machine of its own. `cut_off` says whether the server ended it."""
+    """One connection, from a machine of its own; `code` is that of an episode it can watch.
+    `cut_off` says whether the server ended it."""
 
-    def __init__(self, name: str, loop: SimulatedLoop, chance: random.Random) -> None:
+    def __init__(
+        self, name: str, loop: SimulatedLoop, chance: random.Random, code: str | None
+    ) -> None:
         self.process = Process(name, loop)
         self.process.on_death.append(lambda: loop.network.close_all(self.process))
         self.flood = chance.choice(sorted(FLOODS))
         self.cut_off = False
+        self._stream = FLOODS[self.flood].replace(CODE.encode(), (code or CODE).encode())
         self._loop = loop
         self._chance = chance
         self._transport: asyncio.Transport | None = None
@@ -58,7 +66,7 @@ class Stranger(asyncio.Protocol):
             await self._loop.create_connection(lambda: self, "127.0.0.1", port)
         except OSError:
             return
-        stream = request("robotouille.v1.json") + FLOODS[self.flood]
+        stream = request("robotouille.v1.json") + self._stream
         size = self._chance.choice((1000, 10_000, len(stream)))
         for at in range(0, len(stream), size):
             if self._transport is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.fuzz.wire import Closed, Wire
-from tests.simulation.stranger import FLOODS
+from tests.simulation.stranger import CODE, FLOODS
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -30,7 +30,7 @@ def test_a_flood_is_ended_and_a_game_goes_on(tmp_path: Path, name: str) -> None:
             assert await wire.upgrade(text=True) == 101
             said = []
             try:
-                await wire.write(FLOODS[name])
+                await wire.write(FLOODS[name].replace(CODE.encode(), created["code"].encode()))
                 async with asyncio.timeout(10):
                     async for answer in wire.messages():
                         said.append(answer)
