@@ -144,6 +144,9 @@ class Wire:
     def say_goodbye(self, status: int, reason: str) -> None:
         raise AssertionError(f"the server closes: {status} {reason}")
 
+    def give_way(self) -> None:
+        """Messages come one in a turn anyway."""
+
     def abort(self) -> None:
         raise AssertionError("the server drops the connection")
 
