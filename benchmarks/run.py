@@ -7,9 +7,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks import core, planning, server
+from tests.fuzz import floods
+
+from benchmarks import core, planning, server, stand_ins
 
 if __name__ == "__main__":
     core.main()
     planning.main()
     server.main()
+    stand_ins.main(["--rooms", "100", "--seconds", "10"])
+    floods.main(["--runs", "3", "--seconds", "2"])

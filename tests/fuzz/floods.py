@@ -18,15 +18,18 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
 import psutil
+from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
+from robotouille_server.keys import FileKeyring
+from robotouille_server.tokens import Role, Tokens
 from tests.fuzz.process import ServerProcess, server_process
 from tests.fuzz.wire import CONTINUATION, PING, PONG, TEXT, frame, request
 
@@ -41,6 +44,8 @@ MAX_GAP = 0.150
 MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
 SUBPROTOCOL = "robotouille.v1.json"
+ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
+"""Who comes through a proxy is no program of this machine."""
 HELLO = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
 
 
@@ -71,13 +76,16 @@ def _in_and_out(code: str) -> bytes:
 @dataclass(frozen=True, slots=True)
 class Flood:
     """What is sent again and again, after which messages, and whether answers are read. A
-    `silent` one only opens so many connections, and keeps them."""
+    `silent` one only opens so many connections, and keeps them. From `elsewhere` one is no program
+    of this machine; newcomers then are, too, and have a token. So many other `rooms` there are."""
 
     what: str
     piece: Callable[[str], bytes] = lambda code: b""
     first: tuple[str, ...] = ()
     reads: bool = True
     silent: int = 0
+    elsewhere: bool = False
+    rooms: int = 0
 
 
 FLOODS = {
@@ -99,12 +107,20 @@ FLOODS = {
         reads=False,
     ),
     "joins": Flood("in and out again", _in_and_out, ("hello",)),
-    "lists": Flood("lists of episodes", lambda code: _message({"type": "list"}), ("hello",)),
+    "lists": Flood(
+        "lists of 300 episodes", lambda code: _message({"type": "list"}), ("hello",), rooms=300
+    ),
     "fields": Flood("9,900 unknown fields before hello", _unknown_fields),
     "codes": Flood(
         "wrong codes",
         lambda code: _message({"type": "join", "episode": "AAAAA-AAAAA"}),
         ("hello",),
+        elsewhere=True,
+    ),
+    "places": Flood("80 silent connections of one address", silent=80, elsewhere=True),
+    "tokens": Flood(
+        "hello with a token that is none",
+        lambda code: _message({**HELLO, "resume": "x" * 800}),
     ),
 }
 
@@ -115,7 +131,7 @@ class Attacker:
     def __init__(self, flood: Flood, port: int, code: str) -> None:
         self.flood = flood
         self._address = ("127.0.0.1", port)
-        self._opening = request(SUBPROTOCOL)
+        self._opening = request(SUBPROTOCOL, more=ELSEWHERE if flood.elsewhere else "")
         join = {"type": "join", "episode": code, "role": "spectator"}
         preludes = {"hello": _message(HELLO), "join": _message(join)}
         self._opening += b"".join(preludes[name] for name in flood.first)
@@ -169,7 +185,7 @@ def attack(name: str, port: int, code: str) -> None:
     if name == "none":
         time.sleep(3600)
     if flood.silent:
-        _keep_silent(port, flood.silent)
+        _keep_silent(port, flood.silent, flood.elsewhere)
     attackers = [Attacker(flood, port, code) for _ in range(CONNECTIONS)]
     while True:
         if any(attacker.push() for attacker in attackers):
@@ -179,12 +195,15 @@ def attack(name: str, port: int, code: str) -> None:
         select.select(reading, waiting, [], 0.05)
 
 
-def _keep_silent(port: int, count: int) -> None:
+def _keep_silent(port: int, count: int, elsewhere: bool) -> None:
+    """From elsewhere, behind a handshake; programs of this machine say nothing at all."""
+    handshake = request(SUBPROTOCOL, more=ELSEWHERE) if elsewhere else b""
     held: list[socket.socket] = []
     while True:
         while len(held) < count:
             with suppress(OSError):
                 held.append(socket.create_connection(("127.0.0.1", port), timeout=1))
+                held[-1].sendall(handshake)
                 held[-1].setblocking(False)
                 continue
             time.sleep(0.05)
@@ -194,7 +213,7 @@ def _keep_silent(port: int, count: int) -> None:
 
 def _is_closed(held: socket.socket) -> bool:
     try:
-        over = not held.recv(1)
+        over = not held.recv(BLOB)
     except BlockingIOError:
         return False
     except OSError:
@@ -205,10 +224,15 @@ def _is_closed(held: socket.socket) -> bool:
 
 
 class HonestGame:
-    """Two players in real time, and when the first of them was told each step."""
+    """Two players in real time, and when the first of them was told each step. So many other
+    `rooms` are there, and wait for players."""
 
-    def __init__(self, server: ServerProcess) -> None:
+    def __init__(self, server: ServerProcess, rooms: int) -> None:
         self._open = ExitStack()
+        for number in range(rooms):
+            if number % 30 == 0:
+                host = self._player(server, f"host {number}")
+            self._ask(host, {"type": "create", "task": "multi_agent/01"}, "created")
         self._players = [self._player(server, f"player {i}") for i in (1, 2)]
         order = {"type": "create", "clock": "realtime", "step_rate": 20}
         created = self._ask(self._players[0], order, "created")
@@ -276,15 +300,15 @@ def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Re
     with tempfile.TemporaryDirectory(prefix="robotouille-flood-") as folder:
         with server_process(Path(folder), *FLAGS) as server:
             process = psutil.Process(server.process.pid)
-            game = HonestGame(server)
+            game = HonestGame(server, FLOODS[name].rooms)
             game.longest_gap(1.0)
-            before, gaps, most = process.memory_info().rss, [], 0
+            before, gaps, most, admitted = process.memory_info().rss, [], 0, True
             for _ in range(runs):
                 with _flooding(name, server.port, game.code):
                     time.sleep(0.3)
                     gaps.append(game.longest_gap(seconds))
                     most = max(most, process.memory_info().rss)
-                    admitted = _admitted(server)
+                    admitted = _admitted(server, FLOODS[name].elsewhere) and admitted
             game.close()
             size = server.log.stat().st_size
             return Result(name, tuple(gaps), most - before, size, admitted)
@@ -308,13 +332,20 @@ def _flooding(name: str, port: int, code: str) -> Iterator[None]:
         process.wait()
 
 
-def _admitted(server: ServerProcess) -> bool:
-    """Whether a newcomer is let in within five seconds."""
-    end = time.monotonic() + 5
+def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
+    """Whether a newcomer is let in within five seconds; from elsewhere, with a token."""
+    end, hello, more = time.monotonic() + 5, {**HELLO, "name": "newcomer"}, {}
+    if elsewhere:
+        keys = FileKeyring(server.recordings.with_name("recordings.state") / "keys.json")
+        hello["token"] = Tokens(keys, time.time).mint_role(Role.PLAYER, "p-1", seconds=600)
+        name, _, value = ELSEWHERE.strip().partition(": ")
+        more = {"additional_headers": {name: value}}
     while time.monotonic() < end:
-        with suppress(OSError, TimeoutError, EOFError):
-            with connect(server.url, subprotocols=[SUBPROTOCOL], open_timeout=3) as newcomer:
-                newcomer.send(json.dumps({**HELLO, "name": "newcomer"}))
+        with suppress(OSError, TimeoutError, EOFError, WebSocketException):
+            with connect(
+                server.url, subprotocols=[SUBPROTOCOL], open_timeout=3, **more
+            ) as newcomer:
+                newcomer.send(json.dumps(hello))
                 return json.loads(newcomer.recv(timeout=3))["type"] == "welcome"
         time.sleep(0.1)
     return False
@@ -335,14 +366,14 @@ def _rows(names: list[str], runs: int, seconds: float) -> Iterator[Result]:
         yield result
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """The table; 1 if a flood was not withstood."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz.floods", description=__doc__)
     parser.add_argument("floods", nargs="*", help=f"some of: {', '.join(FLOODS)}")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=4.0, help="of a run")
     parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = parser.parse_args(arguments)
     if given.attack:
         name, port, code = given.attack
         attack(name, int(port), code)
