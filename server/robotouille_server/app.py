@@ -39,6 +39,7 @@ from robotouille_server.alerts import Alert, alerts
 from robotouille_server.audit import AuditLog
 from robotouille_server.connection import Connection, cut
 from robotouille_server.conversation import Conversation
+from robotouille_server.entrance import AT_THE_DOOR, Entrance
 from robotouille_server.keys import FileKeyring, Keyring
 from robotouille_server.lobby import Lobby
 from robotouille_server.logs import get_logger
@@ -165,6 +166,12 @@ class Server:
             self._tls = ServerTLS.from_settings(self.settings.tls_cert, self.settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
         self.used_tokens.forget_expired()
+        self.entrance = Entrance(
+            self.metrics,
+            self.settings.max_connections + AT_THE_DOOR,
+            tls=self.tls,
+            handshake_seconds=self.settings.hello_seconds,
+        )
         self.lobby.recover()
         shared = self.worker.count > 1
         await self._listen(self.settings.port, shared=shared)
@@ -283,6 +290,8 @@ class Server:
     async def _close_sockets(self, reason: str) -> None:
         for socket in self._sockets:
             socket.close(close_connections=True, code=1001, reason=cut(reason))
+        if self._sockets:
+            self.entrance.handshakes.close()
         for connection in list(self._open):  # After a drain the line above does nothing.
             connection.say_goodbye(1001, reason)
         for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
@@ -357,13 +366,7 @@ class Server:
 
     def _accept(self, *arguments: Any, **options: Any) -> Connection:
         self._accepted += 1
-        return Connection(
-            *arguments,
-            metrics=self.metrics,
-            tls=self.tls,
-            handshake_seconds=self.settings.hello_seconds,
-            **options,
-        )
+        return Connection(*arguments, entrance=self.entrance, **options)
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:
@@ -395,7 +398,8 @@ class Server:
         peer.part("rate/connections", text, retry=True, status=1013)
 
     def _lost(self, session: Session) -> None:
-        """A connection is gone: its session is kept for a while."""
+        """A connection is gone: its session is kept for a while, and nothing else of it."""
+        session.caller = None
         if session.peer is not None:
             session.earlier_bytes += session.peer.received_bytes
         session.peer = None

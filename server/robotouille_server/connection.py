@@ -18,8 +18,8 @@ from websockets.protocol import State
 
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
 from robotouille_server.descriptors import few_left
+from robotouille_server.entrance import Entrance
 from robotouille_server.limits import Budget
-from robotouille_server.metrics import Metrics
 
 try:
     from websockets.speedups import apply_mask
@@ -29,7 +29,11 @@ except ImportError:
 __all__ = ["Connection", "cut", "frame_of"]
 
 MAX_OWN = 2 * MAX_CLIENT_BYTES
-"""Bytes of the largest message, and of all that may come before the handshake is over."""
+"""Bytes of the largest message."""
+MAX_REQUEST = 16 * 1024
+"""Bytes of the handshake's request, and of all that may come behind it before it is answered."""
+REQUEST_COST = 4.0
+"""Of a handshake, in frames."""
 MAX_UNSENT = 128 * 1024
 """Bytes that wait for a client from which on it is sent less, and no pong at all."""
 MAX_HELD = 1024 * 1024
@@ -75,25 +79,18 @@ def frame_of(payload: bytes | str) -> bytes:
 class Connection(ServerConnection):
     """The library's connection, with messages going straight to `receiver`."""
 
-    def __init__(
-        self,
-        *arguments: Any,
-        metrics: Metrics,
-        tls: ssl.SSLContext | None = None,
-        handshake_seconds: float = 10.0,
-        **options: Any,
-    ) -> None:
+    def __init__(self, *arguments: Any, entrance: Entrance, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._metrics = metrics
-        self._tls = tls
-        self._handshake_seconds = handshake_seconds
-        self._opening: asyncio.Task[None] | None = None
-        self._made = False
+        self._entrance = entrance
+        self._turns = entrance.turns
         self._receiver: Callable[[bytes | str], None] | None = None
         self._parts: list[bytes] = []
         self._is_text = False
         self._leaving: asyncio.Task[None] | None = None
+        self._opening: asyncio.Task[None] | None = None
+        self._inside = self._made = False
         self._rest = b""
+        self._request_size = 0
         self._request_end = b""
         self._requested = False
         self._frames = Budget(FRAMES_A_SECOND, self.loop.time(), FRAMES_BURST)
@@ -103,28 +100,28 @@ class Connection(ServerConnection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Somebody is accepted. TLS comes after: asyncio's own way would tell of a connection only
         when its handshake is over, and of one that says nothing never."""
-        raw = cast("asyncio.Transport", transport)
-        if few_left(raw.get_extra_info("socket")):
-            self._metrics.dropped.labels("descriptors").inc()
+        raw, entrance = cast("asyncio.Transport", transport), self._entrance
+        few = few_left(raw.get_extra_info("socket"))
+        self._inside = not few and entrance.enter()
+        if not self._inside:
+            count = entrance.metrics.dropped
+            (count.labels("descriptors") if few else count.labels("full")).inc()
             raw.abort()
-        elif self._tls is None:
+        elif entrance.tls is None:
             self._open(raw)
         else:
             raw.pause_reading()  # The handshake is start_tls's business from its first byte on.
-            self._opening = self.loop.create_task(self._encrypt(raw, self._tls))
+            self._opening = self.loop.create_task(self._encrypt(raw, entrance.tls))
 
     async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
-        encrypted = None
+        encrypted, entrance = None, self._entrance
         try:
-            encrypted = await self.loop.start_tls(
-                raw, self, tls, server_side=True, ssl_handshake_timeout=self._handshake_seconds
-            )
-        except OSError:  # A handshake that fails or takes too long is nobody's business.
-            pass
+            encrypted = await entrance.handshakes.make(raw, self, tls, entrance.handshake_seconds)
         finally:
             self._opening = None
             if encrypted is None:
                 raw.abort()
+                self._leave()
         if encrypted is not None:
             self._open(encrypted)
 
@@ -137,8 +134,14 @@ class Connection(ServerConnection):
             self._opening.cancel()
         if self._made:
             super().connection_lost(exc)
+        self._leave()
         self._rest = b""
         self._parts.clear()
+
+    def _leave(self) -> None:
+        if self._inside:
+            self._inside = False
+            self._entrance.leave()
 
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
@@ -154,7 +157,7 @@ class Connection(ServerConnection):
     def drop(self, reason: str) -> None:
         """Cut the connection off without waiting for the client."""
         if not self.transport.is_closing():
-            self._metrics.dropped.labels(reason).inc()
+            self._entrance.metrics.dropped.labels(reason).inc()
         self.transport.abort()
 
     def pause_reading(self, why: str) -> None:
@@ -175,7 +178,7 @@ class Connection(ServerConnection):
         """Go on with what has come already when all others have had their turn."""
         if TURN not in self._paused:
             self.pause_reading(TURN)
-            self.loop.call_soon(self._go_on)
+            self._turns.wait(self._go_on)
 
     def _go_on(self) -> None:
         self._paused.discard(TURN)
@@ -189,10 +192,11 @@ class Connection(ServerConnection):
 
     def data_received(self, data: bytes) -> None:
         """Take the frames apart; the library's parser is given the request and whole frames."""
-        if not self._requested:
-            data = self._take_request(data)
-        if data:
+        if self._paused or self._turns.free:
             self._take(data)
+        else:
+            self._rest += data
+            self.give_way()
 
     def _take_request(self, data: bytes) -> bytes:
         """Give the HTTP request to the library; what is behind its end is frames."""
@@ -201,21 +205,30 @@ class Connection(ServerConnection):
         self._requested = end >= 0
         if not self._requested:
             self._request_end = seen[-3:]
-            super().data_received(data)
+            self._request_size += len(data)
+            if self._request_size > MAX_REQUEST:
+                self.drop("early")
+            else:
+                super().data_received(data)
             return b""
+        self._turns.spend(REQUEST_COST)
         size = end + len(END_OF_REQUEST) - len(self._request_end)
         super().data_received(data[:size])
         return data[size:]
 
     def _take(self, data: bytes) -> None:
         if self._rest:
-            data = self._rest + data
-        if self._receiver is None and len(data) > MAX_OWN:
-            self.drop("early")
-        elif self._receiver is None or self._paused:
+            data, self._rest = self._rest + data, b""
+        if not self._paused and not self._requested:
+            data = self._take_request(data)
+        if self._paused:
+            self._rest = data
+        elif self._receiver is not None:
+            self._rest = data[self._take_frames(data) :]
+        elif len(data) <= MAX_REQUEST:
             self._rest = data
         else:
-            self._rest = data[self._take_frames(data) :]
+            self.drop("early")
 
     def _take_frames(self, data: bytes) -> int:
         """Where the first frame begins that is not whole yet, or has to wait."""
@@ -233,12 +246,13 @@ class Connection(ServerConnection):
                 return size
             if end > size:
                 break
+            self._turns.spend(1.0)
             self._take_frame(data, at, start, end)
             at = end
             if self.transport.is_closing():
                 return size
             left -= 1
-            if left == 0:
+            if left == 0 or self._turns.over:
                 self.give_way()
             if self._paused:
                 break

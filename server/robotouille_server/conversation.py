@@ -159,8 +159,10 @@ class Conversation:
 
     def _heed(self, message: messages.ClientMessage, affordable: bool) -> None:
         extra = COSTS.get(type(message), 1) - 1
-        if extra and not isinstance(message, messages.Resync):
-            self.peer.socket.give_way()
+        if extra:
+            self._server.entrance.turns.spend(extra)
+            if not isinstance(message, messages.Resync):
+                self.peer.socket.give_way()
         if not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
             self._refuse(message)
         elif self.session is None:
@@ -214,7 +216,7 @@ class Conversation:
             self._waiting = self._loop.create_task(self._greet_later(message, error.episode))
             return
         except ProtocolError as error:
-            if error.code != "server/recording":
+            if error.code not in ("server/recording", "rate/seats"):
                 raise
             self.peer.part(error.code, error.message, retry=True)
             return
@@ -272,7 +274,7 @@ class Conversation:
             raise EndMissedError(resume.episode)
         role = server.sessions.judge(resume, room, visitor)
         if room is not None:
-            room.check_return()
+            room.check_return(resume.session)
         known = server.sessions.by_id.get(resume.session)
         subject = "" if resume.anonymous else resume.participant
         self._take_place(subject, known.caller if known is not None else None)

@@ -11,7 +11,12 @@ from typing import Any
 from pydantic import BaseModel
 
 from robotouille.domain.files import MAX_NESTING
-from robotouille.episode.quota import MAX_AUDIENCE_BYTES, MAX_SEAT_BYTES
+from robotouille.episode.quota import (
+    MAX_AUDIENCE_BYTES,
+    MAX_SEAT_BYTES,
+    MOST_SEAT_BYTES,
+    NEWCOMER_BYTES,
+)
 from robotouille.episode.rules import MOVE_BUDGET
 from robotouille.protocol import messages
 from robotouille.protocol.codec import (
@@ -31,10 +36,11 @@ from robotouille_server.connection import (
     FRAMES_AT_A_TIME,
     FRAMES_BURST,
     MAX_EXCESS,
-    MAX_OWN,
+    MAX_REQUEST,
 )
 from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.descriptors import RESERVED
+from robotouille_server.entrance import AT_THE_DOOR, HANDSHAKES_AT_ONCE, TURN
 from robotouille_server.journal import MAX_RECORDING_BYTES
 from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.operator.access import MAX_BODY
@@ -50,7 +56,7 @@ from robotouille_server.patience import WAITING_SECONDS
 from robotouille_server.peer import MAX_HELD, MAX_UNSENT
 from robotouille_server.revocation import KEPT_SECONDS
 from robotouille_server.revocation import MAX_ENTRIES as MAX_REVOKED
-from robotouille_server.room import MAX_UNWRITTEN
+from robotouille_server.room import MAX_UNWRITTEN, SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from robotouille_server.settings import ServerSettings
 
 __all__ = ["LIMITS", "Limit", "limits_page", "shown_value"]
@@ -146,6 +152,11 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         ),
         Limit("… beyond that, in all", "disconnected", value=f"{MAX_EXCESS}"),
         Limit(
+            "frames of all connections that are dealt with between two looks at what is due",
+            "the rest waits its turn, and nothing more is read",
+            value=f"{TURN:g}",
+        ),
+        Limit(
             "frames of one connection that are dealt with before all others have their turn",
             "the rest waits, and nothing more is read",
             value=f"{FRAMES_AT_A_TIME}",
@@ -194,7 +205,13 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "time to say `hello`", "`bye`, status 1008", "auth/silent",
             setting="hello_seconds", unit="s",
         ),
-        Limit("bytes before the handshake is over", "disconnected", value=_size(MAX_OWN)),
+        Limit("connections whose handshake says that the server is full", "disconnected",
+              value=f"{AT_THE_DOOR:,} more"),
+        Limit("bytes of the handshake, and behind it before it is answered", "disconnected",
+              value=_size(MAX_REQUEST)),
+        Limit("TLS handshakes at a time",
+              "others wait; one that takes more than a second makes room for them",
+              value=f"{HANDSHAKES_AT_ONCE}"),
         Limit(
             "file descriptors that connections leave free",
             "newcomers are disconnected until there are more",
@@ -244,10 +261,23 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         ),
         Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
         Limit(
+            "times a seat is taken or come back to",
+            "`join` is refused; coming back, `bye` with `retry`",
+            "rate/seats",
+            value=f"{SEAT_CHANGES} a minute, {SEAT_CHANGES_AT_ONCE} at once",
+        ),
+        Limit(
             "words of a seat in a recording: reasoning, rejected actions, chat",
             "reasoning and chat are refused, rejected actions told and not recorded",
             "rate/words",
             value=_size(MAX_SEAT_BYTES),
+        ),
+        Limit(
+            "… of which somebody who takes a seat has at least",
+            "as before, and so it is from "
+            f"{_size(MOST_SEAT_BYTES)} of one seat on",
+            "rate/words",
+            value=_size(NEWCOMER_BYTES),
         ),
         Limit(
             "… of all spectators of an episode", "chat is refused", "rate/words",

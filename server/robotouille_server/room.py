@@ -33,6 +33,7 @@ from robotouille.world.actions import GroundAction
 from robotouille_server.agenda import Agenda, Appointment
 from robotouille_server.audience import Audience
 from robotouille_server.journal import Journal
+from robotouille_server.limits import Budget
 from robotouille_server.logs import get_logger
 from robotouille_server.metrics import Metrics
 from robotouille_server.names import Names
@@ -48,6 +49,8 @@ MAX_WAITING = 4
 """Answers to one session that wait for its recording; more are asked for again."""
 MAX_UNWRITTEN = 64 * 1024
 """Bytes of a failing recording that may wait; until they are written nobody can come back."""
+SEAT_CHANGES, SEAT_CHANGES_AT_ONCE = 20, 40
+"""How often a minute, and how often at once, a seat may be taken or come back to."""
 RETRY_SECONDS = 1.0
 """Between two attempts to write what could not be written."""
 
@@ -85,6 +88,7 @@ class Room:
         "_retry",
         "_stand_ins",
         "_timer",
+        "_turnover",
         "_unpainted",
         "_untold",
         "audience",
@@ -121,6 +125,10 @@ class Room:
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
         self._now = host.agenda.time
+        self._turnover = {
+            player: Budget(SEAT_CHANGES / 60, self._now(), SEAT_CHANGES_AT_ONCE)
+            for player in self.world.players
+        }
         self._timer: Appointment | None = None
         self._patience = Patience(episode, host.agenda, self._now, audience.tell_roster)
         self._retry: asyncio.TimerHandle | None = None
@@ -161,7 +169,7 @@ class Room:
         name = self._names.choose(session.given_name)
         if request.role == "player":
             session.player = self.episode.join(
-                request.seat,
+                self._seat_for(request),
                 name,
                 session.kind,
                 self._now(),
@@ -236,11 +244,34 @@ class Room:
             self.episode.set_present(session.player, False, self._now())
         self.flush()
 
-    def check_return(self) -> None:
+    def check_return(self, session_id: str) -> None:
         """ProtocolError `server/recording` while so much cannot be written that no more coming and
-        going can be recorded: who comes back now has to try again."""
+        going can be recorded, `rate/seats` where somebody comes and goes all the time: who comes
+        back now has to try again."""
         if self._failing and self.journal is not None and self.journal.waiting > MAX_UNWRITTEN:
             self._check_recording()
+        player = self.holds_seat(session_id)
+        if player is not None and self.episode.phase is not Phase.OVER:
+            self._take_turnover(player)
+
+    def _seat_for(self, request: messages.Join) -> str | None:
+        """The seat to ask for: of the free ones, one that has not changed hands too often."""
+        if request.seat is not None:
+            if request.seat in self._turnover:
+                self._take_turnover(request.seat)
+            return request.seat
+        free = [seat.player for seat in self.episode.seats.values() if not seat.taken]
+        now = self._now()
+        calm = next((player for player in free if self._turnover[player].left(now) >= 1), None)
+        if free:
+            self._take_turnover(calm or free[0])
+        return calm
+
+    def _take_turnover(self, player: str) -> None:
+        """Each coming and going is recorded: without end it would fill any recording."""
+        if not self._turnover[player].take(self._now()):
+            message = f"{player} has changed hands too often just now; try again in a while"
+            raise ProtocolError("rate/seats", message, "seat")
 
     def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
         """A session is here again: tell it what it has missed."""

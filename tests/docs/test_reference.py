@@ -253,7 +253,7 @@ def test_every_metric_is_documented() -> None:
 
 def test_every_reason_to_drop_a_connection_is_documented() -> None:
     texts = [p.read_text(encoding="utf-8") for p in SOURCES if "robotouille_server" in p.parts]
-    pattern = r"(?:dropped\.labels|\.drop)\(\"([a-z]+)\"\)"
+    pattern = r"(?:(?:dropped|count)\.labels|\.drop)\(\"([a-z]+)\"\)"
     reasons = {reason for text in texts for reason in re.findall(pattern, text)}
     rows = {row[0]: row[1] for row in table("settings.md", "Metrics")}
     words = rows["robotouille_dropped_connections_total"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotouille import ProtocolError, World
-from robotouille.episode import Clock, Episode, QuotaReached, Rejected, Rules, Said, Stepped
+from robotouille.episode import Clock, Episode, QuotaReached, Rejected, Rules, Said, Stepped, quota
 from robotouille.episode.quota import Quota
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
@@ -80,14 +80,20 @@ def test_chat_beyond_the_quota_is_refused() -> None:
     assert [e.player for e in events if isinstance(e, QuotaReached)] == ["robot1", ""]
 
 
-def test_the_quota_stays_with_the_seat() -> None:
-    """Who leaves and comes back, or hands over to a friend, does not get another."""
-    episode = start()
-    episode.submit("robot1", 1, None, 0.0, reasoning="x" * 900)
-    episode.leave("robot1", 0.0)
-    episode.join("robot1", "EVE", "model", 0.0)
-    with pytest.raises(ProtocolError):
-        episode.submit("robot1", 1, None, 0.0, reasoning="x" * 200)
+def test_a_newcomer_has_a_share_and_a_seat_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who wrote before does not silence who comes after; coming and going has an end."""
+    monkeypatch.setattr(quota, "NEWCOMER_BYTES", 400)
+    monkeypatch.setattr(quota, "MOST_SEAT_BYTES", 2000)
+    episode, written = start(), []
+    line = "x" * (200 - quota.NOTE_BYTES - len("EVE"))
+    for _ in range(10):
+        with pytest.raises(ProtocolError):
+            while True:
+                episode.say("EVE", "robot1", line, 0.0)
+        written.append(episode.seat("robot1").words.used)
+        episode.leave("robot1", 0.0)
+        episode.join("robot1", "EVE", "model", 0.0)
+    assert written == [1000, 1400, 1800] + [2000] * 7
 
 
 def test_a_restart_knows_what_is_used() -> None:
@@ -117,8 +123,8 @@ def test_a_restart_knows_what_is_used() -> None:
 
 
 def test_a_quota_once_reached_stays_so() -> None:
-    quota = Quota(100)
-    assert quota.take(60)
-    assert not quota.take(50)
-    assert not quota.take(1)
-    assert (quota.used, quota.reached) == (60, True)
+    words = Quota(100)
+    assert words.take(60)
+    assert not words.take(50)
+    assert not words.take(1)
+    assert (words.used, words.reached) == (60, True)

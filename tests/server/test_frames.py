@@ -17,9 +17,11 @@ from robotouille_server.connection import (
     FRAMES_BURST,
     MAX_EXCESS,
     MAX_OWN,
+    MAX_REQUEST,
     MAX_UNSENT,
     Connection,
 )
+from robotouille_server.entrance import TURN
 from tests.fuzz.wire import BINARY, CONTINUATION, PING, PONG, TEXT, Closed, Wire, frame, request
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
@@ -226,8 +228,8 @@ def test_what_comes_before_the_handshake_is_over_is_bounded(tmp_path: Path) -> N
     async def main() -> None:
         async with serving(tmp_path) as server:
             wire = await Wire.open(server.port)
-            early = frame(b"x" * 60_000, BINARY) * 3
-            assert len(early) > MAX_OWN
+            early = frame(b"x" * 6_000, BINARY) * 3
+            assert len(early) > MAX_REQUEST
             await wire.write(request() + early)
             with pytest.raises(Closed):
                 while True:
@@ -285,6 +287,59 @@ def test_one_client_gives_way_to_others_after_some_frames(tmp_path: Path) -> Non
             assert len(order) == 200
             changes = sum(a != b for a, b in itertools.pairwise(order))
             assert changes >= 4, "one was served whole before the other"
+            for wire in wires:
+                wire.cut()
+
+    run(main())
+
+
+def test_a_request_without_end_is_cut_off(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            wire = await Wire.open(server.port)
+            head = request().removesuffix(b"\r\n")
+            with pytest.raises(Closed):
+                for number in range(100):
+                    await wire.write(head if number == 0 else b"X: " + b"y" * 1000 + b"\r\n")
+                    await asyncio.sleep(0.01)
+                await wire.response()
+            assert dropped(server, "early") == 1
+            wire.cut()
+
+    run(main())
+
+
+def test_all_together_have_so_much_of_a_turn(tmp_path: Path) -> None:
+    """However many send at once, in between the loop looks at what else is due."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            wires = [await Wire.open(server.port) for _ in range(20)]
+            for wire in wires:
+                await wire.upgrade(text=True)
+            turn, handled = 0, []
+            hand_over = Connection._hand_over
+
+            def noted(self: Connection, content: bytes, is_text: bool) -> None:
+                handled.append(turn)
+                hand_over(self, content, is_text)
+
+            async def count() -> None:
+                nonlocal turn
+                while True:
+                    turn += 1
+                    await asyncio.sleep(0)
+
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(Connection, "_hand_over", noted)
+                counting = asyncio.create_task(count())
+                for wire in wires:
+                    wire._writer.write(frame(LIST) * 30)
+                while len(handled) < 600:
+                    await asyncio.sleep(0)
+                counting.cancel()
+            most = max(handled.count(number) for number in set(handled))
+            assert most <= TURN
             for wire in wires:
                 wire.cut()
 

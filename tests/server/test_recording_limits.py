@@ -24,6 +24,7 @@ def test_beyond_its_quota_a_seat_is_told_and_plays_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(seats, "MAX_SEAT_BYTES", 20_000)
+    monkeypatch.setattr(quota, "NEWCOMER_BYTES", 0)
 
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as ada:
@@ -81,6 +82,6 @@ def test_what_may_be_written_is_less_than_what_is_read() -> None:
     from robotouille.replay.frames import MAX_FILE
 
     most_seats = 16
-    words = most_seats * quota.MAX_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
+    words = most_seats * quota.MOST_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
     assert words < journal.MAX_RECORDING_BYTES
     assert journal.MAX_RECORDING_BYTES + 2**25 < MAX_FILE

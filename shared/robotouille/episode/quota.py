@@ -13,6 +13,8 @@ from robotouille.errors import ProtocolError
 __all__ = [
     "MAX_AUDIENCE_BYTES",
     "MAX_SEAT_BYTES",
+    "MOST_SEAT_BYTES",
+    "NEWCOMER_BYTES",
     "NOTE_BYTES",
     "Quota",
     "check_words",
@@ -20,9 +22,13 @@ __all__ = [
 ]
 
 MAX_SEAT_BYTES = 8 * 1024 * 1024
-"""Of one seat's words in an episode, whoever plays it."""
+"""Of one seat's words in an episode."""
 MAX_AUDIENCE_BYTES = 1024 * 1024
 """Of all that spectators say in an episode."""
+NEWCOMER_BYTES = 512 * 1024
+"""That somebody who takes a seat may write at least, whatever was written there before…"""
+MOST_SEAT_BYTES = 11 * 1024 * 1024
+"""… up to this, of all who have had the seat."""
 NOTE_BYTES = 100
 """What a note takes beside its words."""
 
@@ -45,6 +51,14 @@ class Quota:
         self.used = 0
         self.reached = False
 
+    def renew(self) -> None:
+        """Somebody else begins to write."""
+        least = min(self.used + NEWCOMER_BYTES, MOST_SEAT_BYTES)
+        if least > self.limit:
+            self.limit, self.reached = least, False
+        elif self.used < self.limit - NOTE_BYTES:
+            self.reached = False
+
     def take(self, size: int) -> bool:
         """Whether so much more is recorded."""
         if self.reached or self.used + size > self.limit:
@@ -57,6 +71,5 @@ class Quota:
 def check_words(quota: Quota, size: int, what: str) -> None:
     """ProtocolError `rate/words` where words cannot be recorded any more; `what` to do then."""
     if not quota.take(size):
-        mebibytes = quota.limit // 2**20
-        message = f"the {mebibytes} MiB that are recorded of what you write are used up; {what}"
+        message = f"no more of what is written here is recorded ({quota.used:,} bytes are); {what}"
         raise ProtocolError("rate/words", message)

@@ -91,6 +91,7 @@ class Seat:
         self.name, self.kind = name, kind
         self.session, self.participant, self.generation = session, participant, 0
         self.taken = self.present = True
+        self.words.renew()
         self.asked = now
         self.seq, self.pending, self.answer = 0, None, Answer(0, 0)
 

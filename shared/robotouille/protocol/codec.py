@@ -41,6 +41,8 @@ MAX_FIELDS = 32
 """Fields of a client's message, and of each value in it."""
 MAX_ITEMS = 256
 """Values in a client's message, however they are nested."""
+MAX_LIST = 64
+"""Values that a list in it may announce: memory is had for them before they are read."""
 
 
 _pack = msgpack.Packer(autoreset=True).pack
@@ -148,8 +150,8 @@ def _unpack_msgpack(payload: bytes, limit: int) -> Any:
             max_str_len=limit,
             max_bin_len=0,
             max_ext_len=0,
-            max_array_len=limit,
-            max_map_len=10_000,
+            max_array_len=MAX_LIST if limit == MAX_CLIENT_BYTES else limit,
+            max_map_len=MAX_FIELDS if limit == MAX_CLIENT_BYTES else 10_000,
         )
     except RecursionError:
         raise ProtocolError("message/malformed", "nested too deeply") from None

@@ -1,0 +1,62 @@
+"""Who comes and goes without end fills no recording, and ends no game by that."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from robotouille_server.room import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from tests.support.servers import raw, serving
+from tests.support.virtual_time import run
+
+HELLO = {"type": "hello", "protocol": 1, "name": "eve"}
+
+
+def test_a_seat_changes_hands_so_often(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, raw(server) as ada:
+            created = await ada.ask({"type": "create", "task": "multi_agent/01"}, "created")
+            join = {"type": "join", "episode": created["code"]}
+            await ada.ask({**join, "seat": "robot1"}, "joined")
+            room = server.lobby.find(created["code"])
+            taken = 0
+            for _ in range(10):  # A new connection has a budget of its own.
+                async with raw(server) as eve:
+                    for _ in range(12):
+                        answer = await eve.ask(join, "joined")
+                        if answer["type"] == "error":
+                            assert answer["code"] == "rate/seats"
+                            break
+                        taken += 1
+                        await eve.ask({"type": "leave"}, "left")
+            assert taken <= SEAT_CHANGES_AT_ONCE + SEAT_CHANGES
+            assert room.journal is not None
+            assert room.journal.size < 100_000
+            await asyncio.sleep(10)
+            async with raw(server) as bob:
+                assert (await bob.ask(join, "joined"))["seat"] == "robot2"
+
+    run(main())
+
+
+def test_who_flaps_has_to_wait_and_keeps_the_seat(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, grace=300) as server, raw(server) as ada:
+            created = await ada.ask({"type": "create", "task": "multi_agent/01"}, "created")
+            joined = await ada.ask({"type": "join", "episode": created["code"]}, "joined")
+            resume, refused = joined["resume"], None
+            for _ in range(SEAT_CHANGES_AT_ONCE + SEAT_CHANGES):
+                async with raw(server, hello=False) as again:
+                    answer = await again.ask({**HELLO, "resume": resume}, "welcome", "bye")
+                    if answer["type"] == "bye":
+                        refused = answer
+                        break
+                    resume = (await again.expect("joined"))["resume"]
+            assert refused is not None
+            assert (refused["code"], refused["retry"]) == ("rate/seats", True)
+            await asyncio.sleep(5)
+            async with raw(server, hello=False) as again:
+                assert (await again.ask({**HELLO, "resume": resume}, "welcome"))["resumed"] is True
+                assert (await again.expect("joined"))["seat"] == "robot1"
+
+    run(main())
