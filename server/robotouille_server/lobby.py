@@ -229,12 +229,12 @@ class Lobby:
             return None
         return self.rooms.get(episode) or self._found_elsewhere(episode)
 
-    def has_ended(self, episode: str) -> bool:
-        """Whether an episode without a room is over, and its end could be shown."""
-        return self._recovery is not None and self._recovery.archive.has(episode)
+    def may_have_ended(self, episode: str) -> bool:
+        """Whether an episode without a room may be over: `show_end` finds out."""
+        return self._recovery is not None and self._recovery.archive.may_have(episode)
 
     async def show_end(self, episode: str) -> None:
-        """Make a room again of an episode that has ended; ProtocolError if it takes too long."""
+        """Make a room again of an episode, if it is over; ProtocolError if that takes too long."""
         if self._recovery is not None and episode not in self.rooms:
             await self._recovery.archive.show(episode)
 
