@@ -70,7 +70,7 @@ class Lobby:
         self._host = RoomHost(
             metrics, resume_token, vacated, sent_out, self._closed, Agenda(), self._thoughts
         )
-        self._inspection = Inspection(self._journals)
+        self._inspection = Inspection(self._live)
         self._recovery = None
         if storage is not None:
             self._recovery = Recovery(
@@ -317,10 +317,6 @@ class Lobby:
         if self._recovery is not None:
             self._recovery.forget(room)
         self._count()
-
-    def _journals(self) -> list[Journal]:
-        """Of all episodes that go on."""
-        return [room.journal for room in self._live if room.journal is not None]
 
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))
