@@ -45,7 +45,7 @@ class FloodError(Exception):
 
 
 class EndMissedError(Exception):
-    """Somebody comes back to an episode that is over and has no room any more."""
+    """Somebody comes back to an episode that has no room, and may be over."""
 
     def __init__(self, episode: str) -> None:
         super().__init__(episode)
@@ -261,16 +261,17 @@ class Conversation:
 
     def _session(self, hello: messages.Hello, *, shown: bool) -> tuple[Session, bool]:
         """A newcomer's session, or that of a connection which was lost; EndMissedError if its
-        episode has ended, and what it was at last is not `shown` yet."""
+        episode may have ended, and what it was at last is not `shown` yet."""
         server, visitor = self._server, self._caller.who
         if hello.resume is None:
             role, grant = server.sessions.role_of(hello, visitor)
             self._take_place(grant.subject if grant is not None else "")
             return server.sessions.open(hello, role, grant), False
         resume = server.tokens.check_resume(hello.resume)
+        server.sessions.check_may_return(resume)
         room = server.lobby.home_of(resume.session, resume.episode)
         unknown = room is None and resume.session not in server.sessions.by_id
-        if unknown and not shown and resume.episode and server.lobby.has_ended(resume.episode):
+        if unknown and not shown and resume.episode and server.lobby.may_have_ended(resume.episode):
             raise EndMissedError(resume.episode)
         role = server.sessions.judge(resume, room, visitor)
         if room is not None:

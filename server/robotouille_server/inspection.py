@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Set
+from typing import TYPE_CHECKING
 
-from robotouille_server.journal import Journal
+if TYPE_CHECKING:
+    from robotouille_server.room import Room
 
 __all__ = ["LOOK_SECONDS", "Inspection"]
 
@@ -14,11 +16,11 @@ LOOK_SECONDS = 5.0
 
 
 class Inspection:
-    """Goes round all `journals` while there are any. A file that has to be written anew takes a
-    turn of the event loop for itself."""
+    """Goes round the journals of all `live` rooms while there are any. A file that has to be
+    written anew takes a turn of the event loop for itself."""
 
-    def __init__(self, journals: Callable[[], list[Journal]]) -> None:
-        self._journals = journals
+    def __init__(self, live: Set[Room]) -> None:
+        self._live = live
         self._timer: asyncio.Handle | None = None
 
     def begin(self) -> None:
@@ -34,14 +36,15 @@ class Inspection:
 
     def _go_round(self) -> None:
         self._timer = None
-        journals = self._journals()
-        if journals:
-            self._go_on(iter(journals))
+        rooms = [room for room in self._live if room.journal is not None]
+        if rooms:
+            self._go_on(iter(rooms))
 
-    def _go_on(self, journals: Iterator[Journal]) -> None:
-        for journal in journals:
-            if journal.look():
-                self._timer = asyncio.get_running_loop().call_soon(self._go_on, journals)
+    def _go_on(self, rooms: Iterator[Room]) -> None:
+        for room in rooms:
+            # Since the round began an episode may have ended: its file is a thread's by now.
+            if room in self._live and room.journal is not None and room.journal.look():
+                self._timer = asyncio.get_running_loop().call_soon(self._go_on, rooms)
                 return
         self._timer = None
         self.begin()

@@ -321,6 +321,10 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               "one is told that it is over", "auth/expired", value=f"{archive.MAX_STEPS:,}"),
         Limit("… and bytes of its recording, uncompressed", "one is told that it is over",
               "auth/expired", value=_size(archive.MAX_BYTES)),
+        Limit("episodes whose end is looked for at a time", "one is told to come in anew",
+              "auth/expired", value=f"{archive.MAX_SOUGHT}"),
+        Limit("looks at the recordings folder for those who come back late",
+              "they wait for the next one", value=f"one in {archive.LIST_SECONDS:g} s"),
     ),
     "The operator's port": (
         Limit(

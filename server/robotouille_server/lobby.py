@@ -70,7 +70,7 @@ class Lobby:
         self._host = RoomHost(
             metrics, resume_token, vacated, sent_out, self._closed, Agenda(), self._thoughts
         )
-        self._inspection = Inspection(self._journals)
+        self._inspection = Inspection(self._live)
         self._recovery = None
         if storage is not None:
             self._recovery = Recovery(
@@ -229,12 +229,12 @@ class Lobby:
             return None
         return self.rooms.get(episode) or self._found_elsewhere(episode)
 
-    def has_ended(self, episode: str) -> bool:
-        """Whether an episode without a room is over, and its end could be shown."""
-        return self._recovery is not None and self._recovery.archive.has(episode)
+    def may_have_ended(self, episode: str) -> bool:
+        """Whether an episode without a room may be over: `show_end` finds out."""
+        return self._recovery is not None and self._recovery.archive.may_have(episode)
 
     async def show_end(self, episode: str) -> None:
-        """Make a room again of an episode that has ended; ProtocolError if it takes too long."""
+        """Make a room again of an episode, if it is over; ProtocolError if that takes too long."""
         if self._recovery is not None and episode not in self.rooms:
             await self._recovery.archive.show(episode)
 
@@ -317,10 +317,6 @@ class Lobby:
         if self._recovery is not None:
             self._recovery.forget(room)
         self._count()
-
-    def _journals(self) -> list[Journal]:
-        """Of all episodes that go on."""
-        return [room.journal for room in self._live if room.journal is not None]
 
     def _count(self) -> None:
         self._metrics.episodes.set(len(self._live))

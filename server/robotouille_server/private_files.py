@@ -55,8 +55,9 @@ def read_private(path: Path, max_bytes: int) -> bytes:
     return content
 
 
-def write_private(path: Path, content: bytes, *, replace: bool) -> None:
-    """Write a file durably, in one step, readable by its owner only.
+def write_private(path: Path, content: bytes, *, replace: bool, durable_name: bool = True) -> None:
+    """Write a file durably, in one step, readable by its owner only. Without `durable_name` a
+    power cut may take a new file with it, but leaves none that is not whole.
 
     FileExistsError where there is one that is not to be replaced, PrivateFileError where it
     cannot be written.
@@ -76,7 +77,8 @@ def write_private(path: Path, content: bytes, *, replace: bool) -> None:
                 os.link(new, path)
         finally:
             new.unlink(missing_ok=True)
-        _sync_folder(path.parent)
+        if durable_name:
+            _sync_folder(path.parent)
     except FileExistsError:
         raise
     except OSError as error:

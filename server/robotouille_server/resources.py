@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from robotouille_server import descriptors
 from robotouille_server.metrics import Metrics
 from robotouille_server.session import Session
 
@@ -20,7 +21,6 @@ __all__ = ["SAMPLE_SECONDS", "Busiest", "Disk", "Resources", "System"]
 
 SAMPLE_SECONDS = 5.0
 LOG_SECONDS = 60.0
-DESCRIPTOR_FOLDERS = ("/proc/self/fd", "/dev/fd")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +52,12 @@ class System:
 
     def descriptors(self) -> int | None:
         """How many this process has open."""
-        for folder in DESCRIPTOR_FOLDERS:
-            try:
-                return sum(1 for _ in Path(folder).iterdir()) - 1  # One is for listing them.
-            except OSError:
-                continue
-        return None
+        return descriptors.in_use()
 
     def max_descriptors(self) -> int | None:
         """How many it may have open."""
-        if sys.platform == "win32":
-            return None
-        import resource
-
-        soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-        return None if soft == resource.RLIM_INFINITY else soft
+        most = descriptors.limit()
+        return None if most == descriptors.UNLIMITED else most
 
 
 class Resources:

@@ -63,9 +63,12 @@ class Sessions:
     def _role_without_token(self, visitor: Visitor, field: str) -> Role:
         """A program on this machine may do what a host may, anybody else play; where the server
         is `strict`, nobody may do anything."""
+        self._check_strict(field)
+        return Role.HOST if visitor.local else Role.PLAYER
+
+    def _check_strict(self, field: str) -> None:
         if self._strict:
             raise ProtocolError("auth/required", "this server asks for a token", field)
-        return Role.HOST if visitor.local else Role.PLAYER
 
     def open(self, hello: messages.Hello, role: Role, grant: RoleGrant | None) -> Session:
         """A newcomer's session; a token's name is binding."""
@@ -89,6 +92,12 @@ class Sessions:
         return session
 
     # Those who come back
+
+    def check_may_return(self, grant: ResumeGrant) -> None:
+        """What can be said of a resume token before anything is looked for: ProtocolError
+        `auth/required` where only those with a token may come in by now."""
+        if grant.anonymous:
+            self._check_strict("resume")
 
     def judge(self, grant: ResumeGrant, room: Room | None, visitor: Visitor) -> Role:
         """Whether the session of a resume token may come back, and as what: by the rules that

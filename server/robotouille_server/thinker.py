@@ -63,6 +63,11 @@ class InThread:
         self.minds.show(task)
         return self.minds.think(task.digest, question)
 
+    def retire(self) -> None:
+        """Answer what was asked, and end; nothing is asked any more."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=False)
+
     async def close(self) -> None:
         if self._executor is not None:
             self._executor.shutdown(wait=False, cancel_futures=True)

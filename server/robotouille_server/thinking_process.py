@@ -54,7 +54,7 @@ class _Request:
 
 class InProcess:
     """Thinks in a process of its own, at low priority. While none is running, what is asked is
-    lost at once; where none can be started at all, a thread thinks."""
+    lost at once; where none can be started at first, a thread thinks until one can."""
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
         self.pid: int | None = None
@@ -72,14 +72,21 @@ class InProcess:
         self._closed = False
 
     def learn(self, task: Task, player: str) -> asyncio.Future[Answer]:
-        if self._thread is not None:
-            return self._thread.learn(task, player)
+        if (thread := self._instead()) is not None:
+            return thread.learn(task, player)
         return self._request(task, lambda number: learn_request(number, task.digest, player))
 
     def ask(self, task: Task, question: Question) -> asyncio.Future[Answer]:
-        if self._thread is not None:
-            return self._thread.ask(task, question)
+        if (thread := self._instead()) is not None:
+            return thread.ask(task, question)
         return self._request(task, lambda number: think_request(number, task.digest, question))
+
+    def _instead(self) -> InThread | None:
+        """The thread that thinks as long as there was no process; now and then one is tried."""
+        rested = self._loop.time() >= self._rests_until
+        if self._thread is not None and self._starting is None and rested and not self._closed:
+            self._starting = asyncio.create_task(self._start())
+        return self._thread
 
     def _request(self, task: Task, make: Callable[[int], bytes]) -> asyncio.Future[Answer]:
         answer: asyncio.Future[Answer] = self._loop.create_future()
@@ -126,20 +133,27 @@ class InProcess:
         self._pipe, self.pid = pipe, pipe.pid
         self._started = self._loop.time()
         self._shown.clear()
+        self._leave_thread()
         if self._closed:
             pipe.end()
         for number in list(self._requests):
             self._send(number)
 
     def _not_started(self, error: Exception) -> None:
-        get_logger().error("no process for stand-ins", error=str(error) or repr(error))
-        if self._started or self._closed:
-            self._rest()
-            return
-        self._thread = InThread()
-        requests, self._requests = self._requests, {}
-        for request in requests.values():
-            request.answer.set_exception(ThoughtLostError())
+        """The first one that fails may be for good (no right to start programs), or for a moment
+        (no memory, no descriptors): a thread answers until one starts."""
+        if self._thread is None:
+            get_logger().error("no process for stand-ins", error=str(error) or repr(error))
+            if not (self._started or self._closed):
+                self._thread = InThread()
+        self._rest()
+
+    def _leave_thread(self) -> None:
+        """There is a process now: the thread answers what it was asked, and ends."""
+        if self._thread is not None:
+            get_logger().info("stand-ins think in a process of their own now")
+            self._thread.retire()
+            self._thread = None
 
     def _died(self, status: int | None) -> None:
         self._pipe, self.pid = None, None

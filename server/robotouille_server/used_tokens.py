@@ -3,6 +3,7 @@ state, so that other workers and the next process know, too."""
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -74,7 +75,11 @@ class UsedTokens:
         use = _Use(session=session.id, expires=session.role_expires)
         try:
             self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_private(path, use.model_dump_json().encode(), replace=False)
+            # All games wait for this, since the join must know who was first: the file is synced,
+            # for one that is not whole would shut its owner out; its name is not. What a power
+            # cut in the next seconds can take is that the token was used, never a session.
+            content = use.model_dump_json().encode()
+            write_private(path, content, replace=False, durable_name=False)
         except FileExistsError:
             self.check(session.token_id, session.id)
             return False
@@ -85,11 +90,15 @@ class UsedTokens:
         return True
 
     def forget_expired(self) -> None:
-        """Remove the files of tokens that have expired, if that was not done lately."""
+        """Remove the files of tokens that have expired, if that was not done lately; in a thread,
+        as there may be many."""
         now = self._wall()
         if now < self._next_look:
             return
         self._next_look = now + LOOK_SECONDS
+        asyncio.get_running_loop().run_in_executor(None, self._tidy, now)
+
+    def _tidy(self, now: float) -> None:
         with suppress(OSError):
             for path in self._folder.glob("*.json"):
                 use = self._read(path)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
+import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from robotouille_server import Server
+from robotouille_server import Server, descriptors
 from robotouille_server.alerts import alerts as found
 from robotouille_server.metrics import Metrics
 from robotouille_server.resources import SAMPLE_SECONDS, Disk, Resources, System
@@ -194,3 +198,38 @@ def test_the_real_machine_has_a_disk_and_descriptors(tmp_path: Path) -> None:
     assert used is None or most is None or 3 <= used <= most
     with tmp_path.joinpath("x").open("w"):
         assert used is None or system.descriptors() == used + 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nobody says it there")
+def test_descriptors_are_counted_without_listing_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 20,000 a list takes 50 ms, for which all games would wait."""
+
+    def listed(*_: Any) -> None:
+        raise AssertionError("listed")
+
+    for module, name in ((os, "listdir"), (os, "scandir"), (Path, "iterdir")):
+        monkeypatch.setattr(module, name, listed)
+    used = System().descriptors()
+    monkeypatch.setattr(descriptors, "OPEN", str(tmp_path / "nothing says it"))
+    at_least = System().descriptors()
+    assert used is not None
+    assert at_least is not None
+    assert 3 <= at_least <= used + 1
+    with ExitStack() as stack:
+        for _ in range(used + 1):
+            stack.enter_context(open(os.devnull))  # noqa: PTH123
+        assert (System().descriptors() or 0) > used
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nobody says it there")
+def test_a_process_without_any_descriptor_left_says_that_all_are_in_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: Any) -> int:
+        raise OSError(errno.EMFILE, "too many open files")
+
+    monkeypatch.setattr(descriptors, "OPEN", str(tmp_path / "nothing says it"))
+    monkeypatch.setattr(os, "open", refused)
+    assert System().descriptors() == descriptors.limit()

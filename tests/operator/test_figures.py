@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import threading
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
 from robotouille.episode import Clock
 from robotouille.replay.frames import MAGIC, frame_ends
 from robotouille_server.metrics import Metrics
+from robotouille_server.operator import desk, transcript
 from robotouille_server.operator.totals import History, RateOf
 from robotouille_server.operator.transcript import READ, Transcript
+from tests.operator.support import table, viewing
 from tests.support.games import recorded_game
+from tests.support.virtual_time import run
 
 
 def test_percentiles_are_upper_bounds_of_the_last_minutes_steps() -> None:
@@ -86,7 +96,35 @@ def test_of_a_long_recording_only_the_end_is_read() -> None:
         asked.append(row)
         return " ".join(row)
 
-    transcript = Transcript(sentence)
-    transcript.read(stream)
+    end = Transcript(sentence)
+    end.read(stream)
     assert len(asked) <= READ
-    assert transcript.lines[-2].step == 2 * READ or transcript.lines[-1].text == "over, goal"
+    assert end.lines[-2].step == 2 * READ or end.lines[-1].text == "over, goal"
+
+
+def test_the_games_do_not_wait_for_a_recording_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Decompressing, looking for its frames and decoding them takes long where much was played."""
+    in_loop: dict[str, bool] = {}
+
+    def noticed(module: ModuleType, name: str) -> None:
+        real = getattr(module, name)
+
+        def call(*args: Any) -> Any:
+            in_loop[name] = threading.current_thread() is threading.main_thread()
+            return real(*args)
+
+        monkeypatch.setattr(module, name, call)
+
+    async def main() -> None:
+        async with viewing(tmp_path) as (server, _, api), table(server) as play:
+            await play.until(lambda game: game.step >= 3)
+            lines = (await api.get(f"/api/episodes/{play.episode}"))["lines"]
+            assert any(line["kind"] == "note" for line in lines)
+
+    noticed(desk, "unwrap")
+    noticed(transcript, "frame_ends")
+    noticed(transcript, "frame_value")
+    run(main())
+    assert in_loop == {"unwrap": False, "frame_ends": False, "frame_value": False}

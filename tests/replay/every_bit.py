@@ -1,8 +1,9 @@
 """Every single bit of a recording, flipped: `python -m tests.replay.every_bit [FILE.rbt …]`.
 
 Without a file it plays a small game. Each recording is tried as an open and as a closed file: a
-flip is either noticed by the reader or changes nothing that is read, and in an open file every
-frame before it is read (in a closed one, every block of compressed frames). Exit status 1 if not.
+flip is either noticed by the reader or changes nothing that is read, and what stands before it is
+read all the same: in an open file every frame, in a closed one every frame of the blocks before
+it. Exit status 1 if not.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import argparse
 import os
 import sys
 from collections import Counter
+from collections.abc import Iterable
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -18,7 +21,12 @@ from robotouille import RecordingError
 from robotouille.replay.frames import compress, frame_ends, unwrap
 from robotouille.replay.recording import Recording, recording_of
 
-__all__ = ["flip_all", "main"]
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+__all__ = ["flip_all", "flip_some", "main"]
 
 JOBS = os.cpu_count() or 1
 
@@ -40,12 +48,30 @@ def _open_file(stream: bytes, bit: int) -> str:
 
 
 def _closed_file(stream: bytes, content: bytes, bit: int) -> str:
+    """What becomes of one flip of a closed recording."""
     damaged = _flipped(content, bit)
     try:
         found = recording_of(damaged, "it")
     except RecordingError:
-        return "noticed"
+        return _read_before(stream, damaged, _length_before(content, bit // 8))
     return "nothing changed" if found.stream == stream else "NOT NOTICED"
+
+
+def _read_before(stream: bytes, damaged: bytes, length: int) -> str:
+    """Whether all frames are read that end in the first so many bytes of a stream."""
+    ends = [end for end in frame_ends(stream) if end <= length]
+    if len(ends) == 0:
+        return "noticed, in the header"
+    before = recording_of(damaged, "it", damaged=True)
+    if before.whole < ends[-1] or before.stream[: ends[-1]] != stream[: ends[-1]]:
+        return "A BLOCK BEFORE IT IS LOST"
+    return "noticed"
+
+
+@cache
+def _length_before(content: bytes, byte: int) -> int:
+    """Bytes of the stream in the blocks that end before a byte of a closed file."""
+    return len(zstd.ZstdDecompressor().decompress(content[:byte]))
 
 
 def _flipped(content: bytes, bit: int) -> bytes:
@@ -54,12 +80,17 @@ def _flipped(content: bytes, bit: int) -> bytes:
     return bytes(damaged)
 
 
-def _some(work: tuple[bool, bytes, range]) -> Counter[str]:
-    closed, stream, bits = work
+def flip_some(stream: bytes, bits: Iterable[int], *, closed: bool) -> Counter[str]:
+    """How often each thing became of these flips of a plain stream."""
     if not closed:
         return Counter(_open_file(stream, bit) for bit in bits)
     content = compress(stream)
     return Counter(_closed_file(stream, content, bit) for bit in bits)
+
+
+def _some(work: tuple[bool, bytes, range]) -> Counter[str]:
+    closed, stream, bits = work
+    return flip_some(stream, bits, closed=closed)
 
 
 def flip_all(stream: bytes, *, closed: bool, jobs: int = JOBS) -> Counter[str]:

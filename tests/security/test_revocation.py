@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import stat
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,7 +14,8 @@ import jwt
 import pytest
 
 from robotouille.errors import ProtocolError
-from robotouille_server import Server
+from robotouille_server import Server, used_tokens
+from robotouille_server.private_files import write_private
 from robotouille_server.revocation import (
     KEPT_SECONDS,
     Revocations,
@@ -212,10 +215,9 @@ def test_of_two_workers_only_one_takes_it(tmp_path: Path) -> None:
 
 
 def test_what_was_used_is_forgotten_after_the_token_has_expired(tmp_path: Path) -> None:
-    now = [NOW]
+    now, state = [NOW], tmp_path / "state"
 
     async def main() -> None:
-        state = tmp_path / "state"
         async with serving(tmp_path / "r", state=state, wall=lambda: now[0]) as server:
             for hour in (0, 30, 50):
                 now[0] = NOW + hour * 3600
@@ -224,9 +226,47 @@ def test_what_was_used_is_forgotten_after_the_token_has_expired(tmp_path: Path) 
                 async with opened(server, **FORWARDED) as connection:
                     await hello(connection, token=token)
                     await connection.ask({"type": "join", "episode": room.code}, "joined")
-            files = list((state / "used-tokens").iterdir())
-            assert len(files) == 1 + 1, "those of the hours 30 and 50"
-            assert all(json.loads(file.read_text())["session"] for file in files)
-            assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
 
     run(main())
+    files = list((state / "used-tokens").iterdir())
+    assert len(files) == 1 + 1, "those of the hours 30 and 50"
+    assert all(json.loads(file.read_text())["session"] for file in files)
+    assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
+
+
+def test_the_games_wait_for_one_file_of_a_token_that_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of others are read beside them, and the disk is waited for once."""
+    read: list[tuple[str, bool]] = []
+    synced: list[int] = []
+    reading, sync = used_tokens.read_private, os.fsync
+
+    def noticed(path: Path, most: int) -> bytes:
+        read.append((path.name, threading.current_thread() is threading.main_thread()))
+        return reading(path, most)
+
+    def counted(descriptor: int) -> None:
+        synced.append(descriptor)
+        sync(descriptor)
+
+    async def main() -> None:
+        others = tmp_path / "state" / "used-tokens"
+        async with serving(tmp_path / "r", state=tmp_path / "state") as server:
+            room = server.lobby.create(TWO_COOKS, owner="")
+            others.mkdir(mode=0o700, parents=True)
+            for number in range(20):
+                content = json.dumps({"session": "x", "expires": 1.0}).encode()
+                write_private(others / f"{number}.json", content, replace=False)
+            async with opened(server, **FORWARDED) as connection:
+                await hello(connection, token=minted(server, Role.PLAYER, once=True))
+                server.used_tokens._next_look = 0.0
+                monkeypatch.setattr(used_tokens, "read_private", noticed)
+                monkeypatch.setattr(os, "fsync", counted)
+                await connection.ask({"type": "join", "episode": room.code}, "joined")
+                assert len(synced) == 1
+
+    run(main())
+    assert {name for name, _ in read} >= {f"{number}.json" for number in range(20)}
+    assert not any(in_loop for _, in_loop in read)
+    assert len(list((tmp_path / "state" / "used-tokens").iterdir())) == 1

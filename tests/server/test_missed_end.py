@@ -3,22 +3,66 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+import threading
+from collections.abc import AsyncIterator, Generator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from robotouille.replay.recording import Recording
 from robotouille_server import Server, archive
-from robotouille_server.archive import FRAMES_A_TURN
+from robotouille_server.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
+from robotouille_server.roles import Role
+from robotouille_server.storage import Folder
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 
 HELLO = {"type": "hello", "protocol": 1, "name": "bob"}
 
 
+class CountingFolder(Folder):
+    """Counts who looks for what, and notices who does so on the event loop."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.listed: list[bool] = []
+        self.read_files: list[str] = []
+
+    def names(self) -> list[str]:
+        self.listed.append(threading.current_thread() is threading.main_thread())
+        return super().names()
+
+    def read(self, name: str) -> bytes:
+        self.read_files.append(name)
+        return super().read(name)
+
+
+def token_for(server: Server, episode: str) -> str:
+    """That of a session of an episode which nobody here knows."""
+    return server.tokens.mint_resume(
+        session=f"session of {episode}",
+        generation=1,
+        name="eve",
+        kind="human",
+        role=Role.PLAYER,
+        seconds=3600,
+        episode=episode,
+        seat="robot1",
+        only_episode="",
+        only_seat="",
+        view="state",
+        role_expires=0.0,
+        token_id="",
+        participant="",
+    )
+
+
 @asynccontextmanager
-async def after_the_end(folder: Path, steps: int = 60) -> AsyncIterator[tuple[Server, str]]:
+async def after_the_end(
+    folder: Path, steps: int = 60, **options: Any
+) -> AsyncIterator[tuple[Server, str]]:
     """Another server than that on which a game ended, and the token of who missed the end."""
     async with serving(folder) as first:
         async with raw(first) as ada:
@@ -28,7 +72,7 @@ async def after_the_end(folder: Path, steps: int = 60) -> AsyncIterator[tuple[Se
             await ada.expect("ended")
         await first.lobby.closed()
         await crash(first)
-    async with serving(folder, seed=2) as second:
+    async with serving(folder, seed=2, **options) as second:
         assert not second.lobby.rooms
         yield second, joined["resume"]
 
@@ -155,5 +199,134 @@ def test_who_has_said_hello_is_not_silent_however_long_it_takes(
             await asyncio.sleep(1)
             waiting = [t for t in asyncio.all_tasks() if "_greet_later" in str(t.get_coro())]
             assert not waiting, "who has gone is still being looked for"
+
+    run(main())
+
+
+def test_for_those_who_ask_the_folder_is_listed_now_and_then_and_beside_the_games(
+    tmp_path: Path,
+) -> None:
+    """Resume tokens of episodes that nobody knows cost anybody next to nothing to have."""
+    folder = CountingFolder(tmp_path)
+
+    async def main() -> None:
+        async with serving(tmp_path, storage=folder) as server, raw(server, hello=False) as eve:
+            folder.listed.clear()
+            begin = asyncio.get_running_loop().time()
+            for number in range(6):
+                for _ in range(20):
+                    token = token_for(server, f"{number:016x}")
+                    refused = await eve.ask({**HELLO, "resume": token}, "welcome")
+                    assert refused["code"] == "auth/expired"
+                    await asyncio.sleep(0.05)
+            took = asyncio.get_running_loop().time() - begin
+            assert 1 <= len(folder.listed) <= 1 + took / LIST_SECONDS
+            assert not any(folder.listed), "the games waited for the disk"
+
+    run(main())
+
+
+def test_an_episode_that_another_process_closes_is_found_after_a_look_in_vain(
+    tmp_path: Path,
+) -> None:
+    async def main() -> None:
+        async with after_the_end(tmp_path) as (server, token):
+            (closed,) = tmp_path.glob("*.rbt")
+            hidden = closed.rename(tmp_path / "elsewhere")
+            server.lobby.recover()
+            async with raw(server, hello=False) as eve, raw(server, hello=False) as bob:
+                unknown = token_for(server, "0" * 16)
+                refused = await eve.ask({**HELLO, "resume": unknown}, "welcome")
+                assert refused["code"] == "auth/expired"
+                hidden.rename(closed)
+                welcome = await bob.ask({**HELLO, "resume": token}, "welcome")
+                assert welcome.get("resumed") is True, welcome
+
+    run(main())
+
+
+def test_no_more_than_so_many_episodes_are_looked_for_at_a_time(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with after_the_end(tmp_path) as (server, token):
+            seeking = server.lobby._recovery.archive  # type: ignore[union-attr]
+            await server.lobby.show_end("the next listing is some seconds away")
+            asked = [
+                asyncio.create_task(server.lobby.show_end(f"{number}"))
+                for number in range(MAX_SOUGHT + 10)
+            ]
+            await asyncio.sleep(0)
+            assert len(seeking._sought) == MAX_SOUGHT
+            async with raw(server, hello=False) as bob:
+                refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+                assert refused["code"] == "auth/expired"
+                assert "too many" in refused["message"]
+                assert (await bob.ask(HELLO, "welcome"))["type"] == "welcome"
+            await asyncio.sleep(2 * LIST_SECONDS)
+            async with raw(server, hello=False) as bob:
+                assert (await bob.ask({**HELLO, "resume": token}, "welcome"))["resumed"]
+            assert len(seeking._missed) <= MAX_SOUGHT
+            refusals = [one for one in await asyncio.gather(*asked, return_exceptions=True) if one]
+            assert len(refusals) == 10
+
+    run(main())
+
+
+def test_where_all_need_a_token_nothing_is_looked_for_for_one_without(tmp_path: Path) -> None:
+    folder = CountingFolder(tmp_path)
+
+    async def main() -> None:
+        async with after_the_end(tmp_path, storage=folder, require_token=True) as (server, token):
+            folder.listed.clear()
+            folder.read_files.clear()
+            async with raw(server, hello=False) as bob:
+                for resume in (token, token_for(server, "0" * 16)):
+                    refused = await bob.ask({**HELLO, "resume": resume}, "welcome")
+                    assert refused["code"] == "auth/required"
+            assert (folder.listed, folder.read_files) == ([], [])
+
+    run(main())
+
+
+def test_one_that_is_too_long_is_read_no_further_and_not_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "MAX_STEPS", 50)
+    folder = CountingFolder(tmp_path)
+    turns: list[int] = []
+    opening = Recording.opening
+
+    def counted(*args: Any, **options: Any) -> Generator[int, None, Recording]:
+        for step in (reading := opening(*args, **options)):
+            turns.append(step)
+            yield step
+        raise AssertionError(f"{reading} was read to its end")
+
+    async def main() -> None:
+        async with after_the_end(tmp_path, steps=400, storage=folder) as (server, token):
+            monkeypatch.setattr(Recording, "opening", counted)
+            folder.read_files.clear()
+            async with raw(server, hello=False) as bob:
+                told = [await bob.ask({**HELLO, "resume": token}, "welcome") for _ in range(5)]
+            assert {answer["code"] for answer in told} == {"auth/expired"}
+            assert all("more than 50 steps" in answer["message"] for answer in told)
+            assert turns[-1] == 51
+            assert len(folder.read_files) == 1
+
+    run(main())
+
+
+def test_one_that_is_damaged_is_not_read_again(tmp_path: Path) -> None:
+    folder = CountingFolder(tmp_path)
+
+    async def main() -> None:
+        async with after_the_end(tmp_path, storage=folder) as (server, token):
+            (closed,) = tmp_path.glob("*.rbt")
+            closed.write_bytes(closed.read_bytes()[:-5])
+            folder.read_files.clear()
+            async with raw(server, hello=False) as bob:
+                for _ in range(3):
+                    refused = await bob.ask({**HELLO, "resume": token}, "welcome")
+                    assert refused["code"] == "auth/expired"
+            assert len(folder.read_files) == 1
 
     run(main())

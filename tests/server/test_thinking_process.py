@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import signal
 import sys
@@ -134,6 +135,47 @@ def test_where_no_process_can_be_started_a_thread_thinks(tmp_path: Path) -> None
                 await apart.ask(TASK, random_move(1))
             assert await apart.ask(TASK, random_move(1)) is not None
             assert apart.pid is None
+
+    asyncio.run(main())
+
+
+def test_a_thread_thinks_no_longer_than_until_a_process_can_be_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Out of descriptors or memory for a moment, and not for the server's whole life."""
+    refused: list[int] = []
+
+    async def main() -> None:
+        async with thinker() as apart:
+            loop = asyncio.get_running_loop()
+
+            async def refusing(*_: object, **__: object) -> None:
+                refused.append(1)
+                raise OSError(errno.EMFILE, "too many open files")
+
+            monkeypatch.setattr(thinking_process, "FIRST_PAUSE", 1000.0)
+            monkeypatch.setattr(thinking_process, "LONGEST_PAUSE", 1500.0)
+            apart._pause = thinking_process.FIRST_PAUSE
+            monkeypatch.setattr(loop, "subprocess_exec", refusing)
+            with pytest.raises(ThoughtLostError):
+                await apart.ask(TASK, random_move(1))
+            for _ in range(3):
+                assert await apart.ask(TASK, random_move(1)) is not None
+            assert len(refused) == 1, "it is not tried with every question"
+            apart._rests_until = 0.0
+            assert await apart.ask(TASK, random_move(1)) is not None
+            assert len(refused) == 2
+            assert apart._rests_until > loop.time() + 1400, "and ever more rarely"
+            apart._rests_until = 0.0
+            monkeypatch.undo()
+            under_way = apart.ask(TASK, random_move(1))
+            while apart.pid is None:
+                await asyncio.sleep(0.01)
+            assert await under_way is not None, "what the thread was asked it answers"
+            assert await apart.learn(TASK, "robot1") is None
+            assert await apart.ask(TASK, random_move(1)) is not None
+            assert psutil.pid_exists(apart.pid)
+            assert apart._thread is None
 
     asyncio.run(main())
 

@@ -37,7 +37,7 @@ from robotouille_server.operator.rows import (
     shown_code,
 )
 from robotouille_server.operator.totals import History, by_label, gauge
-from robotouille_server.operator.transcript import Transcript
+from robotouille_server.operator.transcript import News, Transcript
 from robotouille_server.room import Room
 from robotouille_server.session import Session
 from robotouille_server.workers import ElsewhereError
@@ -311,13 +311,18 @@ class Watch:
         if not name or (name, size) == self._read or self._now() < self._rested:
             return
         try:
-            content = await asyncio.to_thread(self._storage.read, name)
-            self._transcript.read(unwrap(content))
+            news, length = await asyncio.to_thread(self._news, name)
         except (OSError, RecordingError) as error:
             get_logger().debug("recording not read", file=name, error=str(error))
             return
+        self._transcript.take(news)
         self._read = name, size
-        self._rested = self._now() + len(content) / READ_BYTES_A_SECOND
+        self._rested = self._now() + length / READ_BYTES_A_SECOND
+
+    def _news(self, name: str) -> tuple[News, int]:
+        """What is new in a file, and how long the file is; in a thread."""
+        content = self._storage.read(name)
+        return self._transcript.news(unwrap(content)), len(content)
 
     def _sentence(self, row: list[str]) -> str:
         return self._room.world.action(*row).sentence

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from robotouille.replay.frames import MAGIC, frame_ends, frame_value
 from robotouille_server.operator.models import Line
 
-__all__ = ["Transcript"]
+__all__ = ["News", "Transcript"]
 
 KEPT = 80
 READ = 400
@@ -23,6 +24,14 @@ NOTES = {
 Sentence = Callable[[list[str]], str]
 
 
+@dataclass(frozen=True, slots=True)
+class News:
+    """Frames, and the position in the stream behind them."""
+
+    frames: list[dict[str, Any]]
+    end: int
+
+
 class Transcript:
     """Reads a growing recording from where it was read before. `sentence` words an action."""
 
@@ -34,10 +43,20 @@ class Transcript:
 
     def read(self, stream: bytes) -> None:
         """Take in what is new of a recording's whole stream so far."""
+        self.take(self.news(stream))
+
+    def news(self, stream: bytes) -> News:
+        """What is new of a recording's whole stream so far. Nothing is changed: a thread can do
+        this, which takes a while where much is new."""
         starts = [self._position, *frame_ends(stream, self._position)]
-        self._position = starts.pop()
-        for start in starts[-READ:]:
-            self.lines.extend(self._lines(frame_value(stream, start)))
+        end = starts.pop()
+        return News([frame_value(stream, start) for start in starts[-READ:]], end)
+
+    def take(self, news: News) -> None:
+        """Word what is new; on the event loop, as the actions are the game's."""
+        self._position = news.end
+        for frame in news.frames:
+            self.lines.extend(self._lines(frame))
 
     def _lines(self, frame: dict[str, Any]) -> Iterator[Line]:
         if frame["kind"] == "step":

@@ -89,8 +89,9 @@ class Recording:
     @classmethod
     def opening(
         cls, stream: bytes, source: str, *, closed: bool
-    ) -> Generator[None, None, Recording]:
-        """The same frame by frame, for those who have something else to do in between."""
+    ) -> Generator[int, None, Recording]:
+        """The same frame by frame, for those who have something else to do in between: the number
+        of steps so far."""
         recording = cls.__new__(cls)
         recording._begin(stream, source)
         yield from recording._go_through(closed)
@@ -106,7 +107,7 @@ class Recording:
         self.outcome: dict[str, Any] | None = None
         self.damage = ""
 
-    def _go_through(self, closed: bool) -> Generator[None, None, None]:
+    def _go_through(self, closed: bool) -> Generator[int, None, None]:
         """Check every frame, and that nothing is missing where nothing may be."""
         for number, (frame, end) in enumerate(frames_with_ends(self.stream)):
             if not number and frame.get("kind") != "header":
@@ -121,7 +122,7 @@ class Recording:
             elif frame["kind"] == "footer":
                 self.outcome = frame["outcome"]
             self.whole = end
-            yield
+            yield self.length
         if not self.header:
             raise RecordingError(f"{self.source}: has no header")
         if closed and self.whole < len(self.stream):
