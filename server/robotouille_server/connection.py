@@ -246,7 +246,7 @@ class Connection(ServerConnection):
                 return size
             if end > size:
                 break
-            self._turns.spend(1.0)
+            self._turns.spend(1 + (end - at) / 1024)
             self._take_frame(data, at, start, end)
             at = end
             if self.transport.is_closing():

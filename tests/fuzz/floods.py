@@ -1,7 +1,7 @@
 """Floods, and what an honest game notices of them: `python -m tests.fuzz.floods`.
 
-Each flood comes from four connections of a process of its own, as fast as the server takes it. An
-honest game in real time (20 steps a second) goes on meanwhile: printed are the longest wait between
+Each flood comes from a process of its own, from four connections or from sixty, as fast as the
+server takes it. An honest game in real time (20 steps a second) goes on meanwhile: printed are the longest wait between
 two of its deltas, the median of five runs (50 ms is normal), by how much the server's memory has
 grown, and whether newcomers were let in. Exit status 0 says that all of it is within the limits.
 """
@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +27,12 @@ from statistics import median
 import psutil
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
 from robotouille_server.keys import FileKeyring
 from robotouille_server.tokens import Role, Tokens
 from tests.fuzz.process import ServerProcess, server_process
-from tests.fuzz.wire import CONTINUATION, PING, PONG, TEXT, frame, request
+from tests.fuzz.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 
 __all__ = ["FLOODS", "Flood", "Result", "main", "measure"]
 
@@ -39,17 +40,16 @@ FLAGS = (
     "--mode", "realtime", "--step-rate", "20", "--max-steps", "1000000", "--log-level", "error",
     "--task", "multi_agent/01",
 )  # fmt: skip
-CONNECTIONS = 4
 MAX_GAP = 0.150
 MAX_GROWTH = 32 * 1024 * 1024
 BLOB = 256 * 1024
-SUBPROTOCOL = "robotouille.v1.json"
+SUBPROTOCOL = Subprotocol("robotouille.v1.json")
 ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
 """Who comes through a proxy is no program of this machine."""
-HELLO = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
+HELLO: dict[str, object] = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
 
 
-def _message(message: dict[str, object]) -> bytes:
+def _message(message: Mapping[str, object]) -> bytes:
     return frame(json.dumps(message).encode(), TEXT)
 
 
@@ -86,6 +86,8 @@ class Flood:
     silent: int = 0
     elsewhere: bool = False
     rooms: int = 0
+    connections: int = 4
+    subprotocol: str = SUBPROTOCOL
 
 
 FLOODS = {
@@ -118,6 +120,20 @@ FLOODS = {
         elsewhere=True,
     ),
     "places": Flood("80 silent connections of one address", silent=80, elsewhere=True),
+    "arrays": Flood(
+        "lists within lists, in MessagePack",
+        lambda code: frame(b"\xdc\x00\x40" * 1000, BINARY),
+        subprotocol="robotouille.v1.msgpack",
+    ),
+    "crowd": Flood(
+        "in and out again, from 60 connections", _in_and_out, ("hello",), connections=60
+    ),
+    "acts": Flood(
+        "actions of those who do not play, from 60 connections",
+        lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
+        ("hello", "join"),
+        connections=60,
+    ),
     "tokens": Flood(
         "hello with a token that is none",
         lambda code: _message({**HELLO, "resume": "x" * 800}),
@@ -131,7 +147,7 @@ class Attacker:
     def __init__(self, flood: Flood, port: int, code: str) -> None:
         self.flood = flood
         self._address = ("127.0.0.1", port)
-        self._opening = request(SUBPROTOCOL, more=ELSEWHERE if flood.elsewhere else "")
+        self._opening = request(flood.subprotocol, more=ELSEWHERE if flood.elsewhere else "")
         join = {"type": "join", "episode": code, "role": "spectator"}
         preludes = {"hello": _message(HELLO), "join": _message(join)}
         self._opening += b"".join(preludes[name] for name in flood.first)
@@ -186,7 +202,7 @@ def attack(name: str, port: int, code: str) -> None:
         time.sleep(3600)
     if flood.silent:
         _keep_silent(port, flood.silent, flood.elsewhere)
-    attackers = [Attacker(flood, port, code) for _ in range(CONNECTIONS)]
+    attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]
     while True:
         if any(attacker.push() for attacker in attackers):
             continue
@@ -334,19 +350,20 @@ def _flooding(name: str, port: int, code: str) -> Iterator[None]:
 
 def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
     """Whether a newcomer is let in within five seconds; from elsewhere, with a token."""
-    end, hello, more = time.monotonic() + 5, {**HELLO, "name": "newcomer"}, {}
+    end, hello = time.monotonic() + 5, {**HELLO, "name": "newcomer"}
+    headers: dict[str, str] = {}
     if elsewhere:
         keys = FileKeyring(server.recordings.with_name("recordings.state") / "keys.json")
         hello["token"] = Tokens(keys, time.time).mint_role(Role.PLAYER, "p-1", seconds=600)
         name, _, value = ELSEWHERE.strip().partition(": ")
-        more = {"additional_headers": {name: value}}
+        headers[name] = value
     while time.monotonic() < end:
         with suppress(OSError, TimeoutError, EOFError, WebSocketException):
             with connect(
-                server.url, subprotocols=[SUBPROTOCOL], open_timeout=3, **more
+                server.url, subprotocols=[SUBPROTOCOL], open_timeout=3, additional_headers=headers
             ) as newcomer:
                 newcomer.send(json.dumps(hello))
-                return json.loads(newcomer.recv(timeout=3))["type"] == "welcome"
+                return bool(json.loads(newcomer.recv(timeout=3))["type"] == "welcome")
         time.sleep(0.1)
     return False
 
