@@ -1,9 +1,10 @@
 """Floods, and what an honest game notices of them: `python -m tests.fuzz.floods`.
 
 Each flood comes from a process of its own, from four connections or from sixty, as fast as the
-server takes it. An honest game in real time (20 steps a second) goes on meanwhile: printed are the longest wait between
-two of its deltas, the median of five runs (50 ms is normal), by how much the server's memory has
-grown, and whether newcomers were let in. Exit status 0 says that all of it is within the limits.
+server takes it. An honest game in real time (20 steps a second) goes on meanwhile: printed are the
+longest wait between two of its deltas, the median of five runs (50 ms is normal), by how much the
+server's memory has grown, and whether newcomers were let in. Exit status 0 says that all of it is
+within the limits.
 """
 
 from __future__ import annotations
