@@ -106,6 +106,9 @@ class Server:
         self.settings = settings
         self.metrics = Metrics()
         self.wrong_codes = WrongCodes()
+        self.entrance = Entrance(
+            self.metrics, settings.max_connections + AT_THE_DOOR, settings.hello_seconds
+        )
         self.storage: Storage | None = None
         if settings.record:
             self.storage = storage or Folder(settings.recordings)
@@ -166,12 +169,7 @@ class Server:
             self._tls = ServerTLS.from_settings(self.settings.tls_cert, self.settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
         self.used_tokens.forget_expired()
-        self.entrance = Entrance(
-            self.metrics,
-            self.settings.max_connections + AT_THE_DOOR,
-            tls=self.tls,
-            handshake_seconds=self.settings.hello_seconds,
-        )
+        self.entrance.tls = self.tls
         self.lobby.recover()
         shared = self.worker.count > 1
         await self._listen(self.settings.port, shared=shared)

@@ -141,20 +141,14 @@ class Handshakes:
 
 
 class Entrance:
-    """Those who are connected, whether they have said anything or not. `most` may be."""
+    """Those who are connected, whether they have said anything or not. `most` may be; with `tls`
+    they have so many seconds for its handshake."""
 
-    def __init__(
-        self,
-        metrics: Metrics,
-        most: int,
-        *,
-        tls: ssl.SSLContext | None = None,
-        handshake_seconds: float = 10.0,
-    ) -> None:
+    def __init__(self, metrics: Metrics, most: int, handshake_seconds: float) -> None:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
         self.most = most
-        self.tls = tls
+        self.tls: ssl.SSLContext | None = None
         self.handshake_seconds = handshake_seconds
         self.turns = Turns(loop)
         self.handshakes = Handshakes(loop)

@@ -173,6 +173,7 @@ class Adversary:
         code = self._random.choice([plan.code for plan in self.sim.plans] or [None])
         stranger = Stranger(name, self.sim.loop, self._random, code)
         self.strangers.append(stranger)
+        self.sim.processes.append(stranger.process)
         stranger.start(PORT)
         return stranger.flood
 

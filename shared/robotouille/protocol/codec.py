@@ -41,7 +41,7 @@ MAX_FIELDS = 32
 """Fields of a client's message, and of each value in it."""
 MAX_ITEMS = 256
 """Values in a client's message, however they are nested."""
-MAX_LIST = 64
+MAX_LIST = 128
 """Values that a list in it may announce: memory is had for them before they are read."""
 
 
