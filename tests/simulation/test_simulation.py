@@ -13,7 +13,7 @@ from tests.simulation.day import simulate_day
 from tests.simulation.simulation import Report, run_seed
 
 ROOT = Path(__file__).resolve().parents[2]
-FIRST, LAST = map(int, os.environ.get("SIMULATION_SEEDS", "0:300").split(":"))
+FIRST, LAST = map(int, os.environ.get("SIMULATION_SEEDS", "0:150").split(":"))
 BLOCK = 15
 
 
