@@ -6,7 +6,10 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+from robotouille import World
+from robotouille.episode import Episode, Rules
 from robotouille_server import Server
+from robotouille_server.names import Names
 from robotouille_server.roles import Role
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run
@@ -148,3 +151,12 @@ def test_a_name_of_which_nothing_can_be_seen_is_refused(tmp_path: Path) -> None:
             assert (await hello(client, "ada"))["type"] == "welcome"
 
     run(main())
+
+
+def test_thousands_of_the_same_name_are_told_apart_in_little_time() -> None:
+    names, asked = Names(Episode(World("multi_agent/01"), Rules(), 0.0)), []
+    for _ in range(5000):
+        name = names.choose("eve")
+        names.watch(name)
+        asked.append(name)
+    assert len(set(asked)) == 5000

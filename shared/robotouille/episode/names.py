@@ -45,11 +45,11 @@ def likeness(name: str) -> str:
     return normalize("NFKC", name.casefold()).casefold()
 
 
-def distinct_name(name: str, is_taken: Callable[[str], bool]) -> str:
-    """A proper name, with the first number from 2 on that makes it unlike all that are taken;
-    `is_taken` is asked for likenesses."""
+def distinct_name(name: str, is_taken: Callable[[str], bool], first: int = 2) -> str:
+    """A proper name, with the first number from `first` on that makes it unlike all that are
+    taken; `is_taken` is asked for likenesses."""
     numbered = name
-    for number in count(2):
+    for number in count(first):
         if not is_taken(likeness(numbered)):
             break
         ending = f" {number}"
