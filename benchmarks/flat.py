@@ -24,13 +24,13 @@ import psutil
 from websockets.protocol import State
 
 from robotouille.protocol.codec import MSGPACK
-from robotouille_client.load.walk import to_and_fro
+from robotouille_client.loadtest.worker.walk import to_and_fro
 from robotouille_server import Server, ServerSettings
-from robotouille_server.access import Caller, Visitor
+from robotouille_server.auth.visitors import Caller, Visitor
 from robotouille_server.conversation import Conversation
-from robotouille_server.logs import configure_logs
-from robotouille_server.peer import Peer
-from robotouille_server.storage import Condition
+from robotouille_server.rooms.recordings.storage import Condition
+from robotouille_server.runtime.logs import configure_logs
+from robotouille_server.transport.peer import Peer
 
 ROOMS, RATE = 50, 20
 TASK = "multi_agent/01"

@@ -20,11 +20,11 @@ from functools import partial
 from pathlib import Path
 
 from robotouille import World, load_task
-from robotouille.planning.answer import Limits
+from robotouille.planners.kitchen.kernels import COMPILED
 from robotouille.planning.anytime import Anytime
-from robotouille.planning.distance import StepsToGo
-from robotouille.planning.kitchen.compiled import COMPILED
-from robotouille.planning.optimal import solve
+from robotouille.planning.search_result import Limits
+from robotouille.planning.solvers import solve
+from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.resources import data_folder
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -27,13 +27,13 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.flat import Growth, memory_over_steps
-from robotouille_client.load.conductor import Conductor
-from robotouille_client.load.cores import keep_to_cores
-from robotouille_client.load.page import render_page
-from robotouille_client.load.progress import Progress
-from robotouille_client.load.report import Report, make_report, memory_each
-from robotouille_client.load.share import LoadPlan, parse_mix
-from robotouille_client.load.summary import milliseconds
+from robotouille_client.loadtest.cores import keep_to_cores
+from robotouille_client.loadtest.load_test import Conductor
+from robotouille_client.loadtest.progress import Progress
+from robotouille_client.loadtest.report.html_page import render_page
+from robotouille_client.loadtest.report.report import Report, make_report, memory_each
+from robotouille_client.loadtest.report.terminal_summary import milliseconds
+from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
 OURS, BARE = "robotouille-server", "bare websockets"
 LATE = "0.05"

@@ -18,7 +18,7 @@ from websockets.asyncio.client import connect
 from websockets.typing import Subprotocol
 
 from robotouille.protocol.codec import MSGPACK
-from robotouille_server.storage import Storage
+from robotouille_server.rooms.recordings.storage import Storage
 
 MIB = 2**20
 

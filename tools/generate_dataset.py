@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rich.progress import track
 
-from robotouille.generation.dataset import generate_dataset, paper_tasks
+from robotouille.generation.paper_instances import generate_dataset, paper_tasks
 
 FOLDER = Path(__file__).resolve().parents[1] / "problems" / "generated"
 

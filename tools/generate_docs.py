@@ -28,9 +28,9 @@ from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.protocol import messages
 from robotouille.protocol.codec import SUBPROTOCOLS
+from robotouille_server.admin import openapi
 from robotouille_server.limit_table import limits_page
-from robotouille_server.operator import openapi
-from robotouille_server.settings import ServerSettings
+from robotouille_server.runtime.settings import ServerSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -274,12 +274,14 @@ def commands() -> dict[str, typer.Typer]:
         for name, path in [
             ("robotouille-client", "window"),
             ("robotouille-bot", "bots"),
-            ("robotouille-loadtest", "load"),
+            ("robotouille-loadtest", "loadtest"),
         ]
     }
     applications = {
         "robotouille": importlib.import_module("robotouille_client.cli.main").app,
-        "robotouille-token": importlib.import_module("robotouille_server.token_cli").token_app(),
+        "robotouille-token": importlib.import_module(
+            "robotouille_server.auth.token_cli"
+        ).token_app(),
     }
     for name, module in modules.items():
         applications[name] = typer.Typer(add_completion=False)

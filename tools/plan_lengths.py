@@ -17,9 +17,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from robotouille import load_task
-from robotouille.planning.certificate import Certificate, certify, read_certificate
-from robotouille.planning.certifying import BUDGET
-from robotouille.planning.optimal import solve
+from robotouille.certification.certificate import Certificate, certify, read_certificate
+from robotouille.certification.certifying import BUDGET
+from robotouille.planning.solvers import solve
 
 PROBLEMS = Path(__file__).resolve().parents[1] / "problems"
 FOLDERS = ("synchronous", "asynchronous", "multi_agent")

@@ -6,7 +6,7 @@ async with connect("ws://127.0.0.1:8765", name="ada") as client:
         ...
 """
 
-from robotouille_client.connection import Client, connect
+from robotouille_client.client import Client, connect
 from robotouille_client.events import (
     ActResult,
     Announced,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille.protocol import messages
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 
 __all__ = [

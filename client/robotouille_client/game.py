@@ -14,7 +14,7 @@ from robotouille.domain.task import Task
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.states import StateReader
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World, shared_world
 from robotouille_client.events import (

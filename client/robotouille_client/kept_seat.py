@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robotouille_client.connection import Client
+from robotouille_client.client import Client
 from robotouille_client.game import Game
 
 try:

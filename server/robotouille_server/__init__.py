@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from robotouille_server.app import Server, serve
-    from robotouille_server.settings import ServerSettings
+    from robotouille_server.runtime.settings import ServerSettings
 
 __all__ = ["Server", "ServerSettings", "serve"]
 
@@ -18,7 +18,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(app, name)
     if name == "ServerSettings":
-        from robotouille_server.settings import ServerSettings
+        from robotouille_server.runtime.settings import ServerSettings
 
         return ServerSettings
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from robotouille_server.resources import Resources
+from robotouille_server.health import Resources
 
 __all__ = [
     "DESCRIPTOR_SHARE",

@@ -25,7 +25,13 @@ from websockets.typing import Subprotocol
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
-from robotouille_server.access import (
+from robotouille_server.alerts import Alert, alerts
+from robotouille_server.auth.keys import FileKeyring, Keyring
+from robotouille_server.auth.revocation import REVOKED_FILE, Revocations
+from robotouille_server.auth.roles import Role
+from robotouille_server.auth.tokens import RoleGrant, Tokens
+from robotouille_server.auth.used_tokens import UsedTokens
+from robotouille_server.auth.visitors import (
     Caller,
     Doorkeeper,
     Visitor,
@@ -35,30 +41,24 @@ from robotouille_server.access import (
     parse_proxies,
     visitor,
 )
-from robotouille_server.alerts import Alert, alerts
-from robotouille_server.audit import AuditLog
-from robotouille_server.connection import Connection, cut
 from robotouille_server.conversation import Conversation
-from robotouille_server.entrance import AT_THE_DOOR, Entrance
-from robotouille_server.keys import FileKeyring, Keyring
-from robotouille_server.lobby import Lobby
-from robotouille_server.logs import get_logger
-from robotouille_server.metrics import Metrics
-from robotouille_server.peer import MAX_HELD, Peer
-from robotouille_server.resources import Resources
-from robotouille_server.revocation import REVOKED_FILE, Revocations
-from robotouille_server.roles import Role
-from robotouille_server.room import Room
-from robotouille_server.session import Session
-from robotouille_server.sessions import Sessions
-from robotouille_server.settings import ServerSettings
-from robotouille_server.storage import Folder, Storage
-from robotouille_server.thinker import Thinker
-from robotouille_server.thinking_process import InProcess
-from robotouille_server.tls import ServerTLS
-from robotouille_server.tokens import RoleGrant, Tokens
-from robotouille_server.used_tokens import UsedTokens
-from robotouille_server.workers import Worker
+from robotouille_server.health import Resources
+from robotouille_server.rooms.lobby import Lobby
+from robotouille_server.rooms.recordings.storage import Folder, Storage
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.sessions import Sessions
+from robotouille_server.rooms.substitutes.bot_worker import Thinker
+from robotouille_server.rooms.substitutes.worker_process import InProcess
+from robotouille_server.runtime.audit_log import AuditLog
+from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.workers import Worker
+from robotouille_server.transport.admission import AT_THE_DOOR, Entrance
+from robotouille_server.transport.connection import Connection, cut
+from robotouille_server.transport.peer import MAX_HELD, Peer
+from robotouille_server.transport.tls import ServerTLS
 
 __all__ = ["CannotListenError", "Server", "serve"]
 

@@ -21,13 +21,13 @@ from robotouille.episode import Phase
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
 from robotouille.program import VersionOption, tell
 from robotouille.protocol import messages
-from robotouille_server.collector import rare_collections
-from robotouille_server.settings import ServerSettings
+from robotouille_server.runtime.gc_policy import rare_collections
+from robotouille_server.runtime.settings import ServerSettings
 
 if TYPE_CHECKING:
     from robotouille_server.app import Server
-    from robotouille_server.room import Room
-    from robotouille_server.workers import Worker
+    from robotouille_server.rooms.room import Room
+    from robotouille_server.runtime.workers import Worker
 
 __all__ = ["first_room", "main", "run", "serve_until_stopped"]
 
@@ -110,9 +110,9 @@ def _config(values: dict[str, Any]) -> str:
 def run(settings: BaseSettings) -> None:
     """Serve until SIGINT or SIGTERM; exit status 1 if the server cannot start."""
     from robotouille_server.app import CannotListenError
-    from robotouille_server.descriptors import raise_limit
-    from robotouille_server.logs import configure_logs
-    from robotouille_server.supervisor import supervise, this_worker
+    from robotouille_server.runtime.descriptors import raise_limit
+    from robotouille_server.runtime.logs import configure_logs
+    from robotouille_server.runtime.supervisor import supervise, this_worker
 
     if not isinstance(settings, ServerSettings):
         raise TypeError("not the server's settings")
@@ -132,7 +132,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
     """Serve until a signal: SIGINT ends all episodes, SIGTERM lets them finish for a while and
     leaves the rest to the next process; a second signal does so at once."""
     from robotouille_server.app import serve
-    from robotouille_server.logs import LoopErrors
+    from robotouille_server.runtime.logs import LoopErrors
 
     signals: asyncio.Queue[signal.Signals] = asyncio.Queue()
     loop = asyncio.get_running_loop()
@@ -154,9 +154,9 @@ async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = 
 @asynccontextmanager
 async def _operator(server: Server) -> AsyncIterator[str]:
     """The address of the operator's view; empty where there is none."""
+    from robotouille_server.admin import operator_view
     from robotouille_server.app import CannotListenError
-    from robotouille_server.logs import get_logger
-    from robotouille_server.operator import operator_view
+    from robotouille_server.runtime.logs import get_logger
 
     settings = server.settings
     stack = AsyncExitStack()
@@ -204,7 +204,7 @@ def first_room(server: Server) -> Room | None:
     live = [r for r in server.lobby.rooms.values() if r.episode.phase is not Phase.OVER]
     if live:
         return min(live, key=lambda room: (room.owner != SERVER, room.episode.step))
-    from robotouille_server.logs import get_logger
+    from robotouille_server.runtime.logs import get_logger
 
     try:
         return server.lobby.create(messages.Create(), owner=SERVER)

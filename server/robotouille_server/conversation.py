@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
-from robotouille_server.access import Caller, NoPlaceError, counted_as
-from robotouille_server.agenda import LATE
-from robotouille_server.limits import Budget
-from robotouille_server.logs import get_logger
-from robotouille_server.peer import Peer
-from robotouille_server.roles import check_join, check_opening, check_permission
-from robotouille_server.room import Room
-from robotouille_server.session import Session
-from robotouille_server.workers import ElsewhereError
+from robotouille_server.auth.roles import check_join, check_opening, check_permission
+from robotouille_server.auth.visitors import Caller, NoPlaceError, counted_as
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
+from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.timer_queue import LATE
+from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.workers import ElsewhereError
+from robotouille_server.transport.peer import Peer
 
 if TYPE_CHECKING:
     from robotouille_server.app import Server

@@ -26,38 +26,42 @@ from robotouille.protocol.codec import (
     MAX_ITEMS,
     MAX_SERVER_BYTES,
 )
-from robotouille.replay.entries import MAX_ENTRIES
-from robotouille.replay.frames import MAX_FILE, MAX_FRAME
-from robotouille_server import archive
-from robotouille_server.access import WRONG_CODES_A_MINUTE
-from robotouille_server.audit import KEPT_FILES, MAX_AUDIT_BYTES
-from robotouille_server.connection import (
+from robotouille.replay.bounded_msgpack import MAX_ENTRIES
+from robotouille.replay.container import MAX_FILE, MAX_FRAME
+from robotouille_server.admin.http.connection_slots import (
+    MAX_CONNECTIONS,
+    MAX_PER_ADDRESS,
+    MAX_PER_SUBJECT,
+)
+from robotouille_server.admin.http.event_streams import MAX_STREAMS, MAX_STREAMS_PER_SUBJECT
+from robotouille_server.admin.http.guard import MAX_BODY
+from robotouille_server.admin.http.logins import REFUSED_A_MINUTE
+from robotouille_server.admin.http.timeouts import (
+    KEEP_ALIVE_SECONDS,
+    REQUEST_SECONDS,
+    STALL_SECONDS,
+)
+from robotouille_server.auth.revocation import KEPT_SECONDS
+from robotouille_server.auth.revocation import MAX_ENTRIES as MAX_REVOKED
+from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
+from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
+from robotouille_server.rooms.recordings import archive
+from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
+from robotouille_server.rooms.room import MAX_UNWRITTEN, SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.slow_seats import WAITING_SECONDS
+from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
+from robotouille_server.runtime.descriptors import RESERVED
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.transport.admission import AT_THE_DOOR, HANDSHAKES_AT_ONCE, TURN
+from robotouille_server.transport.connection import (
     FRAMES_A_SECOND,
     FRAMES_AT_A_TIME,
     FRAMES_BURST,
     MAX_EXCESS,
     MAX_REQUEST,
 )
-from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
-from robotouille_server.descriptors import RESERVED
-from robotouille_server.entrance import AT_THE_DOOR, HANDSHAKES_AT_ONCE, TURN
-from robotouille_server.journal import MAX_RECORDING_BYTES
-from robotouille_server.lobby import CODE_LENGTH, LINGER_SECONDS
-from robotouille_server.operator.access import MAX_BODY
-from robotouille_server.operator.logins import REFUSED_A_MINUTE
-from robotouille_server.operator.places import MAX_CONNECTIONS, MAX_PER_ADDRESS, MAX_PER_SUBJECT
-from robotouille_server.operator.streams import MAX_STREAMS, MAX_STREAMS_PER_SUBJECT
-from robotouille_server.operator.timeouts import (
-    KEEP_ALIVE_SECONDS,
-    REQUEST_SECONDS,
-    STALL_SECONDS,
-)
-from robotouille_server.patience import WAITING_SECONDS
-from robotouille_server.peer import MAX_HELD, MAX_UNSENT
-from robotouille_server.revocation import KEPT_SECONDS
-from robotouille_server.revocation import MAX_ENTRIES as MAX_REVOKED
-from robotouille_server.room import MAX_UNWRITTEN, SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
-from robotouille_server.settings import ServerSettings
+from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT
 
 __all__ = ["LIMITS", "Limit", "limits_page", "shown_value"]
 

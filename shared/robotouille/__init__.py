@@ -19,7 +19,7 @@ from robotouille.errors import (
     RobotouilleError,
     UnknownTaskError,
 )
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import Progress, State
 from robotouille.world.world import Attempt, Step, World
 

@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille import State, World
-from robotouille.planning import optimal
-from robotouille.planning.answer import Answer, Proof
-from robotouille.planning.certificate import read_certificate
+from robotouille.certification.certificate import read_certificate
+from robotouille.planning import solvers as optimal
+from robotouille.planning.search_result import Answer, Proof
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
 from tests.planning.test_certificate import answering, proving

@@ -14,11 +14,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from robotouille import State, World, load_task
-from robotouille.planning import optimal
-from robotouille.planning.answer import Answer, Proof
-from robotouille.planning.certificate import Certificate, check, read_certificate
+from robotouille.certification.certificate import Certificate, check, read_certificate
+from robotouille.planning import solvers as optimal
 from robotouille.planning.plan import read_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.search_result import Answer, Proof
+from robotouille.planning.validation import replay
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app

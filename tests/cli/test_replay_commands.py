@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, Event, Hold, Rules
-from robotouille.replay.frames import compress, frame_ends
+from robotouille.replay.container import compress, frame_ends
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore

@@ -14,11 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.asyncio.client import connect as open_socket
 
-from robotouille_client import Client, connection
+from robotouille_client import Client
+from robotouille_client import client as connection
 from robotouille_client.backoff import pauses
-from robotouille_client.load import participant
-from robotouille_client.load.link import Link, server_address
-from robotouille_client.load.participant import Environment, LostError, Participant
+from robotouille_client.loadtest.worker import participant
+from robotouille_client.loadtest.worker.light_connection import Link, server_address
+from robotouille_client.loadtest.worker.participant import Environment, LostError, Participant
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 

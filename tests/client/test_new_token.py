@@ -8,8 +8,8 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille_client import Client, connect
-from robotouille_server.revocation import revoke
-from robotouille_server.roles import Role
+from robotouille_server.auth.revocation import revoke
+from robotouille_server.auth.roles import Role
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

@@ -11,7 +11,7 @@ from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Changed, Client, Game, Heard, Over, connect
 from robotouille_client.bots import RandomPolicy, play
-from robotouille_client.connection import ConnectionFailedError
+from robotouille_client.client import ConnectionFailedError
 from robotouille_server import ServerSettings, serve
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from robotouille.replay.frames import read_frames, unwrap
+from robotouille.replay.container import read_frames, unwrap
 from robotouille_client import connect
 from tests.conformance.node import run_node
 from tests.fuzz.process import ServerProcess

@@ -11,7 +11,7 @@ from robotouille import Task, World, load_task
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import InputFile
 from robotouille.planning.plan import read_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
 from robotouille_client import connect
 from robotouille_client.cli.main import lint_file

@@ -18,16 +18,19 @@ from pydantic import SecretStr
 from robotouille.episode import Absence, Controller, Hold
 from robotouille.episode.quota import MAX_SEAT_BYTES
 from robotouille.errors import ProtocolError
-from robotouille.planning.certifying import BUDGET
+from robotouille.certification.certifying import BUDGET
 from robotouille.protocol import codec, messages
 from robotouille_client import backoff
-from robotouille_server import ServerSettings, audience, conversation, lobby, peer
-from robotouille_server.access import WRONG_CODES_A_MINUTE
+from robotouille_server import ServerSettings, conversation
+from robotouille_server.rooms import broadcaster as audience
+from robotouille_server.rooms import lobby
+from robotouille_server.transport import peer
+from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
-from robotouille_server.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS
+from robotouille_server.transport.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS
 from robotouille_server.limit_table import LIMITS, shown_value
-from robotouille_server.metrics import Metrics
-from robotouille_server.roles import Role
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.auth.roles import Role
 from tests.docs.pages import DOCS, PAGES, ROOT, anchors, links, prose, read, table, titled
 
 MEANINGS = json.loads(read("messages.json"))

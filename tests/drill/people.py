@@ -28,7 +28,7 @@ from robotouille.world.world import World
 from robotouille_client import Changed, Client, Game
 from robotouille_client.bots import Policy
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.window.painter import Painter
+from robotouille_client.window.drawing.painter import Painter
 from tests.drill.games import GameSpec
 from tests.drill.players import Participant, Stopping, options, reachable, tell
 from tests.drill.screens import SIZE, Likeness, Screen, likeness, open_screen

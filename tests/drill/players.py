@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.errors import RobotouilleError
-from robotouille.planning.policies import Policy
-from robotouille.world.actions import GroundAction
+from robotouille.planning.policies.policy import Policy
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille_client import Client, Game
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy
-from robotouille_client.connection import ConnectionFailedError
+from robotouille_client.client import ConnectionFailedError
 from tests.drill.games import GameSpec, draw_game, plan_of
 from tests.drill.witness import Witness
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pygame
 
 from robotouille_client import Game
-from robotouille_client.window.painter import Painter
+from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import SeatView, View
 
 __all__ = ["SIZE", "Likeness", "Screen", "likeness", "open_screen"]

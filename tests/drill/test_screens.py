@@ -31,7 +31,7 @@ def start() -> State:
 
 def recognized(picture: Any, state: State) -> bool:
     """Whether a picture is taken for that of a game in this state."""
-    from robotouille_client.window.painter import Painter
+    from robotouille_client.window.drawing.painter import Painter
     from tests.drill.screens import likeness
 
     seats = [SeatInfo(player=player, name=player, present=True) for player in state.world.players]
@@ -45,7 +45,7 @@ def window(state: State | None, **changes: Any) -> Any:
     """A picture of a window at a state; black without one."""
     import pygame
 
-    from robotouille_client.window.painter import Painter
+    from robotouille_client.window.drawing.painter import Painter
     from robotouille_client.window.view import SeatView, View
     from tests.drill.screens import SIZE
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.protocol import messages
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille_client import ActResult, Game
 
 __all__ = ["Witness"]

@@ -22,7 +22,7 @@ from robotouille import GroundAction, World, load_task
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import InputFile
 from robotouille.planning.plan import read_plan
-from robotouille.planning.script import Script
+from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import Changed, Game, connect
@@ -57,7 +57,7 @@ class Person:
     """Somebody at a window: knows where things are on the screen, clicks and presses keys."""
 
     def __init__(self, display: str, world: World) -> None:
-        from robotouille_client.window.painter import Painter
+        from robotouille_client.window.drawing.painter import Painter
 
         self._environment = {**os.environ, "DISPLAY": display}
         self._layout = Painter().layout(SIZE, world)

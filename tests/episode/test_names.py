@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotouille.episode.names import LONGEST_NAME, distinct_name, likeness, proper_name
+from robotouille.episode.participant_names import LONGEST_NAME, distinct_name, likeness, proper_name
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from robotouille.episode.quota import Quota
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 
 WORLD = World("multi_agent/01")
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0)

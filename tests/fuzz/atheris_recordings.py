@@ -12,7 +12,7 @@ from pathlib import Path
 import atheris
 
 with atheris.instrument_imports(include=["robotouille"]):
-    from robotouille.replay.frames import MAGIC, VERSIONS, frame_ends, magic
+    from robotouille.replay.container import MAGIC, VERSIONS, frame_ends, magic
     from tests.fuzz.forgery import framed
     from tests.fuzz.targets import file_targets
 

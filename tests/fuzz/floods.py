@@ -30,8 +30,8 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from robotouille_server.keys import FileKeyring
-from robotouille_server.tokens import Role, Tokens
+from robotouille_server.auth.keys import FileKeyring
+from robotouille_server.auth.tokens import Role, Tokens
 from tests.fuzz.process import ServerProcess, server_process
 from tests.fuzz.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import msgpack
 
-from robotouille.replay.frames import compress, magic, read_frames, unwrap
+from robotouille.replay.container import compress, magic, read_frames, unwrap
 from tests.fuzz.hostility import Adversary
 from tests.fuzz.specimens import recordings
 

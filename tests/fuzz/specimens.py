@@ -10,7 +10,7 @@ from typing import Any
 
 from robotouille.episode import Clock
 from robotouille.protocol import messages
-from robotouille.replay.frames import compress
+from robotouille.replay.container import compress
 from robotouille.resources import data_folder
 from tests.support.games import recorded_game
 

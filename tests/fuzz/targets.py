@@ -12,19 +12,19 @@ from functools import cache
 from pathlib import Path
 
 from robotouille import World, load_task
+from robotouille.certification.certificate import Certificate, check, json_text, read_certificate
 from robotouille.domain.files import read_model
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.domain.task import Task, build_task
 from robotouille.errors import FileError, ProtocolError, RecordingError, RobotouilleError
-from robotouille.planning.certificate import Certificate, check, json_text, read_certificate
 from robotouille.planning.plan import read_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.validation import replay
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.states import StateReader
+from robotouille.replay.container import pack_frame
 from robotouille.replay.export import json_lines
-from robotouille.replay.frames import pack_frame
 from robotouille.replay.recording import read_recording
 from robotouille.world.lint import lint_task
 from tests.fuzz.codes import documented_codes

@@ -13,7 +13,7 @@ from types import ModuleType
 
 import pytest
 
-from robotouille.replay.frames import MAGIC, read_frames
+from robotouille.replay.container import MAGIC, read_frames
 from tests.fuzz import corpus
 from tests.fuzz.specimens import recordings
 from tests.fuzz.targets import Target

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from robotouille.replay.frames import MAGIC, compress, unwrap
+from robotouille.replay.container import MAGIC, compress, unwrap
 from tests.fuzz.forgery import framed
 from tests.fuzz.specimens import recordings
 from tests.fuzz.wire import CONTINUATION, TEXT, Closed, Wire, frame

@@ -15,10 +15,10 @@ from websockets.exceptions import ConnectionClosed
 
 from robotouille.protocol import messages
 from robotouille_server import Server
-from robotouille_server.revocation import revoke
-from robotouille_server.roles import Role, same_episode
-from robotouille_server.room import Room
-from robotouille_server.session import Session
+from robotouille_server.auth.revocation import revoke
+from robotouille_server.auth.roles import Role, same_episode
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
 from tests.fuzz.thorough import FACTOR
 from tests.security.test_serving import FORWARDED, hello, opened
 from tests.support.servers import Raw, serving

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
-from robotouille.replay.frames import MAGIC, read_frames, unwrap
+from robotouille.replay.container import MAGIC, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
 from tests.fuzz.corpus import FILE_KINDS
 from tests.fuzz.forgery import framed

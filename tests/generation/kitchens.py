@@ -9,8 +9,8 @@ from typing import Any
 
 from robotouille import Task, World, load_task
 from robotouille.generation import Generator, Kind, Parameters
-from robotouille.planning.answer import Answer, Proof
 from robotouille.planning.plan import Plan, read_plan
+from robotouille.planning.search_result import Answer, Proof
 
 TASKS = [
     "synchronous/01_cheese_sandwich",

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robotouille import World
 from robotouille.generation import AttemptError, Generator, Instance, Kind, Parameters
-from robotouille.planning.validate import replay
+from robotouille.planning.validation import replay
 from robotouille.world.lint import lint_task
 from tests.generation.kitchens import TASKS, generator, seats_of, shipped_plan
 

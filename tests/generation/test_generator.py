@@ -24,11 +24,11 @@ from robotouille.generation import (
     seeds_from,
     shortest,
 )
-from robotouille.generation.chance import Chance
-from robotouille.planning.answer import Answer, Proof
+from robotouille.generation.rng import Chance
+from robotouille.planning.beam.planner import Planner
 from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.planner import Planner
-from robotouille.planning.validate import replay
+from robotouille.planning.search_result import Answer, Proof
+from robotouille.planning.validation import replay
 from tests.generation.kitchens import Oracle, crowded, shipped_plan
 
 GOLDEN = Path(__file__).parent / "golden"

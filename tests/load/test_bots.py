@@ -17,10 +17,10 @@ from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
-from robotouille_client.load.histogram import Measurements
-from robotouille_client.load.share import LoadPlan
-from robotouille_client.load.walk import to_and_fro
-from robotouille_client.load.worker import Worker
+from robotouille_client.loadtest.histogram import Measurements
+from robotouille_client.loadtest.worker.load_worker import Worker
+from robotouille_client.loadtest.worker.walk import to_and_fro
+from robotouille_client.loadtest.workload import LoadPlan
 from robotouille_server import Server
 from tests.support.servers import serving
 from tests.support.virtual_time import run

@@ -14,12 +14,12 @@ import pytest
 from typer.testing import CliRunner
 
 from robotouille.errors import RobotouilleError
-from robotouille_client.load import cli, open_files
-from robotouille_client.load.server import DELTA_AGE, LATENESS, parse_page
-from robotouille_server.metrics import Metrics
+from robotouille_client.loadtest import cli, open_files
+from robotouille_client.loadtest.server_monitor import DELTA_AGE, LATENESS, parse_page
+from robotouille_server.runtime.metrics import Metrics
 from tests.server.test_process import process
 
-COMMAND = [sys.executable, "-c", "from robotouille_client.load.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from robotouille_client.loadtest.cli import main; main()"]
 
 
 def started(url: str, *flags: str) -> subprocess.Popen[str]:

@@ -18,7 +18,7 @@ from websockets.typing import Subprotocol
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
-from robotouille_client.load.link import (
+from robotouille_client.loadtest.worker.light_connection import (
     Link,
     RefusedError,
     Traffic,

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
-from robotouille_client.load.cores import parse_cores
-from robotouille_client.load.histogram import Histogram, Measurements
-from robotouille_client.load.schedule import SETTLED, StepSchedule
-from robotouille_client.load.share import LoadPlan, parse_mix
+from robotouille_client.loadtest.cores import parse_cores
+from robotouille_client.loadtest.histogram import Histogram, Measurements
+from robotouille_client.loadtest.worker.schedule import SETTLED, StepSchedule
+from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
 durations = st.floats(min_value=2e-6, max_value=1e4)
 

@@ -28,7 +28,7 @@ __all__ = ["PROXIES", "Front", "Proxy", "front_door", "mint", "program"]
 PAGE = "operations.md"
 PATIENCE = 30.0
 """Seconds after which a process that does not listen has failed."""
-MINT = (sys.executable, "-c", "from robotouille_server.token_cli import main; main()")
+MINT = (sys.executable, "-c", "from robotouille_server.auth.token_cli import main; main()")
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import httpx
 
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server, ServerSettings, serve
-from robotouille_server.operator import OperatorPort, operator_view
-from robotouille_server.roles import Role
-from robotouille_server.storage import Folder, Storage
+from robotouille_server.admin import OperatorPort, operator_view
+from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.recordings.storage import Folder, Storage
 from tests.support.servers import STAMP
 
 TASK = "multi_agent/01_lettuce_burger"

@@ -11,10 +11,10 @@ import httpx
 import pytest
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille_server.operator import operator_view
-from robotouille_server.operator.access import Access
-from robotouille_server.operator.errors import RefusedError
-from robotouille_server.tokens import Role, RoleGrant
+from robotouille_server.admin import operator_view
+from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.http.guard import Access
+from robotouille_server.auth.tokens import Role, RoleGrant
 from tests.operator.support import CHANGE, Api, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run

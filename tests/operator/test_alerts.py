@@ -12,10 +12,11 @@ from typing import Any
 
 import pytest
 
-from robotouille_server import Server, descriptors
+from robotouille_server import Server
 from robotouille_server.alerts import alerts as found
-from robotouille_server.metrics import Metrics
-from robotouille_server.resources import SAMPLE_SECONDS, Disk, Resources, System
+from robotouille_server.health import SAMPLE_SECONDS, Disk, Resources, System
+from robotouille_server.runtime import descriptors
+from robotouille_server.runtime.metrics import Metrics
 from tests.operator.support import Api, table, viewing
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run

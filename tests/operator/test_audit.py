@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from robotouille_server import audit
-from robotouille_server.audit import AuditLog
-from robotouille_server.operator.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Logins
-from robotouille_server.tokens import Role, RoleGrant
+from robotouille_server.admin.http.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Logins
+from robotouille_server.auth.tokens import Role, RoleGrant
+from robotouille_server.runtime import audit_log as audit
+from robotouille_server.runtime.audit_log import AuditLog
 from tests.operator.support import CHANGE, bearer, table, viewing
 from tests.support.virtual_time import run
 

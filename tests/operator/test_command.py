@@ -10,10 +10,10 @@ from pathlib import Path
 import httpx
 import psutil
 
-from robotouille_server.roles import Role
+from robotouille_server.auth.roles import Role
 from tests.server.test_process import started
 
-TOKEN = [sys.executable, "-c", "from robotouille_server.token_cli import main; main()"]
+TOKEN = [sys.executable, "-c", "from robotouille_server.auth.token_cli import main; main()"]
 TASK = ("--task", "synchronous/01")
 
 

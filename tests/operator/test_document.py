@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from robotouille_server.operator import openapi
-from robotouille_server.operator.errors import CODES
+from robotouille_server.admin import openapi
+from robotouille_server.admin.errors import CODES
 from tests.docs.pages import DOCS, ROOT, blocks, table
 from tests.operator.support import viewing
 from tests.support.virtual_time import run

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 from robotouille.episode import Clock
-from robotouille.replay.frames import MAGIC, frame_ends
-from robotouille_server.metrics import Metrics
-from robotouille_server.operator import desk, transcript
-from robotouille_server.operator.totals import History, RateOf
-from robotouille_server.operator.transcript import READ, Transcript
+from robotouille.replay.container import MAGIC, frame_ends
+from robotouille_server.admin import admin_service as desk
+from robotouille_server.admin import transcript
+from robotouille_server.admin.rates import History, RateOf
+from robotouille_server.admin.transcript import READ, Transcript
+from robotouille_server.runtime.metrics import Metrics
 from tests.operator.support import table, viewing
 from tests.support.games import recorded_game
 from tests.support.virtual_time import run

@@ -14,15 +14,16 @@ import pytest
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
-from robotouille.planning.policies import RandomPolicy
+from robotouille.planning.policies.policy import RandomPolicy
 from robotouille.replay.recording import Recording
 from robotouille_client import Announced, Over, connect
 from robotouille_client.bots import play
-from robotouille_server import Server, resources
-from robotouille_server.operator import operator_view
-from robotouille_server.resources import Disk
-from robotouille_server.room import Room
-from robotouille_server.tokens import Role, RoleGrant
+from robotouille_server import Server
+from robotouille_server import health as resources
+from robotouille_server.admin import operator_view
+from robotouille_server.auth.tokens import Role, RoleGrant
+from robotouille_server.health import Disk
+from robotouille_server.rooms.room import Room
 from tests.operator.support import Api, bearer, viewing
 from tests.operator.support import Disk as FillingDisk
 from tests.operator.test_alerts import Machine

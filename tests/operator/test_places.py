@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 import trustme
 
-from robotouille_server.operator import OperatorPort
-from robotouille_server.operator.errors import RefusedError
-from robotouille_server.operator.places import (
+from robotouille_server.admin import OperatorPort
+from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.http.connection_slots import (
     MAX_CONNECTIONS,
     MAX_PER_ADDRESS,
     MAX_PER_SUBJECT,
@@ -24,7 +24,7 @@ from robotouille_server.operator.places import (
     Places,
     Standing,
 )
-from robotouille_server.operator.timeouts import (
+from robotouille_server.admin.http.timeouts import (
     KEEP_ALIVE_SECONDS,
     REQUEST_SECONDS,
     STALL_SECONDS,

@@ -13,9 +13,9 @@ import httpx
 import pytest
 
 from robotouille.errors import MissingExtraError
+from robotouille_server.admin import operator_view
+from robotouille_server.admin.http.event_streams import MAX_STREAMS
 from robotouille_server.app import CannotListenError
-from robotouille_server.operator import operator_view
-from robotouille_server.operator.streams import MAX_STREAMS
 from tests.operator.support import table, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -137,7 +137,7 @@ def test_too_many_pages_are_refused_and_one_that_closes_makes_room(tmp_path: Pat
 def test_the_games_do_not_notice_a_view_that_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from robotouille_server.operator.desk import Desk
+    from robotouille_server.admin.admin_service import Desk
 
     def fail(*arguments: object) -> None:
         raise ZeroDivisionError

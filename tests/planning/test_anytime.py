@@ -7,10 +7,10 @@ import random
 import pytest
 
 from robotouille import State, World, load_task, task_names
-from robotouille.planning.answer import Answer, Limits
 from robotouille.planning.anytime import Anytime
 from robotouille.planning.plan import write_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.search_result import Answer, Limits
+from robotouille.planning.validation import replay
 from tests.planning.kitchen.exact import explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
 from tests.world.kitchens import kitchen

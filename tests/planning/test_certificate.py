@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import FileError, RobotouilleError, State, Task, World, load_task
-from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof, Watch
-from robotouille.planning.certificate import (
+from robotouille.certification.certificate import (
     Budget,
     Certificate,
     Deadline,
@@ -27,8 +26,9 @@ from robotouille.planning.certificate import (
     read_certificate,
     write_certificate,
 )
+from robotouille.planning.beam.planner import Planner
 from robotouille.planning.plan import Plan, read_plan, write_plan
-from robotouille.planning.planner import Planner
+from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
 
 FIELDS = tuple(Certificate.model_fields)
 TASK = load_task("synchronous/01")

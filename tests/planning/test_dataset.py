@@ -17,11 +17,11 @@ import psutil
 import pytest
 
 from robotouille import RobotouilleError, State, World
-from robotouille.planning.answer import Answer, Proof
-from robotouille.planning.certificate import Budget, content_hash, read_certificate
-from robotouille.planning.certifying import certify_dataset
-from robotouille.planning.checking import check_dataset
-from robotouille.planning.dataset import MANIFEST, Outcome, Running, read_dataset
+from robotouille.certification.certificate import Budget, content_hash, read_certificate
+from robotouille.certification.certifying import certify_dataset
+from robotouille.certification.checking import check_dataset
+from robotouille.certification.dataset import MANIFEST, Outcome, Running, read_dataset
+from robotouille.planning.search_result import Answer, Proof
 from robotouille.resources import data_folder
 from tests.planning.test_certificate import proving
 
@@ -288,7 +288,7 @@ def test_a_sample_is_proven_again(folder: Path) -> None:
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from robotouille.planning.certifying import certify_dataset
+from robotouille.certification.certifying import certify_dataset
 from tests.planning.test_certificate import proving
 
 def slow(world, start=None, **options):

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from robotouille import State, World
 from robotouille.episode import Clock
-from robotouille.planning.answer import Limits
 from robotouille.planning.anytime import Anytime
-from robotouille.planning.distance import Range, StepsLeft, StepsToGo, quotient
+from robotouille.planning.search_result import Limits
+from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
 from robotouille_client.cli.main import app
 from tests.planning.kitchen.exact import explored
 from tests.planning.kitchen.random_kitchens import random_kitchen

@@ -7,8 +7,8 @@ import random
 import pytest
 
 from robotouille import World, load_task
-from robotouille.planning.planner import Planner
-from robotouille.planning.validate import replay
+from robotouille.planning.beam.planner import Planner
+from robotouille.planning.validation import replay
 
 # Plans no longer than this: what the planner found when this was written, and a tenth more.
 LENGTHS = {

@@ -9,10 +9,10 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task, task_names
 from robotouille.episode import Clock, Episode, Outcome, Phase, Rules, Stepped
-from robotouille.planning.answer import Limits
 from robotouille.planning.anytime import Anytime
-from robotouille.planning.policy import PlannerPolicy
-from robotouille.planning.script import Did
+from robotouille.planning.policies.planner_policy import PlannerPolicy
+from robotouille.planning.policies.script import Did
+from robotouille.planning.search_result import Limits
 from tests.world.kitchens import kitchen
 
 MULTI = [name for name in task_names() if name.startswith("multi_agent/")]
@@ -144,7 +144,7 @@ def test_after_interference_a_player_who_is_alone_plans_anew(name: str) -> None:
 def test_a_plan_that_is_not_proven_to_be_shortest_is_improved_while_playing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("robotouille.planning.policy.ALONE", Limits(expansions=60))
+    monkeypatch.setattr("robotouille.planning.policies.planner_policy.ALONE", Limits(expansions=60))
     world = World("asynchronous/09")
     first = Anytime(world).first(world.initial).plan
     steps, planned = alone(world, lambda step: False)

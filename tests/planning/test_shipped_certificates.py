@@ -17,10 +17,10 @@ from typing import Any
 import pytest
 
 from robotouille import Task
+from robotouille.certification.certificate import Certificate, check, prove_again
+from robotouille.certification.dataset import Dataset, Instance, read_dataset
 from robotouille.errors import RobotouilleError
-from robotouille.planning.certificate import Certificate, check, prove_again
-from robotouille.planning.dataset import Dataset, Instance, read_dataset
-from robotouille.planning.optimal import solve
+from robotouille.planning.solvers import solve
 from tests.world.reference import Call, Reference, ReferenceState
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"

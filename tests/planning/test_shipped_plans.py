@@ -6,7 +6,7 @@ import pytest
 
 from robotouille import World, load_task, task_names
 from robotouille.planning.plan import read_plan, write_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
 
 CASES = [

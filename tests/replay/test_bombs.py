@@ -10,8 +10,8 @@ import pytest
 
 from robotouille import RecordingError, World
 from robotouille.episode import Rejected
-from robotouille.replay.entries import MAX_ENTRIES
-from robotouille.replay.frames import (
+from robotouille.replay.bounded_msgpack import MAX_ENTRIES
+from robotouille.replay.container import (
     MAX_FRAME,
     compress,
     frame_ends,

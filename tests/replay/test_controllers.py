@@ -7,9 +7,9 @@ from typing import Any
 
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, Event, Hold, Rules
+from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille.replay.controllers import Span, controllers, seatings, spans
 from robotouille.replay.export import json_lines
-from robotouille.replay.frames import MAGIC, pack_frame, read_frames
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
 from tests.support.games import record

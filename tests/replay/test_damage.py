@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from robotouille import RecordingError
-from robotouille.replay import frames as container
-from robotouille.replay.frames import compress, frame_ends, intact, pack_frame, plain, unwrap
+from robotouille.replay import container
+from robotouille.replay.container import compress, frame_ends, intact, pack_frame, plain, unwrap
 from robotouille.replay.recording import Recording, read_recording, recording_of
 from tests.support.games import recorded_game
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille.replay import frames
-from robotouille.replay.frames import MAGIC, compress, frame_ends
+from robotouille.replay import container as frames
+from robotouille.replay.container import MAGIC, compress, frame_ends
 from tests.replay.every_bit import flip_some
 from tests.support.games import recorded_game
 

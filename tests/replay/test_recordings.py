@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
 from robotouille.episode import Clock
+from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames, unwrap
 from robotouille.replay.export import json_lines
-from robotouille.replay.frames import MAGIC, compress, pack_frame, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
 from tests.support.games import recorded_game
 

@@ -159,7 +159,7 @@ def test_killed_between_the_last_step_and_the_outcome() -> None:
     assert game.episode.phase is Phase.OVER
     frames = Recording(game.bytes).frames
     assert frames[-1]["kind"] == "footer"
-    from robotouille.replay.frames import pack_frame
+    from robotouille.replay.container import pack_frame
 
     found = restored(game.bytes[: -len(pack_frame(frames[-1]))])
     assert found.episode.phase is Phase.OVER
@@ -181,7 +181,7 @@ def test_before_the_game_begins() -> None:
 def test_a_recording_that_does_not_resimulate_is_refused() -> None:
     game = Game().play(20)
     frames = Recording(game.bytes).frames
-    from robotouille.replay.frames import MAGIC, pack_frame
+    from robotouille.replay.container import MAGIC, pack_frame
 
     step = next(f for f in frames if f["kind"] == "step" and f.get("add"))
     step["add"] = []
@@ -191,7 +191,7 @@ def test_a_recording_that_does_not_resimulate_is_refused() -> None:
 
 
 def test_zeros_behind_the_last_frame_are_cut_off_and_other_damage_is_not() -> None:
-    from robotouille.replay.frames import intact
+    from robotouille.replay.container import intact
 
     stream = Game().play(5).bytes
     assert intact(stream) == intact(stream + b"\0" * 5000) == len(stream)

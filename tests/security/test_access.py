@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from websockets.datastructures import Headers
 
 from robotouille.errors import ProtocolError
-from robotouille_server.access import (
+from robotouille_server.auth.visitors import (
     AccessSettingError,
     Caller,
     Doorkeeper,

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.roles import Role
-from robotouille_server.room import Room
-from robotouille_server.session import Session
+from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
 from tests.security.test_serving import FORWARDED, ONE_COOK, TWO_COOKS, hello, minted, opened
 from tests.support.servers import Raw, serving
 from tests.support.virtual_time import run

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from structlog.testing import capture_logs
 
-from robotouille_server.keys import FileKeyring, Key, KeyFileError, Keyring, load, rotate
+from robotouille_server.auth.keys import FileKeyring, Key, KeyFileError, Keyring, load, rotate
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
 

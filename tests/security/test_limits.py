@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from robotouille_server.limit_table import LIMITS, limits_page, shown_value
-from robotouille_server.limits import Budget
-from robotouille_server.settings import ServerSettings
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.token_bucket import Budget
 from tests.docs.pages import read
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import ServerSettings
-from robotouille_server.metrics import Metrics
+from robotouille_server.runtime.metrics import Metrics
 from tests.docs.pages import ROOT, read, titled
 from tests.support.servers import serving
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from websockets.asyncio.client import connect
 
-from robotouille.replay.frames import unwrap
+from robotouille.replay.container import unwrap
 from tests.server.test_process import process
 from tests.support.servers import Raw
 

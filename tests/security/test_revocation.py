@@ -14,16 +14,17 @@ import jwt
 import pytest
 
 from robotouille.errors import ProtocolError
-from robotouille_server import Server, used_tokens
-from robotouille_server.private_files import write_private
-from robotouille_server.revocation import (
+from robotouille_server import Server
+from robotouille_server.auth import used_tokens
+from robotouille_server.auth.private_files import write_private
+from robotouille_server.auth.revocation import (
     KEPT_SECONDS,
     Revocations,
     RevokedFileError,
     load_revoked,
     revoke,
 )
-from robotouille_server.roles import Role
+from robotouille_server.auth.roles import Role
 from tests.security.test_serving import FORWARDED, TWO_COOKS, hello, minted, opened
 from tests.support.servers import serving
 from tests.support.virtual_time import run

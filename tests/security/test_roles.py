@@ -6,7 +6,7 @@ import pytest
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.roles import (
+from robotouille_server.auth.roles import (
     PERMISSIONS,
     Role,
     check_join,

@@ -17,9 +17,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from robotouille.protocol import messages
 from robotouille_server import Server, ServerSettings, serve
-from robotouille_server.keys import FileKeyring, rotate
-from robotouille_server.roles import Role
-from robotouille_server.tokens import Tokens
+from robotouille_server.auth.keys import FileKeyring, rotate
+from robotouille_server.auth.roles import Role
+from robotouille_server.auth.tokens import Tokens
 from tests.support.servers import Raw, crash, serving
 from tests.support.virtual_time import run
 

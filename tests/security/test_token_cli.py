@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from robotouille_server.keys import FileKeyring, load
-from robotouille_server.roles import Role
-from robotouille_server.token_cli import token_app
-from robotouille_server.tokens import RoleGrant, Tokens
+from robotouille_server.auth.keys import FileKeyring, load
+from robotouille_server.auth.roles import Role
+from robotouille_server.auth.token_cli import token_app
+from robotouille_server.auth.tokens import RoleGrant, Tokens
 
 NOW = 1_800_000_000.0
 

@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille.errors import ProtocolError
-from robotouille_server.keys import Key, Keyring
-from robotouille_server.roles import Role
-from robotouille_server.tokens import ResumeGrant, RoleGrant, Tokens
+from robotouille_server.auth.keys import Key, Keyring
+from robotouille_server.auth.roles import Role
+from robotouille_server.auth.tokens import ResumeGrant, RoleGrant, Tokens
 
 SECRET = bytes(range(32))
 NOW = 1_800_000_000.0

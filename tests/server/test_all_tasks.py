@@ -14,7 +14,7 @@ import pytest
 from robotouille import State, World, load_task, task_names
 from robotouille.episode import Clock
 from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.script import Script
+from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import connect

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from robotouille_server.collector import CLOSED_AT_LEAST, NEW, rare_collections
+from robotouille_server.runtime.gc_policy import CLOSED_AT_LEAST, NEW, rare_collections
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 

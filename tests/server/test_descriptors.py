@@ -19,8 +19,9 @@ from structlog.testing import capture_logs
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
-from robotouille_server import ServerSettings, descriptors
-from robotouille_server.logs import LINE_SECONDS, LoopErrors, configure_logs
+from robotouille_server import ServerSettings
+from robotouille_server.runtime import descriptors
+from robotouille_server.runtime.logs import LINE_SECONDS, LoopErrors, configure_logs
 from tests.fuzz.process import server_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")

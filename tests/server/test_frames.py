@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.connection import (
+from robotouille_server.transport.admission import TURN
+from robotouille_server.transport.connection import (
     FRAMES_BURST,
     MAX_EXCESS,
     MAX_OWN,
@@ -21,7 +22,6 @@ from robotouille_server.connection import (
     MAX_UNSENT,
     Connection,
 )
-from robotouille_server.entrance import TURN
 from tests.fuzz.wire import BINARY, CONTINUATION, PING, PONG, TEXT, Closed, Wire, frame, request
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run

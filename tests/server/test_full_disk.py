@@ -11,9 +11,9 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
-from robotouille_server import room as room_module
-from robotouille_server.peer import MAX_UNSENT, Peer
-from robotouille_server.storage import Appender, Condition, Folder
+from robotouille_server.rooms import room as room_module
+from robotouille_server.rooms.recordings.storage import Appender, Condition, Folder
+from robotouille_server.transport.peer import MAX_UNSENT, Peer
 from tests.server.test_storage import FullDisk
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from robotouille.protocol import messages
-from robotouille_server.inspection import LOOK_SECONDS
-from robotouille_server.journal import Journal
+from robotouille_server.rooms.recordings.inspection import LOOK_SECONDS
+from robotouille_server.rooms.recordings.journal import Journal
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

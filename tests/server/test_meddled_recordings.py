@@ -13,14 +13,14 @@ import pytest
 from structlog.testing import capture_logs
 
 from robotouille.episode import Clock, Episode, Rules
-from robotouille.replay.frames import frame_ends
+from robotouille.replay.container import frame_ends
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
 from robotouille_server import Server
-from robotouille_server.inspection import LOOK_SECONDS
-from robotouille_server.room import Room
-from robotouille_server.storage import Appender, Condition, Folder
+from robotouille_server.rooms.recordings.inspection import LOOK_SECONDS
+from robotouille_server.rooms.recordings.storage import Appender, Condition, Folder
+from robotouille_server.rooms.room import Room
 from tests.episode.test_absence import TWO
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from robotouille.domain.catalogue import load_task
-from robotouille.planning.planner import Planner
+from robotouille.planning.beam.planner import Planner
 from robotouille.world.state import State
 from robotouille.world.world import World, shared_world
-from robotouille_server import minds
-from robotouille_server.minds import Deed, Minds, Question
+from robotouille_server.rooms.substitutes import bot_minds as minds
+from robotouille_server.rooms.substitutes.bot_minds import Deed, Minds, Question
 
 TASK = load_task("training/03_multi_agent@2")
 OTHERS = [load_task(f"multi_agent/0{number}") for number in (1, 2, 3)]

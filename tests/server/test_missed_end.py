@@ -12,10 +12,11 @@ from typing import Any
 import pytest
 
 from robotouille.replay.recording import Recording
-from robotouille_server import Server, archive
-from robotouille_server.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
-from robotouille_server.roles import Role
-from robotouille_server.storage import Folder
+from robotouille_server import Server
+from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.recordings import archive
+from robotouille_server.rooms.recordings.archive import FRAMES_A_TURN, LIST_SECONDS, MAX_SOUGHT
+from robotouille_server.rooms.recordings.storage import Folder
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 

@@ -9,8 +9,8 @@ from typing import Any
 from robotouille import World
 from robotouille.episode import Episode, Rules
 from robotouille_server import Server
-from robotouille_server.names import Names
-from robotouille_server.roles import Role
+from robotouille_server.auth.roles import Role
+from robotouille_server.rooms.display_names import Names
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run
 

@@ -16,8 +16,8 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MAX_FIELDS, MAX_ITEMS, MAX_LIST, MSGPACK, SUBPROTOCOLS
 from robotouille_server import Server
 from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES
-from robotouille_server.limits import Budget
-from robotouille_server.snapshots import Snapshots
+from robotouille_server.rooms.snapshots import Snapshots
+from robotouille_server.runtime.token_bucket import Budget
 from tests.fuzz.wire import TEXT, Closed, Wire, frame
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run

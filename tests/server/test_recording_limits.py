@@ -9,7 +9,7 @@ import pytest
 
 from robotouille.episode import quota, seats
 from robotouille.replay.recording import read_recording
-from robotouille_server import journal
+from robotouille_server.rooms.recordings import journal
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -79,7 +79,7 @@ def test_an_episode_ends_when_its_recording_is_as_long_as_one_may_be(
 
 
 def test_what_may_be_written_is_less_than_what_is_read() -> None:
-    from robotouille.replay.frames import MAX_FILE
+    from robotouille.replay.container import MAX_FILE
 
     most_seats = 16
     words = most_seats * quota.MOST_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES

@@ -260,7 +260,7 @@ def test_a_finished_episode_whose_server_died_is_closed_at_the_next_start(tmp_pa
             for _ in range(2):
                 await game.act(None)
         (whole,) = tmp_path.glob("*.rbt")
-        from robotouille.replay.frames import unwrap
+        from robotouille.replay.container import unwrap
 
         part = whole.with_suffix(".rbt.part")
         part.write_bytes(unwrap(whole.read_bytes()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robotouille_server.roles import Role
+from robotouille_server.auth.roles import Role
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 

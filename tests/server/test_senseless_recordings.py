@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robotouille.episode import Clock, Episode, Rules
-from robotouille.replay.frames import pack_frame
+from robotouille.replay.container import pack_frame
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from tests.episode.test_absence import TWO

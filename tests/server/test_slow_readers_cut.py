@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.peer import MAX_HELD, MAX_UNSENT, Peer
-from robotouille_server.room import Room
-from robotouille_server.session import Session
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
+from robotouille_server.transport.peer import MAX_HELD, MAX_UNSENT, Peer
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
 

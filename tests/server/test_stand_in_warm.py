@@ -10,7 +10,7 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_server import Server
-from robotouille_server.thinker import InThread
+from robotouille_server.rooms.substitutes.bot_worker import InThread
 from tests.support.servers import Raw, raw, serving
 from tests.support.thinking import AtOnce
 from tests.support.virtual_time import run

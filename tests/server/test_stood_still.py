@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from websockets.asyncio.client import connect as open_socket
 
-from robotouille_server.agenda import Agenda
-from robotouille_server.room import Room
+from robotouille_server.rooms.room import Room
+from robotouille_server.runtime.timer_queue import Agenda
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import VirtualTimeLoop, run
 

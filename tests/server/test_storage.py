@@ -12,7 +12,7 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Heard, connect
-from robotouille_server.storage import Appender, Folder
+from robotouille_server.rooms.recordings.storage import Appender, Folder
 from tests.support.disks import TroubledFolder
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run

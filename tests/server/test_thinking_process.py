@@ -17,10 +17,10 @@ import pytest
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
-from robotouille_server import thinking_process
-from robotouille_server.minds import Question
-from robotouille_server.thinker import InThread, ThoughtLostError
-from robotouille_server.thinking_process import InProcess
+from robotouille_server.rooms.substitutes import worker_process as thinking_process
+from robotouille_server.rooms.substitutes.bot_minds import Question
+from robotouille_server.rooms.substitutes.bot_worker import InThread, ThoughtLostError
+from robotouille_server.rooms.substitutes.worker_process import InProcess
 from tests.server.test_minds import question
 from tests.server.test_process import process
 from tests.support.thinking import AtOnce
@@ -77,7 +77,7 @@ def test_it_is_shown_again_what_it_has_forgotten() -> None:
     tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
     program = (
         "from robotouille_server import minds; minds.MOST_KITCHENS = 1;"
-        "from robotouille_server.thinking import main; main()"
+        "from robotouille_server.rooms.substitutes.worker_main import main; main()"
     )
 
     async def main() -> None:

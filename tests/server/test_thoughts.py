@@ -7,9 +7,9 @@ from typing import Any
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task
-from robotouille_server.minds import Answer, Question
-from robotouille_server.thinker import ThoughtLostError
-from robotouille_server.thoughts import AT_ONCE, Thoughts
+from robotouille_server.rooms.substitutes.bot_minds import Answer, Question
+from robotouille_server.rooms.substitutes.bot_worker import ThoughtLostError
+from robotouille_server.rooms.substitutes.deadline_scheduler import AT_ONCE, Thoughts
 
 TASK = load_task("training/03_multi_agent@2")
 

@@ -20,7 +20,7 @@ import pytest
 from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
-from robotouille_server.workers import ElsewhereError, Worker
+from robotouille_server.runtime.workers import ElsewhereError, Worker
 
 COMMAND = [sys.executable, "-m", "robotouille_server"]
 

@@ -8,14 +8,14 @@ import traceback
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from robotouille.episode.names import likeness
+from robotouille.episode.participant_names import likeness
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
-from robotouille_client.connection import ConnectionFailedError, NotYetError
-from robotouille_server.audience import KEPT_SAID
+from robotouille_client.client import ConnectionFailedError, NotYetError
+from robotouille_server.rooms.broadcaster import KEPT_SAID
 from tests.simulation.loop import Process, current_process
 
 if TYPE_CHECKING:

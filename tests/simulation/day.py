@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from robotouille.world.goal import Goal
+from robotouille.world.grounding.goal import Goal
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
-from robotouille_server.minds import Kitchen
+from robotouille_server.rooms.substitutes.bot_minds import Kitchen
 from tests.simulation.scenario import (
     FAULTS,
     DrawPlan,

@@ -10,7 +10,7 @@ import errno
 import random
 from collections.abc import Callable
 
-from robotouille_server.storage import Condition
+from robotouille_server.rooms.recordings.storage import Condition
 from tests.simulation.loop import Killed, Process, current_process
 
 __all__ = ["Disk", "OpenFile"]

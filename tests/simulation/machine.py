@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import CannotListenError
-from robotouille_server.minds import Kitchen, Minds
-from robotouille_server.thinker import InThread
+from robotouille_server.rooms.substitutes.bot_minds import Kitchen, Minds
+from robotouille_server.rooms.substitutes.bot_worker import InThread
 from tests.simulation.clients import PORT
 from tests.simulation.loop import Process
 from tests.support.thinking import AtOnce

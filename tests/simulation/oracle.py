@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
 from robotouille.domain.task import Task
-from robotouille.replay.frames import MAGIC, frame_ends, frame_value, unwrap
+from robotouille.replay.container import MAGIC, frame_ends, frame_value, unwrap
 from robotouille.replay.recording import Recording
 from robotouille.world.state import State
 from robotouille.world.world import World

@@ -14,10 +14,10 @@ import pytest
 
 from robotouille.episode import Event, Said, Stepped
 from robotouille.protocol import messages
-from robotouille_server.audience import Audience
-from robotouille_server.journal import Journal
-from robotouille_server.room import Room
-from robotouille_server.session import Session
+from robotouille_server.rooms.broadcaster import Audience
+from robotouille_server.rooms.recordings.journal import Journal
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import Session
 from tests.simulation.simulation import run_seed
 
 Plant = Callable[[pytest.MonkeyPatch], None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille_server.storage import Appender, Condition, Folder
+from robotouille_server.rooms.recordings.storage import Appender, Condition, Folder
 
 __all__ = ["TroubledFolder"]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from robotouille import GroundAction, World, load_task
 from robotouille.episode import Clock, Episode, Event, Phase, Rules
-from robotouille.replay.frames import FORMAT_VERSION
+from robotouille.replay.container import FORMAT_VERSION
 from robotouille.replay.recorder import Recorder, header
 
 Choose = Callable[[Episode, str], GroundAction | None]

@@ -16,9 +16,9 @@ from websockets.asyncio.client import connect as open_socket
 
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_server import Server, ServerSettings, serve
-from robotouille_server.logs import configure_logs
-from robotouille_server.storage import Storage
-from robotouille_server.thinker import InThread, Thinker
+from robotouille_server.rooms.recordings.storage import Storage
+from robotouille_server.rooms.substitutes.bot_worker import InThread, Thinker
+from robotouille_server.runtime.logs import configure_logs
 from tests.support.thinking import AtOnce
 
 configure_logs("error", "console")

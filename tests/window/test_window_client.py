@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from robotouille_client.bots import cli as bots
 from robotouille_client.window import cli
 from robotouille_server import Server
-from robotouille_server.roles import Role
+from robotouille_server.auth.roles import Role
 
 runner = CliRunner()
 client_app, bot_app = typer.Typer(), typer.Typer()

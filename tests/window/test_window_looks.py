@@ -7,7 +7,7 @@ import pytest
 from robotouille import World
 from robotouille.domain.rendering import rendering_of
 from robotouille.world.state import State
-from robotouille_client.window.looks import Artist, Stage
+from robotouille_client.window.pictures.appearance import Artist, Stage
 
 FOODS = [
     ("lettuce1", (), "lettuce.svg"),

@@ -9,7 +9,7 @@ import pygame
 import pytest
 
 from robotouille import GroundAction, State, Timing, World, load_task
-from robotouille_client.window.layout import layout
+from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.view import Farewell, Pause, View
 from robotouille_client.window.window import Window
 

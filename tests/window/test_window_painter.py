@@ -9,10 +9,10 @@ import pygame
 import pytest
 
 from robotouille import World, task_names
-from robotouille_client.window.chrome import Chrome
-from robotouille_client.window.layout import layout
-from robotouille_client.window.painter import Painter, paint
-from robotouille_client.window.text import Typesetter
+from robotouille_client.window.drawing.painter import Painter, paint
+from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import Bubble, Farewell, Pause, SeatView, View
 
 

@@ -18,10 +18,10 @@ from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 
 from robotouille_client import Client, Game, connect
-from robotouille_client.connection import ConnectionFailedError
-from robotouille_client.window.painter import Painter
+from robotouille_client.client import ConnectionFailedError
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
 from robotouille_client.window.remote import RemoteSource
-from robotouille_client.window.theme import SEATS, TEXT, Colour, mixed
 from robotouille_client.window.view import View
 from robotouille_client.window.window import Window
 from robotouille_server import Server

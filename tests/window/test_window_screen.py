@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from robotouille import World
-from robotouille_client.window.layout import layout
+from robotouille_client.window.drawing.window_layout import layout
 
 PROGRAM = """
 import asyncio, sys

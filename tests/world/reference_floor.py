@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robotouille import Task
-from robotouille.world.objects import Object
+from robotouille.world.grounding.objects import Object
 
 __all__ = ["distance"]
 

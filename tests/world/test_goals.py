@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_task
-from robotouille.world.goal import Goal
+from robotouille.world.grounding.goal import Goal
 from tests.world.kitchens import FILL, act, kitchen, play, waiting
 
 

@@ -8,7 +8,8 @@ import random
 import pytest
 
 from robotouille import World, load_task
-from robotouille.world import goal, successors, timers
+from robotouille.world import successors, timers
+from robotouille.world.grounding import goal
 from robotouille.world.successors import Node, SuccessorTree
 from tests.world.differential import walk_both
 from tests.world.test_world_equals_reference import WALKS

@@ -16,7 +16,7 @@ from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
-from robotouille_client.connection import Client, connect
+from robotouille_client.client import Client, connect
 from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 
 __all__ = ["main"]

@@ -6,7 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.planning.policies import Policy, RandomPolicy
+from robotouille.planning.policies.policy import Policy, RandomPolicy
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.bots.player import MakePolicy
@@ -32,7 +32,7 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
             return RandomPolicy(player, seed)
         if kind is BotKind.SCRIPTED:
             return _scripted(state, player, plan)
-        from robotouille.planning.policy import PlannerPolicy
+        from robotouille.planning.policies.planner_policy import PlannerPolicy
 
         return PlannerPolicy(state.world, player, seed=seed)
 
@@ -41,7 +41,7 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     from robotouille.planning.plan import read_plan
-    from robotouille.planning.script import Script
+    from robotouille.planning.policies.script import Script
 
     if plan is None:
         raise RobotouilleError("a scripted bot plays a plan file: --plan FILE")

@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from robotouille.planning.policies import Policy
-from robotouille.world.actions import GroundAction
+from robotouille.planning.policies.policy import Policy
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.events import Changed, GameEvent

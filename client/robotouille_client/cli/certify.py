@@ -16,12 +16,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from robotouille.certification.certificate import Budget
+from robotouille.certification.certifying import BUDGET, certify_dataset
+from robotouille.certification.checking import check_dataset
+from robotouille.certification.dataset import Outcome, Report, Running, Tell
 from robotouille.errors import RobotouilleError, did_you_mean
-from robotouille.planning import optimal
-from robotouille.planning.certificate import Budget
-from robotouille.planning.certifying import BUDGET, certify_dataset
-from robotouille.planning.checking import check_dataset
-from robotouille.planning.dataset import Outcome, Report, Running, Tell
+from robotouille.planning import solvers as optimal
 from robotouille.program import printable, tell
 from robotouille.resources import data_folder
 from robotouille_client.cli.console import explain, fail

@@ -12,9 +12,9 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille.generation.dataset import seeds_from
 from robotouille.generation.generator import ATTEMPTS, Generator
 from robotouille.generation.instance import Instance
+from robotouille.generation.paper_instances import seeds_from
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
 from robotouille.program import printable_json, tell
 from robotouille_client.cli.console import explain, fail

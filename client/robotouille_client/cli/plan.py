@@ -20,10 +20,7 @@ from rich.console import Console
 from rich.status import Status
 
 from robotouille import State, Task, Timing, World, load_task
-from robotouille.errors import FileError, RecordingError, RobotouilleError
-from robotouille.planning import optimal
-from robotouille.planning.answer import Limits
-from robotouille.planning.certificate import (
+from robotouille.certification.certificate import (
     Certificate,
     Deadline,
     certificate_path,
@@ -32,9 +29,12 @@ from robotouille.planning.certificate import (
     write_certificate,
     write_whole,
 )
-from robotouille.planning.certifying import BUDGET
-from robotouille.planning.general.unreachable import unreachable_goal
+from robotouille.certification.certifying import BUDGET
+from robotouille.errors import FileError, RecordingError, RobotouilleError
+from robotouille.planning import solvers as optimal
+from robotouille.planning.optimal.unsolvable import unreachable_goal
 from robotouille.planning.plan import read_plan, write_plan
+from robotouille.planning.search_result import Limits
 from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording
 from robotouille_client.cli.console import explain, fail

@@ -39,7 +39,7 @@ def play(
     from robotouille import World, load_task
     from robotouille.episode import Episode, Rules
     from robotouille_client.window import require_pygame, require_screen
-    from robotouille_client.window.theatre import parse_size
+    from robotouille_client.window.playback import parse_size
 
     try:
         require_pygame()

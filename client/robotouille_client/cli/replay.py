@@ -15,9 +15,9 @@ from rich.console import Console
 
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
-from robotouille.planning.answer import Limits
 from robotouille.planning.anytime import Anytime
-from robotouille.planning.distance import Range, StepsLeft, StepsToGo, quotient
+from robotouille.planning.search_result import Limits
+from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
 from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
@@ -246,7 +246,7 @@ def play(
     speed: Annotated[float, typer.Option(help="Steps a second.", min=0.1, max=60)] = 5.0,
 ) -> None:
     """Watch a recording in a window: space pauses, left and right step."""
-    from robotouille_client.window.theatre import watch
+    from robotouille_client.window.playback import watch
 
     try:
         watch(_open(file), speed)
@@ -262,7 +262,7 @@ def video(
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
 ) -> None:
     """Write a recording as a video."""
-    from robotouille_client.window.theatre import film
+    from robotouille_client.window.playback import film
 
     try:
         frames = film(_open(file), output, speed, size)

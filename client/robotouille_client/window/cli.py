@@ -17,7 +17,7 @@ from robotouille.episode.rules import Absence
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
-from robotouille_client.connection import Client, connect
+from robotouille_client.client import Client, connect
 from robotouille_client.game import Game
 from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 
@@ -158,7 +158,7 @@ def command(
 ) -> None:
     """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
     from robotouille_client.window import require_pygame, require_screen
-    from robotouille_client.window.theatre import parse_size
+    from robotouille_client.window.playback import parse_size
 
     try:
         require_pygame()

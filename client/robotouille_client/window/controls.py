@@ -14,7 +14,7 @@ from typing import Any, Literal
 from robotouille.domain.files import read_model, validate
 from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.domain.task import Task
-from robotouille.world.actions import ActionSchema, GroundAction
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.scene import Placed, scene
 from robotouille.world.state import State
 from robotouille.world.world import World

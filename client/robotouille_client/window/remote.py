@@ -7,13 +7,13 @@ from collections.abc import Callable
 from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille_client.events import Announced, Changed, Heard, Over, Refused
 from robotouille_client.game import Game
-from robotouille_client.window.reasons import clock_words, farewell, outcome_words, pause_words
+from robotouille_client.window.chat_log import Talk
+from robotouille_client.window.pause_texts import clock_words, farewell, outcome_words, pause_words
 from robotouille_client.window.sources import GLIDE_SECONDS
-from robotouille_client.window.talk import Talk
 from robotouille_client.window.view import Farewell, Pause, SeatView, View
 
 __all__ = ["RemoteSource"]

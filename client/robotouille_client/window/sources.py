@@ -18,14 +18,14 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.errors import ProtocolError
-from robotouille.planning.policies import Policy
+from robotouille.planning.policies.policy import Policy
 from robotouille.replay.controllers import Seating, seatings
 from robotouille.replay.recording import Recording
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille_client.cli.timeline import interludes
-from robotouille_client.window.reasons import clock_words, outcome_words
-from robotouille_client.window.talk import Talk
+from robotouille_client.window.chat_log import Talk
+from robotouille_client.window.pause_texts import clock_words, outcome_words
 from robotouille_client.window.view import SeatView, View
 
 __all__ = [

@@ -13,7 +13,7 @@ import pygame
 
 from robotouille.errors import MissingExtraError
 from robotouille.world.state import State
-from robotouille_client.window.painter import Painter
+from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import Bubble, SeatView, View
 
 if TYPE_CHECKING:

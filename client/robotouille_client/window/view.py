@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 

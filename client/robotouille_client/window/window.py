@@ -13,10 +13,10 @@ from pathlib import Path
 import pygame
 
 from robotouille.world.state import State
-from robotouille_client.window.chat import ChatLine
-from robotouille_client.window.chrome import Chrome
+from robotouille_client.window.chat_line import ChatLine
 from robotouille_client.window.controls import Button, Controls, Meaning
-from robotouille_client.window.painter import Painter
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.ui_overlay import Chrome
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]

@@ -20,7 +20,7 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
-from robotouille.episode.holds import Hold
+from robotouille.episode.pauses import Hold
 from robotouille.episode.rules import Absence, Clock, Rules
 from robotouille.episode.seats import Answer, Controller, Departure, Seat
 

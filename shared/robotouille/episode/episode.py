@@ -30,7 +30,7 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
-from robotouille.episode.holds import Hold
+from robotouille.episode.pauses import Hold
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
@@ -42,7 +42,7 @@ from robotouille.episode.quota import (
 from robotouille.episode.rules import Absence, Clock, Rules
 from robotouille.episode.seats import Answer, Controller, Departure, Pending, Seat
 from robotouille.errors import ProtocolError
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from robotouille.episode.holds import Hold, Holds
+from robotouille.episode.pauses import Hold, Holds
 from robotouille.episode.rules import Absence, Rules
 from robotouille.episode.seats import Seat
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from robotouille.episode.events import SeatTally
 from robotouille.episode.quota import MAX_SEAT_BYTES, Quota
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 
 __all__ = ["Answer", "Controller", "Departure", "Pending", "Seat"]
 

@@ -4,9 +4,9 @@ Pure and deterministic: the same task, seed and parameters give the same file, b
 every machine. See docs/generation.md.
 """
 
-from robotouille.generation.dataset import SEEDS, generate_dataset, paper_tasks, seeds_from
 from robotouille.generation.generator import Generator, generate
 from robotouille.generation.instance import Instance
+from robotouille.generation.paper_instances import SEEDS, generate_dataset, paper_tasks, seeds_from
 from robotouille.generation.parameters import AttemptError, GenerationError, Kind, Parameters
 from robotouille.generation.proof import Solver, shortest
 from robotouille.generation.renaming import Renaming

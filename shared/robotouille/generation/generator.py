@@ -11,13 +11,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 
+from robotouille.certification.shipped_plan import plan_beside
 from robotouille.domain.schema import Provenance
 from robotouille.domain.task import Task, Timing
-from robotouille.generation.arrangement import arrange
-from robotouille.generation.chance import Chance
-from robotouille.generation.floorplan import lay_out, size_for
 from robotouille.generation.instance import Instance, seat_counts, write_instance
-from robotouille.generation.kitchen import Kitchen
+from robotouille.generation.layout.arrangement import arrange
+from robotouille.generation.layout.decomposition import Kitchen
+from robotouille.generation.layout.floorplan import lay_out, size_for
+from robotouille.generation.layout.stock import Stock
+from robotouille.generation.layout.type_roles import Roles
 from robotouille.generation.parameters import (
     DEFAULT,
     AttemptError,
@@ -33,11 +35,9 @@ from robotouille.generation.proof import (
     solved,
     working,
 )
-from robotouille.generation.roles import Roles
-from robotouille.generation.stock import Stock
-from robotouille.planning.answer import Answer
-from robotouille.planning.beside import plan_beside
+from robotouille.generation.rng import Chance
 from robotouille.planning.plan import Plan
+from robotouille.planning.search_result import Answer
 from robotouille.world.world import World
 
 __all__ = ["ATTEMPTS", "GENERATOR", "Generator", "generate"]

@@ -9,13 +9,13 @@ from typing import Any
 from robotouille.domain.files import parse_json, validate
 from robotouille.domain.schema import ObjectDef, ProblemFile, Provenance
 from robotouille.domain.task import Task, build_task
-from robotouille.generation.arrangement import Arrangement
-from robotouille.generation.floorplan import Floorplan
-from robotouille.generation.kitchen import Thing
+from robotouille.generation.layout.arrangement import Arrangement
+from robotouille.generation.layout.decomposition import Thing
+from robotouille.generation.layout.floorplan import Floorplan
 from robotouille.generation.renaming import Renaming
 from robotouille.generation.writing import object_json, write_problem
-from robotouille.planning.answer import Answer
 from robotouille.planning.plan import Plan, write_plan
+from robotouille.planning.search_result import Answer
 from robotouille.world.world import World
 
 __all__ = ["Instance", "seat_counts", "write_instance"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 
 from robotouille.errors import RobotouilleError
-from robotouille.generation.chance import Chance
+from robotouille.generation.rng import Chance
 
 __all__ = ["DEFAULT", "Amounts", "AttemptError", "GenerationError", "Kind", "Parameters"]
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import AttemptError, Parameters
-from robotouille.planning.answer import Answer, Limits, Proof
-from robotouille.planning.optimal import solve
 from robotouille.planning.plan import Plan
-from robotouille.planning.validate import replay
+from robotouille.planning.search_result import Answer, Limits, Proof
+from robotouille.planning.solvers import solve
+from robotouille.planning.validation import replay
 from robotouille.world.world import World
 
 __all__ = ["Solver", "carried", "check_band", "shortest", "solved", "working"]

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from robotouille.domain.task import Task
-from robotouille.generation.kitchen import Key
+from robotouille.generation.layout.decomposition import Key
 from robotouille.planning.plan import Plan
-from robotouille.world.objects import place_objects
+from robotouille.world.grounding.objects import place_objects
 from robotouille.world.world import World
 
 __all__ = ["Renaming"]

@@ -3,9 +3,9 @@
 Pure and deterministic: nothing here reads a clock, a file or a global source of randomness.
 """
 
+from robotouille.planning.beam.planner import Planner, Solution
 from robotouille.planning.plan import Plan, read_plan, write_plan
-from robotouille.planning.planner import Planner, Solution
-from robotouille.planning.validate import PlanReport, Rejection, replay
+from robotouille.planning.validation import PlanReport, Rejection, replay
 
 __all__ = [
     "Plan",

@@ -15,12 +15,10 @@ from dataclasses import replace
 from math import ceil
 
 from robotouille.domain.task import Timing
-from robotouille.planning.answer import UNLIMITED, Answer, Limits, Proof
-from robotouille.planning.kitchen.compiled import Ints, ints
-from robotouille.planning.kitchen.layout import PLACE, PLAYERS, ROOT, ROWS, WAIT, WORDS
-from robotouille.planning.kitchen.moves import act, options, running, spot, tick, unpack
-from robotouille.planning.kitchen.roots import TooManyChoicesError
-from robotouille.planning.kitchen.search import (
+from robotouille.planners.kitchen.compact_state import PLACE, PLAYERS, ROOT, ROWS, WAIT, WORDS
+from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
+from robotouille.planners.kitchen.kernels import Ints, ints
+from robotouille.planners.kitchen.kitchen_search import (
     COUNT,
     CUT,
     GOAL,
@@ -33,10 +31,12 @@ from robotouille.planning.kitchen.search import (
     pop,
     push,
 )
-from robotouille.planning.kitchen.solver import PLANNER, KitchenSearch, Run, kitchen_search
+from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, Run, kitchen_search
+from robotouille.planners.kitchen.transitions import act, options, running, spot, tick, unpack
+from robotouille.planning.beam.planner import EXPANSIONS, Planner, Solution
 from robotouille.planning.plan import Plan
-from robotouille.planning.planner import EXPANSIONS, Planner, Solution
-from robotouille.planning.validate import replay
+from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof
+from robotouille.planning.validation import replay
 from robotouille.world.state import State
 from robotouille.world.world import World
 

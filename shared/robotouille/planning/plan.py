@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from robotouille.errors import Fault, FileError
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
 __all__ = ["Plan", "read_plan", "write_plan"]

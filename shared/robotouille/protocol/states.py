@@ -11,9 +11,9 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 from robotouille.errors import ProtocolError
-from robotouille.world.atoms import bits_of
-from robotouille.world.effects import Effect
-from robotouille.world.objects import Object
+from robotouille.world.grounding.atoms import bits_of
+from robotouille.world.grounding.effects import Effect
+from robotouille.world.grounding.objects import Object
 from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
 

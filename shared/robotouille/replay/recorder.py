@@ -30,7 +30,7 @@ from robotouille.episode.events import (
 from robotouille.episode.rules import Rules
 from robotouille.protocol.states import StateWriter, unmet_rows
 from robotouille.release import VERSION
-from robotouille.replay.frames import FORMAT_VERSION, magic, pack_frame
+from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
 from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
 

@@ -11,7 +11,7 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.protocol.states import StateReader, StateWriter
-from robotouille.replay.frames import (
+from robotouille.replay.container import (
     MAGIC,
     MAX_FILE,
     frame_ends,
@@ -23,10 +23,10 @@ from robotouille.replay.frames import (
     plain,
     version_of,
 )
+from robotouille.replay.frame_schema import check_frame
 from robotouille.replay.recorder import keyframe, step_frames
-from robotouille.replay.schema import check_frame
-from robotouille.world.actions import GroundAction
-from robotouille.world.objects import atom_name
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.objects import atom_name
 from robotouille.world.state import State
 from robotouille.world.world import World
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robotouille.world.floor import Tile
-from robotouille.world.objects import Object
+from robotouille.world.grounding.floor import Tile
+from robotouille.world.grounding.objects import Object
 from robotouille.world.state import State
 
 __all__ = ["Placed", "scene"]

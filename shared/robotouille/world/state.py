@@ -6,11 +6,11 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from robotouille.world.objects import Atom
+from robotouille.world.grounding.objects import Atom
 
 if TYPE_CHECKING:
-    from robotouille.world.actions import GroundAction
-    from robotouille.world.objects import Object
+    from robotouille.world.grounding.actions import GroundAction
+    from robotouille.world.grounding.objects import Object
     from robotouille.world.timers import Timers
     from robotouille.world.world import Step, World
 

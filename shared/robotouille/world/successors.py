@@ -13,9 +13,9 @@ from itertools import product
 from typing import NamedTuple
 
 from robotouille.domain.schema import Condition
-from robotouille.world.actions import ActionSchema, GroundAction
-from robotouille.world.atoms import EXISTS, AtomTable
-from robotouille.world.objects import Atom
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.grounding.atoms import EXISTS, AtomTable
+from robotouille.world.grounding.objects import Atom
 
 __all__ = ["SuccessorTree"]
 

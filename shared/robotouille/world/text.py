@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotouille.world.objects import Atom, atom_name
+from robotouille.world.grounding.objects import Atom, atom_name
 
 if TYPE_CHECKING:
     from robotouille.domain.schema import DomainFile

@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakValueDictionary
 
-from robotouille.world.effects import DONE, Effect, EffectRun
+from robotouille.world.grounding.effects import DONE, Effect, EffectRun
 
 if TYPE_CHECKING:
-    from robotouille.world.actions import GroundAction
+    from robotouille.world.grounding.actions import GroundAction
     from robotouille.world.world import World
 
 __all__ = ["Change", "TimerTable", "Timers"]

@@ -17,18 +17,18 @@ from robotouille.domain.checks import parameter_types
 from robotouille.domain.schema import Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import InapplicableError, did_you_mean
-from robotouille.world.actions import (
+from robotouille.world.grounding.actions import (
     ActionSchema,
     GroundAction,
     bound,
     compile_schemas,
     walking_steps,
 )
-from robotouille.world.atoms import EXISTS, USED, AtomTable, bits_of
-from robotouille.world.effects import Effect, EffectRun, compile_effect
-from robotouille.world.floor import Floor
-from robotouille.world.goal import Goal
-from robotouille.world.objects import Atom, Object, initial_facts, place_objects
+from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable, bits_of
+from robotouille.world.grounding.effects import Effect, EffectRun, compile_effect
+from robotouille.world.grounding.floor import Floor
+from robotouille.world.grounding.goal import Goal
+from robotouille.world.grounding.objects import Atom, Object, initial_facts, place_objects
 from robotouille.world.state import State
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_task
-from robotouille.planning.answer import Answer, Limits, Proof
-from robotouille.planning.general.heuristics import BLIND, CriticalPath, LandmarkCut
-from robotouille.planning.general.search import solve
-from robotouille.planning.general.symmetry import interchangeable
-from robotouille.planning.general.unreachable import unreachable_goal
-from robotouille.planning.validate import replay
+from robotouille.planning.optimal.admissible import BLIND, CriticalPath, LandmarkCut
+from robotouille.planning.optimal.astar import solve
+from robotouille.planning.optimal.symmetry import interchangeable
+from robotouille.planning.optimal.unsolvable import unreachable_goal
+from robotouille.planning.search_result import Answer, Limits, Proof
+from robotouille.planning.validation import replay
 from tests.world.kitchens import act, kitchen
 
 SANDWICH = [

@@ -14,11 +14,11 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from robotouille import Task, World
-from robotouille.planning.answer import Limits
-from robotouille.planning.general.heuristics import BLIND, CriticalPath, Heuristic, LandmarkCut
-from robotouille.planning.general.search import solve
-from robotouille.planning.general.unreachable import unreachable_goal
-from robotouille.planning.validate import replay
+from robotouille.planning.optimal.admissible import BLIND, CriticalPath, Heuristic, LandmarkCut
+from robotouille.planning.optimal.astar import solve
+from robotouille.planning.optimal.unsolvable import unreachable_goal
+from robotouille.planning.search_result import Limits
+from robotouille.planning.validation import replay
 from tests.planning.general.small_tasks import deep_tasks, tiny_kitchens
 from tests.planning.oracle import Oracle, explore
 from tests.world.random_tasks import tasks

@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from robotouille import State, World
-from robotouille.planning.kitchen.compiled import ints, zeros
-from robotouille.planning.kitchen.estimate import estimate
-from robotouille.planning.kitchen.layout import ROOT, ROWS
-from robotouille.planning.kitchen.rows import SCRATCH
-from robotouille.planning.kitchen.solver import KitchenSearch, kitchen_search
-from robotouille.planning.optimal import solve
-from robotouille.planning.validate import replay
-from robotouille.world.actions import GroundAction
+from robotouille.planners.kitchen.compact_state import ROOT, ROWS
+from robotouille.planners.kitchen.heuristic.lower_bound import estimate
+from robotouille.planners.kitchen.heuristic.scratch_rows import SCRATCH
+from robotouille.planners.kitchen.kernels import ints, zeros
+from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
+from robotouille.planning.solvers import solve
+from robotouille.planning.validation import replay
+from robotouille.world.grounding.actions import GroundAction
 
 __all__ = ["Explored", "check_answer", "check_estimate", "explored"]
 

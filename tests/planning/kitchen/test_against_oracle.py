@@ -11,7 +11,7 @@ import random
 import pytest
 
 from robotouille import World
-from robotouille.planning.kitchen.solver import kitchen_search
+from robotouille.planners.kitchen.solver import kitchen_search
 from tests.planning.kitchen.exact import check_answer, check_estimate, explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
 

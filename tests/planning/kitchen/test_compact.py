@@ -13,10 +13,7 @@ from hypothesis import strategies as st
 
 from robotouille import State, World, load_task, task_names
 from robotouille.domain.task import read_domain
-from robotouille.planning.answer import Limits
-from robotouille.planning.kitchen.compiled import Ints, ints, zeros
-from robotouille.planning.kitchen.decode import decode
-from robotouille.planning.kitchen.layout import (
+from robotouille.planners.kitchen.compact_state import (
     ADD,
     BOIL,
     FILL,
@@ -31,12 +28,15 @@ from robotouille.planning.kitchen.layout import (
     SIZE,
     WORDS,
 )
-from robotouille.planning.kitchen.model import Model, model_of
-from robotouille.planning.kitchen.moves import act, options, pack, spot, tick, unpack
-from robotouille.planning.kitchen.roots import goals_of
-from robotouille.planning.kitchen.rules import recognise
-from robotouille.planning.kitchen.solver import KitchenSearch, kitchen_search
+from robotouille.planners.kitchen.decode import decode
+from robotouille.planners.kitchen.goal_assignments import goals_of
+from robotouille.planners.kitchen.kernels import Ints, ints, zeros
+from robotouille.planners.kitchen.model import Model, model_of
+from robotouille.planners.kitchen.recognition import recognise
+from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
+from robotouille.planners.kitchen.transitions import act, options, pack, spot, tick, unpack
 from robotouille.planning.plan import Plan
+from robotouille.planning.search_result import Limits
 from tests.planning.kitchen.random_kitchens import DISHES, random_kitchen
 from tests.world.kitchens import kitchen
 

@@ -18,8 +18,8 @@ TASKS = [
 SCRIPT = """
 import json, sys
 from robotouille import World
-from robotouille.planning.kitchen.compiled import COMPILED
-from robotouille.planning.optimal import solve
+from robotouille.planners.kitchen.kernels import COMPILED
+from robotouille.planning.solvers import solve
 from robotouille.planning.plan import write_plan
 
 found = {"compiled": COMPILED}

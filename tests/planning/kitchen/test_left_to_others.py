@@ -11,10 +11,10 @@ import pytest
 from robotouille import Task, World, load_task
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
-from robotouille.planning.answer import Limits
-from robotouille.planning.kitchen.rules import recognise
-from robotouille.planning.kitchen.solver import kitchen_search
-from robotouille.planning.optimal import solve
+from robotouille.planners.kitchen.recognition import recognise
+from robotouille.planners.kitchen.solver import kitchen_search
+from robotouille.planning.search_result import Limits
+from robotouille.planning.solvers import solve
 from robotouille.resources import data_folder
 
 Json = dict[str, Any]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from robotouille import State, World
-from robotouille.planning.kitchen.solver import PLANNER, kitchen_search
-from robotouille.planning.optimal import solve
+from robotouille.planners.kitchen.solver import PLANNER, kitchen_search
+from robotouille.planning.solvers import solve
 from tests.planning.kitchen.exact import Explored, check_answer, check_estimate, explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
 from tests.world.kitchens import kitchen

@@ -9,11 +9,11 @@ import pytest
 from robotouille import World, load_task, task_names
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import DomainFile
-from robotouille.planning.answer import Answer, Limits, Proof
-from robotouille.planning.kitchen.solver import PLANNER, kitchen_search
-from robotouille.planning.optimal import solve
+from robotouille.planners.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.plan import write_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.search_result import Answer, Limits, Proof
+from robotouille.planning.solvers import solve
+from robotouille.planning.validation import replay
 from tests.world.kitchens import kitchen
 
 UPSTREAM = Path(__file__).resolve().parents[4] / "shared/compat/upstream"

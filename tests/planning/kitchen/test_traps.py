@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robotouille import State, World
-from robotouille.planning.optimal import solve
+from robotouille.planning.solvers import solve
 from tests.planning.kitchen.exact import check_answer, check_estimate, explored
 from tests.world.kitchens import act, kitchen, waiting
 

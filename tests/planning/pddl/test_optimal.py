@@ -8,7 +8,7 @@ import robotouille
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import DomainFile
 from robotouille.planning.pddl import encode, read_pddl_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.validation import replay
 from tests.planning.pddl.fast_downward import needs_planner, solve
 
 pytestmark = needs_planner

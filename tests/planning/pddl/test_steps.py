@@ -11,11 +11,11 @@ from robotouille import World, load_task
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task, read_domain
 from robotouille.planning.pddl import Encoding, encode, read_pddl_plan
-from robotouille.planning.pddl.instants import instant_name
+from robotouille.planning.pddl.lifting.instants import instant_name
 from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.validate import replay
+from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
-from robotouille.world.actions import GroundAction
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from tests.domain.broken import DOMAIN, PROBLEM, changed
 from tests.planning.pddl.interpreter import Fact, Interpreter

@@ -1,7 +1,7 @@
 """Tasks in PDDL for other planners, and their plans back (docs/pddl.md)."""
 
-from robotouille.planning.pddl.encoding import Encoding, Style, encode
-from robotouille.planning.pddl.limits import PddlError
-from robotouille.planning.pddl.plans import read_pddl_plan
+from robotouille.planning.pddl.expressiveness import PddlError
+from robotouille.planning.pddl.foreign_plans import read_pddl_plan
+from robotouille.planning.pddl.task_encoding import Encoding, Style, encode
 
 __all__ = ["Encoding", "PddlError", "Style", "encode", "read_pddl_plan"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from robotouille.planning.pddl.names import Names
+from robotouille.planning.pddl.pddl_names import Names
 
 __all__ = ["Action", "Domain", "Durative", "Effect", "Literal", "Problem", "Term", "Variable"]
 

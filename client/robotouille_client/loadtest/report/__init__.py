@@ -1,0 +1,1 @@
+"""What a load test found: values, terminal, page and plots."""

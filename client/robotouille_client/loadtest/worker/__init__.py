@@ -1,0 +1,1 @@
+"""One process of the load tester, and the bots in it."""

@@ -1,0 +1,180 @@
+"""Episodes as the load tester fills them: a room with its players, those who watch it or do not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+
+from robotouille import World
+from robotouille.episode.rules import Clock
+from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille_client.loadtest.worker.participant import Environment, Message, Participant
+from robotouille_client.loadtest.worker.players import Actor, Partner, Player
+from robotouille_client.loadtest.worker.walk import to_and_fro
+
+__all__ = ["Pinger", "Room", "SlowReader", "Spectator"]
+
+MANY_STEPS = 1_000_000
+RESYNC_SECONDS = 0.05
+PING_SECONDS = 0.05
+
+
+class Room:
+    """An episode with all its seats taken by bots; when it is over, another one."""
+
+    def __init__(
+        self, environment: Environment, name: str, task: str, clock: Clock, rate: float
+    ) -> None:
+        players = World(task).players
+        self.clock = clock
+        self.code: str | None = None
+        self.actor = Actor(environment, f"{name}-1", clock, rate, to_and_fro(task, players[0]))
+        self.partners = [
+            Partner(environment, f"{name}-{number}", clock) for number in range(2, len(players) + 1)
+        ]
+        self._environment = environment
+        self._create: Message = {
+            "type": "create", "task": task, "clock": clock.value, "timing": "benchmark",
+            "step_rate": rate, "max_steps": MANY_STEPS,
+        }  # fmt: skip
+        self._tasks: set[asyncio.Task[None]] = set()
+        for player in self.players:
+            player.on_interrupted = lambda player=player: self._spawn(self._bring_back(player))  # type: ignore[misc]
+        self.actor.on_over = lambda: self._spawn(self._again())
+
+    @property
+    def players(self) -> list[Player]:
+        return [self.actor, *self.partners]
+
+    @property
+    def playing(self) -> bool:
+        return self.actor.playing and self.actor.link is not None
+
+    async def open(self) -> None:
+        """Connect all players and let them begin; RobotouilleError where that cannot be."""
+        try:
+            await asyncio.gather(*(player.introduce() for player in self.players))
+            await self._begin()
+        except RobotouilleError:
+            self.close()
+            raise
+
+    async def _begin(self) -> None:
+        created = await self.actor.ask(self._create, "created")
+        self.code = created["code"]
+        for player in self.players:
+            await player.enter(created["code"])
+
+    async def _again(self) -> None:
+        self._environment.measured.count("episodes ended")
+        try:
+            for player in self.players:
+                await player.ask({"type": "leave"}, "left")
+            await self._begin()
+        except RobotouilleError as error:
+            self._environment.measured.count(f"not played again: {_code(error)}")
+
+    async def _bring_back(self, player: Player) -> None:
+        try:
+            await player.return_to_seat()
+        except ProtocolError as error:
+            self._environment.measured.count(f"not returned: {error.code}")
+
+    async def storm(self, player: Player, cut_at: float) -> None:
+        """A player whose connection was cut at that time comes back; it is noted how soon."""
+        try:
+            await player.return_to_seat()
+        except ProtocolError as error:
+            self._environment.measured.count(f"not returned: {error.code}")
+            self._environment.measured.count("lost in the storm")
+        else:
+            took = asyncio.get_running_loop().time() - cut_at
+            self._environment.measured.took("return", took)
+
+    def close(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        for player in self.players:
+            player.close()
+
+    def _spawn(self, coroutine: object) -> None:
+        task = asyncio.ensure_future(coroutine)  # type: ignore[call-overload]
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+class Spectator(Participant):
+    """Reads what it is sent and does nothing with it."""
+
+    async def watch(self, code: str) -> None:
+        await self.introduce()
+        await self.enter(code, role="spectator")
+
+    def heard(self, message: Message) -> None:
+        if message["type"] == "delta":
+            self.environment.measured.count("deltas to spectators")
+
+
+class SlowReader(Spectator):
+    """Asks for snapshots again and again and reads none of them."""
+
+    def __init__(self, environment: Environment, name: str) -> None:
+        super().__init__(environment, name)
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def watch(self, code: str) -> None:
+        await super().watch(code)
+        if self.link is not None:
+            self.link.stop_reading()
+        self._demand()
+
+    def _demand(self) -> None:
+        if self.link is not None:
+            self.send({"type": "resync"})
+            loop = asyncio.get_running_loop()
+            self._timer = loop.call_later(RESYNC_SECONDS, self._demand)
+
+    def interrupted(self) -> None:
+        self.environment.measured.count("slow readers dropped")
+
+    def close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        super().close()
+
+
+class Pinger(Participant):
+    """Measures the way to the server's event loop and back, without any game."""
+
+    def __init__(self, environment: Environment, name: str) -> None:
+        super().__init__(environment, name)
+        self._sent: deque[float] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+        self._loop = asyncio.get_running_loop()
+
+    async def start(self) -> None:
+        await self.introduce()
+        if self.link is not None:
+            self.link.ponged = self._ponged
+        self._ping(self._loop.time())
+
+    def _ping(self, due: float) -> None:
+        if self.link is not None:
+            self._sent.append(due)
+            self.link.ping()
+            self._timer = self._loop.call_at(due + PING_SECONDS, self._ping, due + PING_SECONDS)
+
+    def _ponged(self) -> None:
+        took = self._loop.time() - self._sent.popleft()
+        environment = self.environment
+        environment.measured.took("ping", took)
+        environment.transit = min(environment.transit or took, took / 2)
+
+    def close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        super().close()
+
+
+def _code(error: RobotouilleError) -> str:
+    return error.code if isinstance(error, ProtocolError) else str(error)

@@ -1,0 +1,171 @@
+"""The load tester's processes, and what they report, put together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from robotouille.errors import RobotouilleError
+from robotouille_client.loadtest.histogram import Measurements
+from robotouille_client.loadtest.workload import LoadPlan
+
+__all__ = ["Fleet", "Second", "WorkerLostError"]
+
+STOP_SECONDS = 10.0
+
+
+class WorkerLostError(RobotouilleError):
+    """A process of the load tester ended by itself."""
+
+
+@dataclass
+class Second:
+    """What all processes went through in one second."""
+
+    at: float
+    measured: bool
+    all: Measurements = field(default_factory=Measurements)
+    seconds: float = 0.0
+    connected: int = 0
+    playing: int = 0
+    busiest: float = 0.0
+    """The share of a core that the busiest process took."""
+    cpu: float = 0.0
+    """Seconds of processor time that all of them took."""
+
+
+class Fleet:
+    """Worker processes that get the same commands. `totals` is what was measured so far."""
+
+    def __init__(self, plan: LoadPlan, token: str | None, cpus: tuple[int, ...] = ()) -> None:
+        self.totals = Measurements()
+        self.ramp = Measurements()
+        self.seconds: dict[int, Second] = {}
+        self.connected = [0] * plan.processes
+        self.playing = [0] * plan.processes
+        self.storm_cut = 0
+        self._plan = plan
+        self._token = token
+        self._cpus = cpus
+        self._workers: list[asyncio.subprocess.Process] = []
+        self._readers: list[asyncio.Task[None]] = []
+        self._done: Counter[str] = Counter()
+        self._news = asyncio.Condition()
+        self._stopping = False
+
+    async def start(self) -> None:
+        environment = {**os.environ}
+        if self._token is not None:
+            environment["ROBOTOUILLE_TOKEN"] = self._token
+        for share in self._plan.shares():
+            worker = await asyncio.create_subprocess_exec(
+                *_command(self._cpus),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                env=environment,
+                limit=2**24,
+                start_new_session=True,
+            )
+            self._workers.append(worker)
+            self._readers.append(asyncio.create_task(self._read(worker)))
+            _write(worker, share.model_dump_json())
+
+    async def do(self, command: str) -> None:
+        """Give a command and wait until all processes have done it."""
+        for worker in self._workers:
+            _write(worker, command)
+        async with self._news:
+            await self._news.wait_for(lambda: self._ready(command))
+        self._done[command] = 0
+        self._complain()
+
+    def _ready(self, command: str) -> bool:
+        return self._done[command] >= len(self._workers) or self._ended
+
+    @property
+    def _ended(self) -> bool:
+        return any(reader.done() for reader in self._readers)
+
+    def _complain(self) -> None:
+        if self._ended and not self._stopping:
+            codes = [w.returncode for w in self._workers if w.returncode is not None]
+            raise WorkerLostError(f"a process of the load tester ended with status {codes or '?'}")
+
+    async def news(self, seconds: float) -> None:
+        """Wait until something was reported, at most so long; WorkerLostError if one is gone."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds), self._news:
+                await self._news.wait()
+        self._complain()
+
+    async def stop(self) -> None:
+        """Get the last reports and end all processes."""
+        self._stopping = True
+        for worker in self._workers:
+            if worker.returncode is None:
+                _write(worker, "stop")
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STOP_SECONDS):
+                await asyncio.gather(*self._readers, return_exceptions=True)
+        for worker in self._workers:
+            if worker.returncode is None:
+                with contextlib.suppress(ProcessLookupError):
+                    worker.kill()
+            await worker.wait()
+        for reader in self._readers:
+            reader.cancel()
+
+    # Reports
+
+    async def _read(self, worker: asyncio.subprocess.Process) -> None:
+        if worker.stdout is None:
+            return
+        while line := await worker.stdout.readline():
+            report = json.loads(line)
+            if report["kind"] == "interval":
+                self._take(report)
+            else:
+                self._done[report["command"]] += 1
+                self.storm_cut += report["cut"]
+            async with self._news:
+                self._news.notify_all()
+        await worker.wait()
+        async with self._news:
+            self._news.notify_all()
+
+    def _take(self, report: dict[str, Any]) -> None:
+        part = Measurements.from_json(report)
+        number = report["worker"]
+        self.connected[number] = report["connected"]
+        self.playing[number] = report["playing"]
+        (self.totals if report["measured"] else self.ramp).merge(part)
+        at = int(report["at"])
+        second = self.seconds.setdefault(at, Second(at, report["measured"]))
+        second.all.merge(part)
+        second.seconds += report["seconds"] / self._plan.processes
+        second.connected = sum(self.connected)
+        second.playing = sum(self.playing)
+        second.busiest = max(second.busiest, report["cpu"] / max(report["seconds"], 1e-3))
+        second.cpu += report["cpu"]
+
+
+def _command(cpus: tuple[int, ...]) -> list[str]:
+    """A worker's command line, with its cores."""
+    cores = ",".join(map(str, cpus))
+    return [
+        sys.executable,
+        "-m",
+        "robotouille_client.loadtest.worker.load_worker",
+        *([cores] if cores else []),
+    ]
+
+
+def _write(worker: asyncio.subprocess.Process, line: str) -> None:
+    if worker.stdin is not None and not worker.stdin.is_closing():
+        worker.stdin.write(line.encode() + b"\n")

@@ -1,0 +1,1 @@
+"""Paints a view: layers from the floor to what floats above everything."""

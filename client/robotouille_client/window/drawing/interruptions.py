@@ -1,0 +1,138 @@
+"""What interrupts a game: a pause, a lost connection, the operator's words, the way out."""
+
+from __future__ import annotations
+
+from math import ceil
+
+import pygame
+
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.shapes import DIAL_STEPS, box, dial, ellipse
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import ACCENT, BAD, INK, PANEL, PAPER, Colour, mixed
+from robotouille_client.window.view import Farewell, Pause, View
+
+__all__ = ["Interruptions"]
+
+_SHADE = (*PANEL, 165)
+_STALE = (*PANEL, 90)
+_PATIENCE = 3.0
+"""Seconds after which it is told for how long the connection has been lost."""
+
+
+class Interruptions:
+    """Draws over the kitchen; the panel beside it stays as it is."""
+
+    def __init__(self, text: Typesetter) -> None:
+        self._text = text
+
+    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
+        """The interruptions of a view that has any."""
+        if view.farewell is not None:
+            self._shade(target, layout, _SHADE)
+            self._farewell(target, layout, view.farewell)
+        elif view.pause is not None:
+            self._shade(target, layout, _SHADE)
+            self._pause(target, layout, view.pause)
+        elif view.offline is not None:
+            self._shade(target, layout, _STALE)
+        y = max(8, layout.text // 2)
+        if view.offline is not None and view.farewell is None:
+            y = self._banner(target, layout, y, _lost(view.offline), mixed(BAD, INK, 0.25), PAPER)
+        if view.notice:
+            self._banner(target, layout, y, view.notice, ACCENT, INK)
+
+    def _shade(self, target: pygame.Surface, layout: Layout, colour: tuple[int, ...]) -> None:
+        target.blit(box((layout.panel.left, layout.size[1]), colour, 0), (0, 0))
+
+    def _banner(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        y: int,
+        words: str,
+        fill: Colour,
+        ink: Colour,
+    ) -> int:
+        """Words at the top, in as many lines as they need; where the next one goes."""
+        size, pad = round(layout.text * 1.15), layout.text * 2 // 3
+        most = max(40, min(layout.panel.left - 4 * pad, size * 34))
+        lines = self._text.wrap(words, size, most, 4)
+        step = self._text.height(size)
+        width = max((self._text.width(line, size) for line in lines), default=0) + 3 * pad
+        area = pygame.Rect(0, y, width, step * len(lines) + 2 * pad - 2)
+        area.centerx = layout.panel.left // 2
+        shadow = box(area.size, (*INK, 110), pad)
+        target.blit(shadow, area.move(0, 3))
+        target.blit(box(area.size, fill, pad, mixed(fill, INK, 0.35)), area)
+        for i, line in enumerate(lines):
+            drawn = self._text.line(line, size, ink)
+            target.blit(drawn, drawn.get_rect(midtop=(area.centerx, area.y + pad + i * step)))
+        return area.bottom + pad
+
+    def _pause(self, target: pygame.Surface, layout: Layout, pause: Pause) -> None:
+        side = round(layout.text * 4.6)
+        face = self._clock(pause, side, layout)
+        self._card(target, layout, face, pause.why, pause.detail)
+
+    def _clock(self, pause: Pause, side: int, layout: Layout) -> pygame.Surface:
+        """A dial that runs out with the seconds in it, or two bars where nobody knows how long."""
+        if pause.left is None:
+            face = ellipse((side, side), ACCENT).copy()
+            bar = pygame.Rect(0, 0, side // 9, side // 3)
+            for left in (0.41, 0.59):
+                bar.center = (round(side * left), side // 2)
+                face.blit(box(bar.size, INK, bar.width // 3), bar)
+            return face
+        colour = mixed(BAD, ACCENT, min(1.0, pause.share * 2))
+        face = dial(side, round(pause.share * DIAL_STEPS), colour).copy()
+        number = self._text.line(str(ceil(pause.left)), round(layout.text * 1.6), INK)
+        face.blit(number, number.get_rect(center=(side // 2, side // 2 + 1)))
+        return face
+
+    def _farewell(self, target: pygame.Surface, layout: Layout, farewell: Farewell) -> None:
+        text = f"{farewell.text} You can close this window."
+        self._card(target, layout, None, farewell.title, text)
+
+    def _card(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        face: pygame.Surface | None,
+        title: str,
+        text: str,
+    ) -> None:
+        """A card in the middle: a picture on the left, a title and a few lines."""
+        large, size, pad = round(layout.text * 1.5), round(layout.text * 1.05), layout.text * 3 // 2
+        left = pad + (face.get_width() + pad if face is not None else 0)
+        most = max(40, min(layout.panel.left - 3 * pad, round(layout.text * 36)) - left - pad)
+        rows: list[tuple[str, int, Colour]] = [
+            *((line, large, INK) for line in self._text.wrap(title, large, most, 3)),
+            *(
+                (line, size, mixed(INK, PAPER, 0.25))
+                for line in self._text.wrap(text, size, most, 5)
+            ),
+        ]
+        gap = layout.text // 2
+        high = sum(self._text.height(height) for _, height, _ in rows) + gap
+        wide = max((self._text.width(line, height) for line, height, _ in rows), default=0)
+        body = max(high, face.get_height() if face is not None else 0)
+        area = pygame.Rect(0, 0, left + wide + pad, body + 2 * pad)
+        area.center = (layout.panel.left // 2, layout.kitchen.centery)
+        radius = layout.text
+        target.blit(box(area.size, (*INK, 120), radius), area.move(0, 5))
+        target.blit(box(area.size, PAPER, radius, mixed(PAPER, INK, 0.3)), area)
+        if face is not None:
+            target.blit(face, face.get_rect(midleft=(area.x + pad, area.centery)))
+        y = area.centery - high // 2
+        for line, height, colour in rows:
+            if height == size and gap:
+                y, gap = y + gap, 0
+            target.blit(self._text.line(line, height, colour), (area.x + left, y))
+            y += self._text.height(height)
+
+
+def _lost(seconds: float) -> str:
+    """After a while it is told for how long, so that one sees that the window lives."""
+    since = f" ({int(seconds)} s)" if seconds >= _PATIENCE else ""
+    return f"Connection lost — trying again{since}"

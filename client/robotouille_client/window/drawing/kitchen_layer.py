@@ -1,0 +1,187 @@
+"""The kitchen itself: floor, wall, stations, what lies on them, and the players."""
+
+from __future__ import annotations
+
+import math
+
+import pygame
+
+from robotouille.domain.rendering import RenderingFile
+from robotouille.world.state import State
+from robotouille.world.world import World
+from robotouille_client.window.drawing.motion import Pose
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import Artist, Look, Piece, Stage
+from robotouille_client.window.pictures.shapes import box, ellipse
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.theme import BACKGROUND, INK, SEATS
+
+__all__ = ["RAISED", "Kitchen"]
+
+RAISED = 0.12
+"""How much higher than its tile a player is drawn, in tiles."""
+
+_HELD_SCALE = 0.85
+_HELD = {
+    "front": (0.0, 0.18),
+    "right": (0.35, 0.09),
+    "left": (-0.35, 0.09),
+    "back": (0.0, -0.53),
+}
+_MINI = 0.3
+
+
+class Kitchen:
+    """Draws one world's stages; what never moves is drawn once for each size."""
+
+    def __init__(self, world: World, rendering: RenderingFile, sprites: Sprites) -> None:
+        self._world = world
+        self._rendering = rendering
+        self._sprites = sprites
+        self._artist = Artist(world.task.domain, rendering)
+        self._background: pygame.Surface | None = None
+        self._background_of: tuple[Layout, dict[str, Look]] | None = None
+
+    def stage(self, state: State) -> Stage:
+        """What to draw of a state."""
+        return self._artist.stage(state)
+
+    def background(self, layout: Layout, stage: Stage) -> pygame.Surface:
+        """Everything behind what moves."""
+        key = (layout, stage.stations)
+        if self._background is None or self._background_of != key:
+            self._background = self._draw_background(layout, stage)
+            self._background_of = key
+        return self._background
+
+    def draw(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        stage: Stage,
+        poses: dict[str, Pose],
+        me: str | None,
+    ) -> None:
+        """Everything that moves, row by row from the top."""
+        players = self._world.players
+        rows: list[tuple[float, int, str]] = [(-pose.at[1], 1, n) for n, pose in poses.items()]
+        for host in stage.piles:
+            tile = stage.placed[host].tile
+            if host not in players and tile is not None:
+                rows.append((-tile[1], 0, host))
+        for _, is_player, name in sorted(rows):
+            if is_player:
+                self._player(target, layout, stage, name, poses[name], own=name == me)
+            else:
+                self._pile_on_tile(target, layout, stage, name)
+
+    def _draw_background(self, layout: Layout, stage: Stage) -> pygame.Surface:
+        surface = pygame.Surface(layout.size)
+        surface.fill(BACKGROUND)
+        frame = layout.kitchen.inflate(12, 12)
+        surface.blit(box(frame.size, INK, 10), frame)
+        self._floor(surface, layout)
+        order = sorted(stage.stations, key=lambda name: -(stage.placed[name].tile or (0, 0))[1])
+        for name in order:
+            tile = stage.placed[name].tile
+            if tile is not None:
+                look = stage.stations[name]
+                surface.blit(self._sprites.of(look, layout.tile), layout.cell(tile))
+        return surface
+
+    def _floor(self, surface: pygame.Surface, layout: Layout) -> None:
+        art, ground, size = (
+            self._rendering.floor,
+            self._world.task.problem.ground or (),
+            layout.tile,
+        )
+        wall = self._sprites.file(art.wall, size)
+        for x in range(layout.columns):
+            corner = layout.cell((x, layout.rows))
+            if wall is None:
+                surface.fill((196, 214, 202), corner)
+            else:
+                surface.blit(wall, corner)
+        for row in range(layout.rows):
+            letters = ground[row] if row < len(ground) else ""
+            for x in range(layout.columns):
+                letter = letters[x : x + 1]
+                name = art.tiles.get(letter, art.default)
+                cell = layout.cell((x, layout.rows - 1 - row))
+                picture = self._sprites.file(name, size)
+                if picture is None:
+                    surface.fill((236, 226, 206) if (x + row) % 2 else (226, 214, 192), cell)
+                else:
+                    surface.blit(picture, cell)
+
+    def _pile_on_tile(
+        self, target: pygame.Surface, layout: Layout, stage: Stage, host: str
+    ) -> None:
+        tile = stage.placed[host].tile
+        assert tile is not None  # noqa: S101
+        x, y = layout.corner(tile)
+        base = (0.5 - stage.bases[host]) * layout.tile
+        middle = (x + layout.tile / 2, y + base)
+        self._pile(target, stage.piles[host], middle, layout.tile)
+
+    def _pile(
+        self,
+        target: pygame.Surface,
+        pieces: tuple[Piece, ...],
+        middle: tuple[float, float],
+        tile: float,
+    ) -> None:
+        x, y = middle
+        for piece in pieces:
+            self._centred(target, piece.look, x, y - piece.rise * tile, piece.scale * tile)
+        top = pieces[-1]
+        if top.contents:
+            self._contents(target, top, x, y - top.rise * tile, tile)
+
+    def _contents(
+        self, target: pygame.Surface, piece: Piece, x: float, y: float, tile: float
+    ) -> None:
+        """Small pictures of what is in a pot, along its lower edge."""
+        looks = piece.contents[:4]
+        gap = min(_MINI * 0.8, piece.scale / len(looks)) * tile
+        start = x - gap * (len(looks) - 1) / 2
+        for i, look in enumerate(looks):
+            self._centred(target, look, start + i * gap, y + 0.3 * piece.scale * tile, _MINI * tile)
+
+    def _centred(self, target: pygame.Surface, look: Look, x: float, y: float, side: float) -> None:
+        size = max(1, round(side))
+        target.blit(self._sprites.of(look, size), (round(x - size / 2), round(y - size / 2)))
+
+    def _player(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        stage: Stage,
+        name: str,
+        pose: Pose,
+        *,
+        own: bool,
+    ) -> None:
+        size = layout.tile
+        index = self._world.players.index(name)
+        x, y = layout.corner(pose.at)
+        if own:
+            self._spot(target, x, y, size, index)
+        hop = 0.035 * abs(math.sin(math.pi * 2 * pose.stride)) if pose.walking else 0.0
+        x, y = x + size / 2, y + (0.5 - RAISED - hop) * size
+        look = self._artist.player(self._world.thing(name).kind, index, pose.facing)
+        held = stage.piles.get(name, ())
+        dx, dy = _HELD[pose.facing]
+        hands = (x + dx * size, y + dy * size)
+        if held and pose.facing == "back":
+            self._pile(target, held, hands, size * _HELD_SCALE)
+        self._centred(target, look, x, y, size)
+        if held and pose.facing != "back":
+            self._pile(target, held, hands, size * _HELD_SCALE)
+
+    def _spot(self, target: pygame.Surface, x: float, y: float, size: int, index: int) -> None:
+        """A patch of light under the player of the window's owner."""
+        area = pygame.Rect(0, 0, round(size * 0.8), round(size * 0.28))
+        area.center = (round(x + size / 2), round(y + size * 0.81))
+        colour = SEATS[index % len(SEATS)]
+        target.blit(ellipse(area.size, (*colour, 130)), area)

@@ -1,0 +1,101 @@
+"""What comes before everything else: the outcome, the chat line being typed, the help."""
+
+from __future__ import annotations
+
+import pygame
+
+from robotouille.domain.rendering import RenderingFile
+from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.shapes import box, ellipse, pill
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import ACCENT, INK, PANEL, PAPER, TEXT, mixed
+from robotouille_client.window.view import View
+
+__all__ = ["Notices"]
+
+
+class Notices:
+    """Draws over all else."""
+
+    def __init__(self, rendering: RenderingFile, sprites: Sprites, text: Typesetter) -> None:
+        self._rendering = rendering
+        self._sprites = sprites
+        self._text = text
+
+    def draw(self, target: pygame.Surface, layout: Layout, view: View, chrome: Chrome) -> None:
+        """The notices of a view that has any."""
+        if view.outcome:
+            self._outcome(target, layout, view.outcome)
+        if chrome.typing is not None:
+            self._typing(target, layout, chrome.typing)
+        elif chrome.prompt:
+            self._prompt(target, layout, chrome.prompt)
+        if chrome.help:
+            self._help(target, layout, chrome.help)
+
+    def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str) -> None:
+        """A ribbon across the kitchen."""
+        size, kitchen = round(layout.text * 1.8), layout.kitchen
+        lines = self._text.wrap(outcome, size, kitchen.width - size * 5, 3)
+        step = self._text.height(size)
+        band = pygame.Rect(kitchen.x - 6, 0, kitchen.width + 12, step * len(lines) + size * 2)
+        band.centery = kitchen.centery
+        shade = box((kitchen.width, kitchen.height), (*INK, 90), 0)
+        target.blit(shade, kitchen)
+        target.blit(box((band.width, band.height + 8), mixed(ACCENT, INK, 0.45), 10), band)
+        target.blit(box(band.size, ACCENT, 10), band)
+        edge = band.inflate(-10, -10)
+        pygame.draw.rect(target, PAPER, edge, width=2, border_radius=7)
+        icon = self._sprites.file(self._rendering.icons.get("goal"), size * 2)
+        widest = max((self._text.width(line, size) for line in lines), default=0)
+        if icon is not None:
+            left = band.centerx - widest // 2 - size * 2 - size // 3
+            place = icon.get_rect(midleft=(max(band.x + 8, left), band.centery))
+            plate = place.inflate(8, 8)
+            target.blit(ellipse(plate.size, PAPER), plate)
+            target.blit(icon, place)
+        for i, line in enumerate(lines):
+            words = self._text.line(line, size, INK)
+            target.blit(words, words.get_rect(midtop=(band.centerx, band.y + size + i * step)))
+
+    def _prompt(self, target: pygame.Surface, layout: Layout, prompt: str) -> None:
+        size = layout.text
+        words = self._text.fit(prompt, size, layout.panel.left - 4 * size)
+        plate = pill(self._text.line(words, size, TEXT), (*INK, 235))
+        middle = (layout.kitchen.centerx, layout.size[1] - 8)
+        target.blit(plate, plate.get_rect(midbottom=middle))
+
+    def _typing(self, target: pygame.Surface, layout: Layout, typed: str) -> None:
+        size = layout.text
+        area = pygame.Rect(8, 0, layout.panel.left - 16, size * 2 + 4)
+        area.bottom = layout.size[1] - 8
+        target.blit(box(area.size, PAPER, 8, INK), area)
+        text = f"Say: {typed}|"
+        while self._text.width(text, size) > area.width - 2 * size and len(text) > 8:
+            text = "…" + text[2:]
+        words = self._text.line(text, size, INK)
+        target.blit(words, words.get_rect(midleft=(area.x + size // 2, area.centery)))
+
+    def _help(
+        self, target: pygame.Surface, layout: Layout, rows: tuple[tuple[str, str], ...]
+    ) -> None:
+        size, pad = layout.text, layout.text
+        step = self._text.height(size)
+        most = min(layout.size[0] - 4 * pad, size * 44)
+        keys = max(self._text.width(key, size) for key, _ in rows) + pad
+        wrapped = [(key, self._text.wrap(says, size, most - keys - 2 * pad)) for key, says in rows]
+        count = sum(max(1, len(lines)) for _, lines in wrapped)
+        area = pygame.Rect(0, 0, most, count * step + 4 * pad + (len(rows) - 1) * 4)
+        area.center = (layout.size[0] // 2, layout.size[1] // 2)
+        target.blit(box(layout.size, (0, 0, 0, 120), 0), (0, 0))
+        target.blit(box(area.size, PANEL, 12, ACCENT), area)
+        target.blit(self._text.line("How to play", size + 4, ACCENT), area.move(pad, pad - 4))
+        y = area.y + 3 * pad
+        for key, lines in wrapped:
+            target.blit(self._text.line(key, size, ACCENT), (area.x + pad, y))
+            for line in lines or ("",):
+                target.blit(self._text.line(line, size, TEXT), (area.x + pad + keys, y))
+                y += step
+            y += 4

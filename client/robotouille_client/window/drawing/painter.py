@@ -1,0 +1,96 @@
+"""Paints a view: `Painter().paint(surface, view)`; nothing here reads a clock or an event."""
+
+from __future__ import annotations
+
+import pygame
+
+from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.world.state import State
+from robotouille.world.world import World
+from robotouille_client.window.drawing.interruptions import Interruptions
+from robotouille_client.window.drawing.kitchen_layer import Kitchen
+from robotouille_client.window.drawing.motion import Motion
+from robotouille_client.window.drawing.notices import Notices
+from robotouille_client.window.drawing.overlays import Overlays
+from robotouille_client.window.drawing.panel import Panel
+from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.window_layout import Layout, layout
+from robotouille_client.window.pictures.appearance import Stage
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.view import View
+
+__all__ = ["Painter", "paint"]
+
+
+class Painter:
+    """Paints views of any world, and keeps what the next one will need again.
+
+    Views are expected in the order of their steps; any other order is painted too, but then
+    walks of several steps are not seen.
+    """
+
+    def __init__(self, rendering: RenderingFile | None = None) -> None:
+        self._rendering = rendering
+        self._text = Typesetter()
+        self._world: World | None = None
+        self._stages: list[tuple[State, Stage]] = []
+
+    def paint(self, surface: pygame.Surface, view: View, chrome: Chrome | None = None) -> None:
+        """Draw a view, and what a window's owner sees over it, on all of a surface."""
+        chrome = chrome or Chrome()
+        self._prepare(view.world)
+        place = self.layout(surface.get_size(), view.world)
+        stage = self.stage(view.state)
+        before = self.stage(view.previous).placed if view.previous is not None else None
+        poses = self._motion.poses(view.state, stage.placed, before, view.step, view.phase)
+        surface.blit(self._kitchen.background(place, stage), (0, 0))
+        self._kitchen.draw(surface, place, stage, poses, view.me)
+        self._overlays.draw(surface, place, view, stage, poses, chrome=chrome)
+        self._interruptions.draw(surface, place, view)
+        self._panel.draw(surface, place, view)
+        self._notices.draw(surface, place, view, chrome)
+
+    def layout(self, size: tuple[int, int], world: World) -> Layout:
+        """Where things are on a surface of a size."""
+        problem = world.task.problem
+        return layout(size, problem.width, problem.height)
+
+    def stage(self, state: State) -> Stage:
+        """What there is to draw of a state; the newest few are kept."""
+        self._prepare(state.world)
+        for known, stage in self._stages:
+            if known is state:
+                return stage
+        stage = self._kitchen.stage(state)
+        self._stages = [(state, stage), *self._stages[:3]]
+        return stage
+
+    def icon(self, world: World, size: int) -> pygame.Surface | None:
+        """The window's icon."""
+        self._prepare(world)
+        return self._sprites.file(self._art.icons.get("app"), size)
+
+    def _prepare(self, world: World) -> None:
+        if world is self._world:
+            return
+        self._world = world
+        self._stages = []
+        self._art = self._rendering or rendering_of(world.task)
+        self._sprites = Sprites(world.task.companion("assets", self._art.assets), self._text)
+        self._kitchen = Kitchen(world, self._art, self._sprites)
+        self._motion = Motion(world.floor)
+        self._overlays = Overlays(self._art, self._sprites, self._text)
+        self._panel = Panel(self._art, self._sprites, self._text)
+        self._interruptions = Interruptions(self._text)
+        self._notices = Notices(self._art, self._sprites, self._text)
+
+
+_painter: list[Painter] = []
+
+
+def paint(surface: pygame.Surface, view: View) -> None:
+    """Draw a view with a painter that all callers of this function share."""
+    if not _painter:
+        _painter.append(Painter())
+    _painter[0].paint(surface, view)

@@ -1,0 +1,1 @@
+"""Pictures, shapes, text and colours that the layers are made of."""

@@ -1,0 +1,84 @@
+"""Pictures at any size: SVG files, or tiles made up for kinds that have no picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pygame
+
+from robotouille_client.window.pictures.appearance import Look
+from robotouille_client.window.pictures.generated_tiles import generate
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+
+__all__ = ["Sprites"]
+
+_KEPT = 600
+
+
+class Sprites:
+    """The pictures of one folder, drawn once for each size.
+
+    A file that is missing or is no picture is not an error: the kind gets a made-up tile.
+    """
+
+    def __init__(self, folder: Path, text: Typesetter) -> None:
+        self.folder = folder
+        self._text = text
+        self._files: dict[tuple[str, int], pygame.Surface | None] = {}
+        self._made: dict[tuple[Look, int], pygame.Surface] = {}
+        self._faded: dict[tuple[str, int], pygame.Surface] = {}
+
+    def file(self, name: str | None, size: int) -> pygame.Surface | None:
+        """A picture of the folder as a square of `size` pixels, if there is one."""
+        if name is None or size < 1:
+            return None
+        key = (name, size)
+        if key not in self._files:
+            if len(self._files) >= _KEPT:
+                self._files.clear()
+            self._files[key] = self._load(name, size)
+        return self._files[key]
+
+    def faded(self, name: str | None, size: int) -> pygame.Surface | None:
+        """The same, half transparent."""
+        picture = self.file(name, size)
+        if picture is None or name is None:
+            return None
+        if (name, size) not in self._faded:
+            if len(self._faded) >= _KEPT:
+                self._faded.clear()
+            copy = picture.copy()
+            copy.fill((255, 255, 255, 110), special_flags=pygame.BLEND_RGBA_MULT)
+            self._faded[name, size] = copy
+        return self._faded[name, size]
+
+    def of(self, look: Look, size: int) -> pygame.Surface:
+        """The picture of a thing as a square of `size` pixels."""
+        size = max(1, size)
+        picture = self.file(look.asset, size)
+        if picture is not None:
+            return picture
+        key = (look, size)
+        if key not in self._made:
+            if len(self._made) >= _KEPT:
+                self._made.clear()
+            self._made[key] = generate(look, size, self._text)
+        return self._made[key]
+
+    def _load(self, name: str, size: int) -> pygame.Surface | None:
+        path = self.folder / name
+        try:
+            if path.suffix == ".svg":
+                loaded = pygame.image.load_sized_svg(path, (size, size))
+            else:
+                loaded = pygame.image.load(path)
+        except (pygame.error, OSError):
+            return None
+        # Drawing is twice as fast between surfaces with the same order of colours.
+        surface = pygame.Surface((size, size), pygame.SRCALPHA)
+        if loaded.get_size() != (size, size):
+            standard = pygame.Surface(loaded.get_size(), pygame.SRCALPHA)
+            standard.blit(loaded, (0, 0))
+            loaded = pygame.transform.smoothscale(standard, (size, size))
+        surface.blit(loaded, (0, 0))
+        return surface

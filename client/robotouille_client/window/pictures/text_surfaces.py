@@ -1,0 +1,115 @@
+"""Text surfaces, wrapped and cached; any string is safe to draw."""
+
+from __future__ import annotations
+
+import math
+
+import pygame
+
+from robotouille_client.window.pictures.theme import Colour
+
+__all__ = ["Typesetter"]
+
+_FINE = 3
+_KEPT = 800
+_LONGEST = 600
+
+
+class Typesetter:
+    """Draws text in the default font of pygame and keeps what it drew."""
+
+    def __init__(self) -> None:
+        if not pygame.font.get_init():
+            pygame.font.init()
+        self._fonts: dict[int, pygame.font.Font] = {}
+        self._lines: dict[tuple[str, int, Colour], pygame.Surface] = {}
+        self._wrapped: dict[tuple[str, int, int, int], tuple[str, ...]] = {}
+
+    def font(self, size: int) -> pygame.font.Font:
+        """The font that, shrunk to 1 / FINE, has letters about `size` pixels high."""
+        font = self._fonts.get(size)
+        if font is None:
+            font = pygame.font.Font(None, max(6, round(size * 1.28)) * _FINE)
+            self._fonts[size] = font
+        return font
+
+    def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
+        """One line of text; do not draw on the surface, it is shared."""
+        key = (text, size, colour)
+        surface = self._lines.get(key)
+        if surface is None:
+            if len(self._lines) >= _KEPT:
+                self._lines.clear()
+            surface = self._lines[key] = self._render(printable(text), size, colour)
+        return surface
+
+    def width(self, text: str, size: int) -> int:
+        """How wide a line would be."""
+        return math.ceil(self.font(size).size(printable(text))[0] / _FINE)
+
+    def height(self, size: int) -> int:
+        """The distance from one line to the next."""
+        return self.font(size).get_linesize() // _FINE + max(1, size // 8)
+
+    def wrap(self, text: str, size: int, width: int, most: int = 0) -> tuple[str, ...]:
+        """A text in lines of at most `width` pixels; cut off with an ellipsis after `most`."""
+        key = (text, size, width, most)
+        lines = self._wrapped.get(key)
+        if lines is None:
+            if len(self._wrapped) >= _KEPT:
+                self._wrapped.clear()
+            lines = self._wrapped[key] = tuple(self._wrap(printable(text), size, width, most))
+        return lines
+
+    def fit(self, text: str, size: int, width: int) -> str:
+        """A text that is cut off with an ellipsis where it is wider than `width`."""
+        lines = self.wrap(text, size, width, 1)
+        return lines[0] if lines else ""
+
+    def _render(self, text: str, size: int, colour: Colour) -> pygame.Surface:
+        """Shrunk from a large font: letters keep their distances, which small fonts round."""
+        large = self.font(size).render(text, True, colour)
+        width, height = large.get_size()
+        small = (max(1, math.ceil(width / _FINE)), max(1, math.ceil(height / _FINE)))
+        canvas = pygame.Surface((small[0] * _FINE, small[1] * _FINE), pygame.SRCALPHA)
+        canvas.fill((*colour, 0))
+        canvas.blit(large, (0, 0))
+        return pygame.transform.smoothscale(canvas, small)
+
+    def _wrap(self, text: str, size: int, width: int, most: int) -> list[str]:
+        lines: list[str] = []
+        current = ""
+        for word in text.split():
+            longer = f"{current} {word}" if current else word
+            if self.width(longer, size) <= width:
+                current = longer
+                continue
+            if current:
+                lines.append(current)
+            *whole, current = self._chop(word, size, width)
+            lines += whole
+        lines += [current] if current else []
+        if most and len(lines) > most:
+            lines = [*lines[: most - 1], self._shorten(" ".join(lines[most - 1 :]), size, width)]
+        return lines
+
+    def _chop(self, word: str, size: int, width: int) -> list[str]:
+        pieces = []
+        while self.width(word, size) > width and len(word) > 1:
+            count = max(1, len(word) * width // max(1, self.width(word, size)))
+            pieces.append(word[:count])
+            word = word[count:]
+        return [*pieces, word]
+
+    def _shorten(self, text: str, size: int, width: int) -> str:
+        while text and self.width(text + "…", size) > width:
+            text = text[:-1]
+        return text.rstrip() + "…"
+
+
+def printable(text: str) -> str:
+    """A text without control characters, lone surrogates and excess length."""
+    text = text[:_LONGEST]
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " for c in text)

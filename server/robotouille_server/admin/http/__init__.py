@@ -1,0 +1,1 @@
+"""The operator's port: HTTP API and page over the admin service."""

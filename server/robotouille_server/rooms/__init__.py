@@ -1,0 +1,1 @@
+"""Episodes with those who play and watch them."""

@@ -1,0 +1,412 @@
+"""Those who play and watch an episode, and what they are told."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any
+
+import msgpack
+from pydantic import BaseModel
+
+from robotouille.episode import Answer, Episode, Outcome, QuotaReached, Rejected, Said, Stepped
+from robotouille.protocol import messages
+from robotouille.protocol.codec import MSGPACK, Codec
+from robotouille.protocol.states import StateWriter, unmet_rows
+from robotouille.replay.recorder import HASH_EVERY
+from robotouille.world.state import State
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.snapshots import Snapshots
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.transport.connection import frame_of
+from robotouille_server.transport.peer import Peer
+
+__all__ = ["Audience"]
+
+KEPT_DELTAS = 64
+"""Deltas kept for those who come back; with more missed, a snapshot is shorter."""
+KEPT_SAID, KEPT_NOTICES = 200, 20
+
+
+class Audience:
+    """The sessions in a room. Each message is made and encoded once for all of them.
+
+    `paint` sends somebody who has caught up a picture, when the room may show one; `waits_for`
+    says for whom a step has waited long.
+    """
+
+    __slots__ = (
+        "_code",
+        "_deltas",
+        "_episode",
+        "_id",
+        "_metrics",
+        "_notices",
+        "_now",
+        "_said",
+        "_seat_number",
+        "_snapshots",
+        "_told",
+        "_writer",
+        "members",
+        "paint",
+        "waits_for",
+    )
+
+    def __init__(
+        self,
+        episode_id: str,
+        code: str,
+        episode: Episode,
+        writer: StateWriter,
+        metrics: Metrics,
+        now: Callable[[], float],
+    ) -> None:
+        self.members: list[Session] = []
+        self.paint: Callable[[Session], None] = self.send_picture
+        self.waits_for: Callable[[], tuple[str, ...]] = tuple
+        self._id = episode_id
+        self._code = code
+        self._episode = episode
+        self._writer = writer
+        self._snapshots = Snapshots(episode_id, episode, writer)
+        self._metrics = metrics
+        self._now = now
+        self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
+        self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
+        self._told = 0
+        self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
+        self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
+
+    @property
+    def spectators(self) -> int:
+        return sum(s.player is None and s.peer is not None for s in self.members)
+
+    def holder(self, player: str) -> Session | None:
+        """The session that plays a seat."""
+        return next((session for session in self.members if session.player == player), None)
+
+    # Coming in and coming back
+
+    def welcome(self, session: Session, ref: int | None, resume: str) -> None:
+        """`joined` and a first picture."""
+        self._greet(session, ref, resume)
+        self.send_picture(session)
+
+    def welcome_back(self, session: Session, seen: messages.Seen | None, resume: str) -> None:
+        """`joined` and what was missed, in deltas as far as they are kept."""
+        self._greet(session, None, resume)
+        peer = session.peer
+        if peer is None:
+            return
+        if seen is None or seen.episode != self._id:
+            session.known.clear()  # It may be another program, on another machine.
+            self.send_picture(session)
+            return
+        session.known.add(self._episode.world.task.digest)
+        missed = self._missed(session, seen)
+        if missed is None:
+            self.send_picture(session)
+        else:
+            for payload in missed:
+                peer.send_frame(frame_of(payload))
+        for said in self._said:
+            if said.number > seen.said:
+                peer.send(said)
+        for time, notice in self._notices:
+            if time >= session.away_since > 0:
+                peer.send(notice)
+        peer.send(self.roster())
+
+    def _greet(self, session: Session, ref: int | None, resume: str) -> None:
+        role = "player" if session.player else "spectator"
+        joined = messages.Joined(
+            ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
+            name=session.name, seq=self._seq(session), step=self._episode.step,
+            said=self._episode.said, resume=resume,
+        )  # fmt: skip
+        self.send(session, joined)
+
+    def _missed(self, session: Session, seen: messages.Seen) -> list[bytes | str] | None:
+        """The payloads of the deltas after a step, ready to send; None if they are not kept."""
+        step = self._episode.step
+        if seen.stale or session.wants_text or session.peer is None:
+            return None
+        if not 0 <= seen.step <= step or self._episode.outcome is not None:
+            return None
+        count = step - seen.step
+        if count > len(self._deltas) or (count and self._told != step):
+            return None
+        payloads = list(self._deltas)[len(self._deltas) - count :]
+        codec = session.peer.codec
+        if codec is MSGPACK:
+            return [*payloads]
+        return [codec.pack(msgpack.unpackb(payload)) for payload in payloads]
+
+    # What happens
+
+    def tell_step(self, event: Stepped) -> None:
+        """The delta of a step, to everybody who keeps up."""
+        self._snapshots.forget()
+        delta = self._delta(event)
+        payload = MSGPACK.pack(delta)
+        self._deltas.append(payload)  # type: ignore[arg-type]
+        self._told = event.step
+        packed = frame_of(payload)
+        frames: dict[Codec, bytes] = {}
+        texts: dict[str | None, messages.Observation] = {}
+        for session in self.members:
+            peer = session.peer
+            if peer is None:
+                continue
+            if peer.behind and not peer.keeps_up(partial(self.paint, session)):
+                continue
+            if session.wants_state:
+                frame = packed if peer.codec is MSGPACK else frames.get(peer.codec)
+                if frame is None:
+                    frame = frames[peer.codec] = frame_of(peer.codec.pack(delta))
+                peer.send_frame(frame)
+            if session.wants_text:
+                self._tell_reader(session, event, texts)
+
+    def _delta(self, event: Stepped) -> dict[str, Any]:
+        """The fields of a `delta` message, as plain values: it is made for every step."""
+        delta: dict[str, Any] = {"type": "delta", "step": event.step}
+        delta |= self._writer.changes(event.before, event.state)
+        if event.moves:
+            delta["did"] = [
+                [self._seat_number[m.player], m.action.name, *m.action.arguments]
+                for m in event.moves
+            ]
+            delta["seq"] = [move.seq for move in event.moves]
+        if unmet := unmet_rows(event.attempts):
+            delta["unmet"] = unmet
+        if event.turn is not None:
+            delta["turn"] = event.turn
+        if event.step % HASH_EVERY == 0:
+            delta["hash"] = self._writer.digest(event.state)
+        return delta
+
+    def _tell_reader(
+        self,
+        session: Session,
+        event: Stepped,
+        texts: dict[str | None, messages.Observation],
+    ) -> None:
+        """Whoever has only words is told what became of its own action, then what it sees."""
+        for move, attempt in zip(event.moves, event.attempts, strict=True):
+            if move.player == session.player and not attempt.applied and not session.wants_state:
+                rejected = messages.Rejected(
+                    seq=move.seq,
+                    step=event.step,
+                    action=move.action.sentence,
+                    reasons=list(attempt.unmet),
+                )
+                self.send(session, rejected)
+        player = session.player
+        if player not in texts:
+            phase = "running" if event.step < self._episode.step else self.phase
+            texts[player] = self._observation(player, event.state, event.step, event.turn, phase)
+        self.send(session, texts[player])
+
+    def tell_rejection(self, event: Rejected) -> None:
+        """To the seat whose action it was."""
+        session = self.holder(event.player)
+        if session is not None:
+            rejected = messages.Rejected(
+                seq=event.seq,
+                step=self._episode.step,
+                action=event.action,
+                reasons=list(event.reasons),
+            )
+            self.send(session, rejected)
+
+    def tell_quota(self, event: QuotaReached) -> None:
+        """To the seat whose words are not recorded any more; spectators notice when they talk."""
+        session = self.holder(event.player)
+        if session is not None:
+            text = "no more of what you write is recorded here: act without reasoning from now on"
+            self.send(session, messages.Notice(text=text))
+
+    def tell_said(self, event: Said) -> None:
+        said = messages.Said(
+            step=self._episode.step,
+            number=event.number,
+            name=event.name,
+            seat=event.player,
+            text=event.text,
+        )
+        self._said.append(said)
+        self.send_all(said)
+
+    def tell_notice(self, text: str) -> None:
+        """What the operator says."""
+        notice = messages.Notice(text=text)
+        self._notices.append((self._now(), notice))
+        self.send_all(notice)
+
+    def remember(self, said: Iterable[Mapping[str, Any]]) -> None:
+        """Chat from before a restart: recorded notes, all of them, in order."""
+        for number, note in enumerate(said, 1):
+            self._said.append(
+                messages.Said(
+                    step=0, number=number, name=note["name"], seat=note["player"], text=note["text"]
+                )
+            )
+
+    def tell_roster(self) -> None:
+        """Who plays, and whether time runs."""
+        self.send_all(self.roster())
+
+    # Pictures
+
+    def ask_picture(self, session: Session) -> None:
+        """A picture now; what else is asked for in the same turn of the event loop is answered
+        by one more in the next."""
+        peer = session.peer
+        if peer is None:
+            return
+        if peer.pictured:
+            peer.picture_due = True
+        else:
+            self._show(session, peer)
+
+    def _show(self, session: Session, peer: Peer) -> None:
+        peer.pictured, peer.picture_due = True, False
+        peer.socket.loop.call_soon(self._turn_over, session, peer)
+        self.paint(session)
+
+    def _turn_over(self, session: Session, peer: Peer) -> None:
+        peer.pictured = False
+        if peer.picture_due and session.peer is peer and session in self.members:
+            self._show(session, peer)
+
+    def send_picture(self, session: Session) -> None:
+        """The whole state, as a snapshot or in words or both."""
+        peer = session.peer
+        if peer is None:
+            return
+        if session.wants_state:
+            known = self._episode.world.task.digest in session.known
+            session.known.add(self._episode.world.task.digest)
+            own = self._own_fields(session)
+            peer.answer_frame(self._snapshots.frame(peer.codec, own, with_task=not known))
+        if session.wants_text:
+            episode = self._episode
+            observation = self._observation(
+                session.player, episode.state, episode.step, episode.on_turn, self.phase
+            )
+            peer.answer(observation)
+            if not session.wants_state and episode.outcome is not None:
+                self.send(session, self.ended(episode.outcome))
+
+    def ended(self, outcome: Outcome) -> messages.Ended:
+        """How the game ended."""
+        episode = self._episode
+        return messages.Ended(
+            step=episode.step, outcome=outcome.to_json(), hash=episode.state.digest
+        )
+
+    def _own_fields(self, session: Session) -> dict[str, Any]:
+        """The fields of a `snapshot` message that change between steps, or by who gets it."""
+        episode = self._episode
+        answer = self.answer(session)
+        pause = self._pause()
+        there_or_not: dict[str, Any] = {
+            "seat": session.player,
+            "seq": self._seq(session),
+            "last_seq": answer.seq,
+            "last_step": answer.step,
+            "last_reasons": list(answer.reasons),
+            "turn": episode.on_turn,
+            "pause": pause and pause.model_dump(mode="json", exclude_defaults=True),
+            "said": episode.said,
+            "spectators": self.spectators,
+            "outcome": episode.outcome and episode.outcome.to_json(),
+        }
+        own: dict[str, Any] = {
+            "phase": self.phase,
+            "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
+            **{name: value for name, value in there_or_not.items() if value},
+        }
+        if (due := episode.due()) is not None:
+            own["left"] = max(0.0, due - self._now())
+        return own
+
+    def _observation(
+        self, player: str | None, state: State, step: int, turn: str | None, phase: str
+    ) -> messages.Observation:
+        answer = self._episode.seats[player].answer if player else Answer(0, 0)
+        return messages.Observation(
+            episode=self._id,
+            step=step,
+            phase=phase,
+            seat=player,
+            text=state.text(player),
+            actions=[a.sentence for a in state.actions(player)] if player else [],
+            turn=turn,
+            seq=answer.seq,
+            reasons=list(answer.reasons),
+        )
+
+    @property
+    def phase(self) -> str:
+        """The phase as it is told: `paused` while a game that has begun stands still."""
+        return "paused" if self._episode.paused else self._episode.phase.value
+
+    def _pause(self) -> messages.Pause | None:
+        shown = self._episode.holds.shown if self._episode.paused else None
+        if shown is None:
+            return None
+        why, until = shown
+        left = None if until is None else round(max(0.0, until - self._now()), 3)
+        return messages.Pause(reason=why.value, left=left)
+
+    def _seq(self, session: Session) -> int:
+        return self._episode.seats[session.player].seq if session.player else 0
+
+    def answer(self, session: Session) -> Answer:
+        """What became of the last of a session's actions that was decided."""
+        return self._episode.seats[session.player].answer if session.player else Answer(0, 0)
+
+    def seats(self) -> list[messages.SeatInfo]:
+        return [
+            messages.SeatInfo(
+                player=seat.player,
+                name=seat.name,
+                kind=seat.kind,
+                present=seat.present,
+                controller=seat.controller.value,
+                applied=seat.tally.applied,
+                rejected=seat.tally.rejected,
+            )
+            for seat in self._episode.seats.values()
+        ]
+
+    def roster(self) -> messages.Roster:
+        return messages.Roster(
+            phase=self.phase,
+            turn=self._episode.on_turn,
+            pause=self._pause(),
+            seats=self.seats(),
+            waits_for=list(self.waits_for()),
+            spectators=self.spectators,
+        )
+
+    # Sending
+
+    def send(self, session: Session, message: BaseModel) -> None:
+        if session.peer is not None:
+            session.peer.send(message)
+
+    def send_all(self, message: BaseModel) -> None:
+        frames: dict[Codec, bytes] = {}
+        for session in self.members:
+            peer = session.peer
+            if peer is None:
+                continue
+            frame = frames.get(peer.codec)
+            if frame is None:
+                frame = frames[peer.codec] = frame_of(peer.codec.encode(message))
+            peer.send_frame(frame)

@@ -1,0 +1,397 @@
+"""The lobby: open rooms, find them by id or code, close them when they are over."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Callable
+from functools import lru_cache, partial
+
+from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Task, Timing
+from robotouille.episode import Episode, Phase, Rules
+from robotouille.errors import FileError, ProtocolError, UnknownTaskError
+from robotouille.protocol import messages
+from robotouille.replay.recorder import Recorder, header
+from robotouille.world.world import shared_world
+from robotouille_server.rooms.broadcaster import Audience
+from robotouille_server.rooms.recordings.archive import Found
+from robotouille_server.rooms.recordings.inspection import Inspection
+from robotouille_server.rooms.recordings.journal import Journal, file_name
+from robotouille_server.rooms.recordings.recovery import Recovery
+from robotouille_server.rooms.recordings.storage import Storage
+from robotouille_server.rooms.room import Room, RoomHost
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.substitutes.bot_worker import Thinker
+from robotouille_server.rooms.substitutes.deadline_scheduler import Thoughts
+from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.timer_queue import Agenda
+from robotouille_server.runtime.workers import CODE_LETTERS, Worker, plain_code
+
+__all__ = ["CODE_LENGTH", "Lobby"]
+
+CODE_LENGTH = 10
+LINGER_SECONDS = 120.0
+
+
+class Lobby:
+    """All rooms of a server. `random` names them; `timestamp` says when, for recordings."""
+
+    def __init__(
+        self,
+        settings: ServerSettings,
+        metrics: Metrics,
+        randomness: random.Random,
+        timestamp: Callable[[], str],
+        *,
+        storage: Storage | None,
+        worker: Worker,
+        resume_token: Callable[[Session], str],
+        vacated: Callable[[Session], None],
+        sent_out: Callable[[Session], None],
+        thinker: Callable[[], Thinker],
+    ) -> None:
+        self.rooms: dict[str, Room] = {}
+        self._draining = False
+        self._codes: dict[str, Room] = {}
+        self._settings = settings
+        self._metrics = metrics
+        self._random = randomness
+        self._timestamp = timestamp
+        self._storage = storage
+        self._worker = worker
+        self.dropped = 0
+        self._live: set[Room] = set()
+        self._closing: set[asyncio.Future[str]] = set()
+        self._lingering: dict[Room, asyncio.TimerHandle] = {}
+        self._thoughts = Thoughts(thinker)
+        self._host = RoomHost(
+            metrics, resume_token, vacated, sent_out, self._closed, Agenda(), self._thoughts
+        )
+        self._inspection = Inspection(self._live)
+        self._recovery = None
+        if storage is not None:
+            self._recovery = Recovery(
+                storage, worker, settings.recovery_seconds, self._adopt, self._host.agenda.time
+            )
+
+    # Opening
+
+    def create(self, request: messages.Create, *, owner: str = "") -> Room:
+        """Open a room; ProtocolError names what cannot be had."""
+        self._check_room(owner)
+        rules = self._rules(request)
+        seed = request.seed if request.seed is not None else self._settings.seed
+        task = self._task(request, rules, seed)
+        budget = request.move_budget
+        if budget is None:
+            budget = self._settings.move_budget
+        return self._open(task, rules.with_budget(budget, task.seats), seed, owner)
+
+    def _check_room(self, owner: str) -> None:
+        if self.draining:
+            message = "this server is about to be restarted; try again in a moment"
+            raise ProtocolError("server/draining", message)
+        if len(self._live) >= self._settings.max_episodes:
+            message = f"{len(self._live)} episodes run already; try again later"
+            raise ProtocolError("server/full", message)
+        own = sum(room.owner == owner for room in self._live) if owner else 0
+        if own >= self._settings.max_episodes_per_owner:
+            message = f"{own} of your episodes run already; end one of them first"
+            raise ProtocolError("rate/episodes", message)
+
+    def _open(self, task: Task, rules: Rules, seed: int, owner: str) -> Room:
+        episode_id = self._worker.mark_id(self._random.getrandbits(64))
+        code = self._new_code()
+        world = shared_world(task)
+        created = self._timestamp()
+        head = header(
+            task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner
+        )
+        recorder = Recorder(world)
+        journal = None
+        if self._storage is not None:
+            name = file_name(created, task.name, episode_id)
+            journal = Journal(self._storage, name, recorder, begin=recorder.begin(head))
+            if not journal.write():
+                journal.discard()
+                raise ProtocolError("server/recording", f"no episode: {journal.problem}")
+        episode = Episode(world, rules, self._host.agenda.time())
+        room = self._room(episode_id, code, owner, episode, recorder, journal)
+        get_logger().info(
+            "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
+        )
+        return room
+
+    def _room(
+        self,
+        episode_id: str,
+        code: str,
+        owner: str,
+        episode: Episode,
+        recorder: Recorder,
+        journal: Journal | None,
+    ) -> Room:
+        now = self._host.agenda.time
+        audience = Audience(episode_id, code, episode, recorder.writer, self._metrics, now)
+        room = Room(
+            episode_id,
+            code,
+            episode,
+            journal=journal,
+            audience=audience,
+            host=self._host,
+            owner=owner,
+        )
+        self.rooms[episode_id] = room
+        self._codes[plain_code(code)] = room
+        if episode.phase is not Phase.OVER:
+            self._live.add(room)
+            if journal is not None:
+                self._inspection.begin()
+        self._count()
+        room.flush()
+        return room
+
+    # Going on after a restart
+
+    def recover(self) -> None:
+        """Go on with the episodes that another process has left."""
+        if self._recovery is not None:
+            self._recovery.look(self.rooms)
+
+    def opened(self) -> None:
+        """The server can be reached now: only from here on is anybody late."""
+        now = self._host.agenda.time()
+        for room in self.rooms.values():
+            room.episode.await_anew(now, self._settings.recovery_seconds)
+            room.flush()
+
+    @property
+    def draining(self) -> bool:
+        """Whether this process leaves its episodes to the next one."""
+        return self._draining
+
+    def drain(self) -> None:
+        """Open no more episodes, and take none over."""
+        self._draining = True
+        if self._recovery is not None:
+            self._recovery.stop()
+
+    @property
+    def unrestored(self) -> dict[str, str]:
+        """Recordings that cannot be gone on with, or not yet, and why."""
+        if self._recovery is None:
+            return {}
+        return {**self._recovery.unrestored, **self._recovery.problems}
+
+    def _adopt(self, found: Found) -> Room:
+        """A room for an episode that began in another process."""
+        head = found.head
+        room = self._room(
+            head["episode"],
+            head.get("code") or self._new_code(),
+            head.get("owner", ""),
+            found.restored.episode,
+            found.recorder,
+            found.journal,
+        )
+        room.audience.remember(found.restored.said)
+        if found.journal is None:
+            room.suspend()
+            self._linger(room)
+            return room
+        self._metrics.restored.inc()
+        step = room.episode.step
+        get_logger().info("episode restored", episode=room.id, code=room.code, step=step)
+        return room
+
+    # Finding
+
+    def find(self, name: str) -> Room:
+        """The room of an id or a code; ProtocolError `episode/unknown` if there is none."""
+        room = self._known(name) or self._found_elsewhere(name)
+        if room is None:
+            message = f"no episode has the id or code {name!r}"
+            raise ProtocolError("episode/unknown", message, "episode")
+        return room
+
+    def home_of(self, session: str, episode: str) -> Room | None:
+        """The room of a resume token: where it was made, or where its session was given a seat
+        after that and before a restart."""
+        if self._recovery is not None:
+            seated = self._recovery.seated(session)
+            if seated is not None:
+                return seated
+        if not episode:
+            return None
+        return self.rooms.get(episode) or self._found_elsewhere(episode)
+
+    def may_have_ended(self, episode: str) -> bool:
+        """Whether an episode without a room may be over: `show_end` finds out."""
+        return self._recovery is not None and self._recovery.archive.may_have(episode)
+
+    async def show_end(self, episode: str) -> None:
+        """Make a room again of an episode, if it is over; ProtocolError if that takes too long."""
+        if self._recovery is not None and episode not in self.rooms:
+            await self._recovery.archive.show(episode)
+
+    def _known(self, name: str) -> Room | None:
+        return self.rooms.get(name) or self._codes.get(plain_code(name))
+
+    def _found_elsewhere(self, name: str) -> Room | None:
+        """A room that has just been handed over; an error if another process has it."""
+        self._worker.check_here(name, plain_code(name), CODE_LENGTH)
+        if self.draining or (
+            self._recovery is not None and self._recovery.elsewhere(name, self.rooms)
+        ):
+            message = "this episode is being handed over; try again in a moment"
+            raise ProtocolError("server/handover", message, "episode")
+        return self._known(name)
+
+    def infos(self, only: str = "") -> list[messages.EpisodeInfo]:
+        """All rooms, those that wait for players first; or that of one id or code."""
+        if only:
+            room = self._known(only.strip())
+            return [info(room)] if room is not None else []
+        order = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.OVER: 2}
+        rooms = sorted(self.rooms.values(), key=lambda room: order[room.episode.phase])
+        return [info(room) for room in rooms[:500]]
+
+    # Closing
+
+    def _closed(self, room: Room) -> None:
+        """An episode is over: keep its room for a while, for those who come back late."""
+        self._live.discard(room)
+        self._count()
+        loop = asyncio.get_running_loop()
+        if room.journal is not None:
+            finish = partial(_finish, room.journal, used=room.episode.used)
+            closing = loop.run_in_executor(None, finish)
+            self._closing.add(closing)
+            closing.add_done_callback(self._closing.discard)
+            closing.add_done_callback(partial(_name_recording, room))
+        self._linger(room)
+
+    def _linger(self, room: Room) -> None:
+        seconds = max(LINGER_SECONDS, room.episode.rules.grace)
+        loop = asyncio.get_running_loop()
+        self._lingering[room] = loop.call_later(seconds, self._forget, room)
+
+    async def closed(self) -> None:
+        """Wait until all recordings that are over are closed, and nobody thinks any more."""
+        await self._thoughts.close()
+        if self._closing:
+            await asyncio.wait(self._closing)
+
+    def suspend(self, room: Room) -> None:
+        """Leave an episode to another process."""
+        room.suspend()
+        self._drop(room)
+
+    def stop(self) -> None:
+        """Look after nothing any more."""
+        self._host.agenda.clear()
+        self._inspection.stop()
+        if self._recovery is not None:
+            self._recovery.archive.stop()
+        for timer in self._lingering.values():
+            timer.cancel()
+        self._lingering.clear()
+
+    def _forget(self, room: Room) -> None:
+        self._lingering.pop(room, None)
+        self._drop(room)
+        for session in list(room.members):
+            if session.peer is None:
+                self._host.vacated(session)
+        room.dismiss()
+
+    def _drop(self, room: Room) -> None:
+        self.rooms.pop(room.id, None)
+        self.dropped += 1
+        self._live.discard(room)
+        self._codes.pop(plain_code(room.code), None)
+        if self._recovery is not None:
+            self._recovery.forget(room)
+        self._count()
+
+    def _count(self) -> None:
+        self._metrics.episodes.set(len(self._live))
+
+    # What is asked for
+
+    def _rules(self, request: messages.Create) -> Rules:
+        asked = {
+            "clock": request.clock,
+            "step_rate": request.step_rate,
+            "max_steps": request.max_steps,
+            "thinking": request.thinking,
+            "absence": request.absence,
+            "stand_in": request.stand_in,
+            "grace": request.grace,
+        }
+        changes = {key: value for key, value in asked.items() if value is not None}
+        return self._settings.rules().model_copy(update=changes)
+
+    def _task(self, request: messages.Create, rules: Rules, seed: int) -> Task:
+        name = request.task or self._settings.task
+        timing = request.timing or self._settings.timing_for(rules.clock)
+        seats = request.seats if request.seats is not None else self._settings.seats
+        if request.task is not None and request.seats is None:
+            seats = None
+        try:
+            if request.task is None:
+                return load_task(name, seats=seats, timing=timing, seed=seed)
+            return _shipped(name, seats, timing, seed)
+        except UnknownTaskError as error:
+            raise ProtocolError("task/unknown", str(error), "task") from None
+        except FileError as error:
+            fault = error.faults[0]
+            field = "seats" if fault.path == "seats" else "task"
+            raise ProtocolError("task/invalid", str(fault), field) from None
+
+    def _new_code(self) -> str:
+        while True:
+            letters = [self._random.choice(CODE_LETTERS) for _ in range(CODE_LENGTH)]
+            letters[0] = self._worker.mark_letter(letters[0])
+            if "".join(letters) not in self._codes:
+                half = CODE_LENGTH // 2
+                return f"{''.join(letters[:half])}-{''.join(letters[half:])}"
+
+
+@lru_cache(maxsize=256)
+def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
+    """A task of the catalogue; its files do not change while the server runs."""
+    return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
+
+
+def info(room: Room) -> messages.EpisodeInfo:
+    """A room as the lobby lists it."""
+    rules = room.episode.rules
+    return messages.EpisodeInfo(
+        episode=room.id,
+        code=room.code,
+        task=room.world.task.name,
+        clock=rules.clock.value,
+        phase=room.audience.phase,
+        step=room.episode.step,
+        max_steps=rules.max_steps,
+        seats=room.audience.seats(),
+        spectators=room.spectators,
+    )
+
+
+def _finish(journal: Journal, *, used: bool) -> str:
+    """Close a recording, or delete it where nobody ever took part."""
+    if used:
+        return journal.close()
+    journal.discard()
+    return ""
+
+
+def _name_recording(room: Room, closing: asyncio.Future[str]) -> None:
+    if not closing.cancelled() and closing.exception() is None:
+        room.recording = closing.result()

@@ -1,0 +1,105 @@
+"""A participant, over one or several connections."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotouille_server.auth.roles import Role
+from robotouille_server.auth.visitors import Caller, Visitor
+from robotouille_server.transport.peer import Peer
+
+if TYPE_CHECKING:
+    from robotouille_server.rooms.room import Room
+
+__all__ = ["Session"]
+
+
+class Session:
+    """Who somebody is, where they are, and the connection they have at the moment, if any.
+
+    `name` is what others see: `given_name`, as the participant or the role token has said it, with
+    a number in an episode where somebody else has that. `participant` is the pseudonym under which
+    they are recorded, `generation` that of the resume token which was used last; `only_episode` and
+    `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
+    for ever), `token_id` its id, and `once` says that nobody else may join with it. `caller` is the
+    connection as the door knows it; `earlier_bytes` came over those before it, `recorded_bytes` are
+    what it said and gave as reasons on record.
+    """
+
+    __slots__ = (
+        "_view",
+        "away_since",
+        "caller",
+        "earlier_bytes",
+        "generation",
+        "given_name",
+        "id",
+        "kind",
+        "known",
+        "name",
+        "once",
+        "only_episode",
+        "only_seat",
+        "participant",
+        "peer",
+        "player",
+        "recorded_bytes",
+        "role",
+        "role_expires",
+        "room",
+        "token_id",
+        "visitor",
+        "wants_state",
+        "wants_text",
+    )
+
+    def __init__(
+        self,
+        session_id: str,
+        *,
+        name: str,
+        kind: str,
+        role: Role,
+        participant: str = "",
+        only_episode: str = "",
+        only_seat: str = "",
+        role_expires: float = 0.0,
+        token_id: str = "",
+        once: bool = False,
+    ) -> None:
+        self.id = session_id
+        self.name = self.given_name = name
+        self.kind = kind
+        self.role = role
+        self.participant = participant or session_id
+        self.only_episode = only_episode
+        self.only_seat = only_seat
+        self.role_expires = role_expires
+        self.token_id = token_id
+        self.once = once
+        self.caller: Caller | None = None
+        self.generation = 0
+        self.visitor: Visitor | None = None
+        self.peer: Peer | None = None
+        self.room: Room | None = None
+        self.player: str | None = None
+        self.view = "state"
+        self.known: set[str] = set()
+        self.away_since = 0.0
+        self.earlier_bytes = self.recorded_bytes = 0
+
+    @property
+    def received_bytes(self) -> int:
+        """What came over all connections, as messages."""
+        return self.earlier_bytes + (self.peer.received_bytes if self.peer is not None else 0)
+
+    @property
+    def view(self) -> str:
+        """How the session wants to see the game: `state`, `text` or `both`."""
+        return self._view
+
+    @view.setter
+    def view(self, view: str) -> None:
+        self._view = view
+        self.wants_state = view in ("state", "both")
+        self.wants_text = view in ("text", "both")

@@ -1,0 +1,231 @@
+"""All sessions of a server: new ones, and those that come back with a resume token."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+from robotouille.episode.participant_names import proper_name
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille_server.auth.roles import Role, check_scope
+from robotouille_server.auth.tokens import ResumeGrant, RoleGrant, Tokens
+from robotouille_server.auth.used_tokens import UsedTokens
+from robotouille_server.auth.visitors import Visitor
+from robotouille_server.rooms.session import Session
+from robotouille_server.runtime.metrics import Metrics
+
+if TYPE_CHECKING:
+    from robotouille_server.rooms.room import Room
+
+__all__ = ["Sessions"]
+
+
+class Sessions:
+    """Sessions by id.
+
+    Of a session's resume tokens the one that was used last is still good, since what it was
+    answered may have been lost on the way, and so is the next; those before are worth nothing.
+    """
+
+    def __init__(
+        self,
+        tokens: Tokens,
+        used: UsedTokens,
+        randomness: random.Random,
+        token_seconds: float,
+        metrics: Metrics,
+        *,
+        strict: bool = False,
+        max_spectators: int = 200,
+    ) -> None:
+        self.by_id: dict[str, Session] = {}
+        self._tokens = tokens
+        self._used = used
+        self._judged: frozenset[str] = frozenset()
+        self._random = randomness
+        self._token_seconds = token_seconds
+        self._metrics = metrics
+        self._strict = strict
+        self._max_spectators = max_spectators
+
+    # Newcomers
+
+    def role_of(self, hello: messages.Hello, visitor: Visitor) -> tuple[Role, RoleGrant | None]:
+        """What a newcomer may do, and the token that says so, if one does."""
+        if hello.token is None:
+            return self._role_without_token(visitor, "token"), None
+        grant = self._tokens.check_role(hello.token)
+        if grant.once:
+            self._used.check(grant.token_id)
+        return grant.role, grant
+
+    def _role_without_token(self, visitor: Visitor, field: str) -> Role:
+        """A program on this machine may do what a host may, anybody else play; where the server
+        is `strict`, nobody may do anything."""
+        self._check_strict(field)
+        return Role.HOST if visitor.local else Role.PLAYER
+
+    def _check_strict(self, field: str) -> None:
+        if self._strict:
+            raise ProtocolError("auth/required", "this server asks for a token", field)
+
+    def open(self, hello: messages.Hello, role: Role, grant: RoleGrant | None) -> Session:
+        """A newcomer's session; a token's name is binding."""
+        name = proper_name(grant.name if grant is not None else "") or proper_name(hello.name)
+        if not name:
+            message = "nothing of this name can be seen"
+            raise ProtocolError("message/invalid-field", message, "name")
+        session = Session(
+            f"{self._random.getrandbits(64):016x}",
+            name=name,
+            kind=hello.kind,
+            role=role,
+            participant=grant.subject if grant is not None else "",
+            only_episode=grant.episode if grant is not None else "",
+            only_seat=grant.seat if grant is not None else "",
+            role_expires=grant.expires if grant is not None else 0.0,
+            token_id=grant.token_id if grant is not None else "",
+            once=grant.once if grant is not None else False,
+        )
+        self.by_id[session.id] = session
+        return session
+
+    # Those who come back
+
+    def check_may_return(self, grant: ResumeGrant) -> None:
+        """What can be said of a resume token before anything is looked for: ProtocolError
+        `auth/required` where only those with a token may come in by now."""
+        if grant.anonymous:
+            self._check_strict("resume")
+
+    def judge(self, grant: ResumeGrant, room: Room | None, visitor: Visitor) -> Role:
+        """Whether the session of a resume token may come back, and as what: by the rules that
+        hold now. `room` is the one that the token leads to.
+
+        ProtocolError `auth/expired` where the session, its place or the token has had its day,
+        `auth/required` where only those with a token may come in by now. Nothing is changed.
+        """
+        session = self.by_id.get(grant.session)
+        home, player = _place(session, grant, room)
+        if session is None and home is None:
+            raise _gone("this connection cannot be resumed any more")
+        if grant.generation < _generation(session, home, player):
+            raise _gone("this token was used before, and replaced")
+        if home is not None:
+            self._check_place(session, grant, home, player)
+        if grant.anonymous:
+            return self._role_without_token(visitor, "resume")
+        if not self._tokens.past(grant.role_expires):
+            return grant.role
+        if player is None and self._strict:
+            raise _gone("the role token of this connection has expired")
+        # It keeps its seat, not what else the token allowed.
+        return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
+
+    def _check_place(
+        self, session: Session | None, grant: ResumeGrant, room: Room, player: str | None
+    ) -> None:
+        """Whether there is still a place for somebody who was here."""
+        if room.bans(grant.session, grant.participant):
+            raise _gone("you were sent out of this episode")
+        check_scope(grant.only_episode, room.id, room.code, "resume")
+        watching = session is not None and session.peer is not None
+        if player is None and not watching and room.spectators >= self._max_spectators:
+            raise _gone(f"{self._max_spectators} spectators watch already")
+
+    def resume(self, grant: ResumeGrant, room: Room | None, role: Role) -> Session:
+        """The session of a resume token that was judged to be good for this role: from memory,
+        or from the seat that is recorded as its."""
+        session = self.by_id.get(grant.session)
+        if session is None:
+            session = self._from_before(grant, room)
+        session.generation = grant.generation
+        session.role = role
+        return session
+
+    def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session:
+        """A session of a process before this one: whoever has a seat, or watched."""
+        _, player = _place(None, grant, room)
+        seat = room.episode.seats[player] if room is not None and player is not None else None
+        session = Session(
+            grant.session,
+            name=grant.name,
+            kind=grant.kind,
+            role=grant.role,
+            participant=seat.participant if seat is not None else grant.participant,
+            only_episode=grant.only_episode,
+            only_seat=grant.only_seat,
+            role_expires=grant.role_expires,
+            token_id=grant.token_id,
+        )
+        session.view = grant.view
+        if room is not None:
+            room.seat_again(session, player)
+        self.by_id[session.id] = session
+        return session
+
+    def resume_token(self, session: Session) -> str:
+        """The token that brings a session back, the next time."""
+        return self._tokens.mint_resume(
+            session=session.id,
+            generation=session.generation + 1,
+            name=session.name if session.player is None else session.given_name,
+            kind=session.kind,
+            role=session.role,
+            seconds=self._token_seconds,
+            episode=session.room.id if session.room is not None else "",
+            seat=session.player or "",
+            only_episode=session.only_episode,
+            only_seat=session.only_seat,
+            view=session.view,
+            role_expires=session.role_expires,
+            token_id=session.token_id,
+            participant=session.participant if session.participant != session.id else "",
+        )
+
+    def cut_revoked(self, revoked: frozenset[str]) -> bool:
+        """End the connections of those whose tokens were revoked since this was last asked;
+        whether anybody is connected with a token."""
+        bearers = (s for s in self.by_id.values() if s.token_id and s.peer is not None)
+        if revoked is self._judged:
+            return any(bearers)
+        self._judged = revoked
+        left = 0
+        for session in list(bearers):
+            left += session.token_id not in revoked
+            if session.token_id in revoked and session.peer is not None:
+                self._metrics.dropped.labels("revoked").inc()
+                session.peer.part("auth/revoked", "the operator has revoked your token")
+        return left > 0
+
+    def forget(self, session: Session) -> None:
+        """A session that has no place any more, and nobody connected to it."""
+        if session.peer is None:
+            self.by_id.pop(session.id, None)
+
+
+def _place(
+    session: Session | None, grant: ResumeGrant, room: Room | None
+) -> tuple[Room | None, str | None]:
+    """The room that a session comes back to, and its seat there; no room if it has no place."""
+    if session is not None:
+        return session.room, session.player
+    if room is None:
+        return None, None
+    player = room.holds_seat(grant.session)
+    if player is None and (grant.seat or grant.episode != room.id):
+        return None, None
+    return room, player
+
+
+def _generation(session: Session | None, room: Room | None, player: str | None) -> int:
+    """That of the resume token which was used last, as far as it is known."""
+    if session is not None:
+        return session.generation
+    return room.episode.seats[player].generation if room is not None and player is not None else 0
+
+
+def _gone(why: str) -> ProtocolError:
+    """To be answered by a `hello` without 'resume', which is judged like anybody's."""
+    return ProtocolError("auth/expired", f"{why}; say hello without 'resume'", "resume")

@@ -1,0 +1,114 @@
+"""The process in which stand-ins think.
+
+It reads requests from its standard input and writes replies to its standard output, each a
+MessagePack array, and does one after the other. It ends where its input does: with the server,
+however that ended.
+
+| request | reply |
+| --- | --- |
+| `["task", digest, json]` | none |
+| `["learn", number, digest, player]` | `[number, "done", nil]` |
+| `["think", number, digest, …question]` | `[number, "done", [action, …arguments]]`, or nil |
+
+A request about a task that is not known (any more) is replied to by `[number, "unknown", nil]`, one
+that failed by `[number, "failed", traceback]`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Iterator
+from typing import Any
+
+import msgpack
+
+from robotouille.domain.task import Task
+from robotouille_server.rooms.substitutes.bot_minds import Minds, Question
+
+__all__ = ["DONE", "FAILED", "MAX_BYTES", "UNKNOWN", "learn_request", "main", "task_request",
+           "think_request"]  # fmt: skip
+
+DONE, UNKNOWN, FAILED = "done", "unknown", "failed"
+MAX_BYTES = 16 * 1024 * 1024
+"""Of one request or reply."""
+NICENESS = 5
+"""How far games, the server's and everybody else's, go before stand-ins."""
+CHUNK = 65536
+
+
+def task_request(task: Task) -> bytes:
+    """Show a task, so that requests about it can be answered."""
+    return _packed("task", task.digest, json.dumps(task.json))
+
+
+def learn_request(number: int, digest: str, player: str) -> bytes:
+    return _packed("learn", number, digest, player)
+
+
+def think_request(number: int, digest: str, question: Question) -> bytes:
+    q, facts = question, question.facts
+    whole = facts.to_bytes((facts.bit_length() + 7) // 8, "big")
+    about = (q.mind, q.player, q.kind, whole, q.timers, q.busy, q.observed)
+    return _packed("think", number, digest, *about)
+
+
+def _packed(*values: Any) -> bytes:
+    packed: bytes = msgpack.packb(values)
+    return packed
+
+
+def _question(
+    mind: int, player: str, kind: Any, facts: bytes, timers: Any, busy: Any, observed: Any
+) -> Question:
+    return Question(mind, player, kind, int.from_bytes(facts, "big"), timers, busy, observed)
+
+
+def _reply(minds: Minds, request: Any) -> bytes | None:
+    what, *rest = request
+    if what == "task":
+        minds.show(Task.from_json(json.loads(rest[1])))
+        return None
+    number, digest, *about = rest
+    if not minds.knows(digest):
+        return _packed(number, UNKNOWN, None)
+    try:
+        if what == "learn":
+            minds.learn(digest, *about)
+            return _packed(number, DONE, None)
+        return _packed(number, DONE, minds.think(digest, _question(*about)))
+    except Exception:
+        return _packed(number, FAILED, traceback.format_exc())
+
+
+def _requests(source: int) -> Iterator[Any]:
+    unpacker = msgpack.Unpacker(use_list=False, max_buffer_size=MAX_BYTES)
+    while data := os.read(source, CHUNK):
+        unpacker.feed(data)
+        yield from unpacker
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # They are the server's, which ends this process.
+    with contextlib.suppress(AttributeError, OSError):
+        os.nice(NICENESS)
+    replies = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)  # Whatever is printed by mistake is no reply.
+    minds = Minds()
+    try:
+        for request in _requests(0):
+            reply = _reply(minds, request)
+            if reply is not None:
+                replies.write(reply)
+    except BrokenPipeError:
+        sys.exit(0)  # The server is gone.
+
+
+if __name__ == "__main__":
+    main()

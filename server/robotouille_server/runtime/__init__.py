@@ -1,0 +1,1 @@
+"""What a server process needs whatever it serves: settings, logs, metrics, time, other processes."""

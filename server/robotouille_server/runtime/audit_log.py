@@ -1,0 +1,103 @@
+"""The audit log: who used the operator's view, and what they did there.
+
+One JSON object a line, in a file of the server's state folder that only its user may read. It is
+apart from the server's log, which may be turned off, and which whoever runs the service reads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+from robotouille_server.runtime.logs import get_logger
+
+__all__ = ["KEPT_FILES", "MAX_AUDIT_BYTES", "AuditLog", "Details"]
+
+MAX_AUDIT_BYTES = 8 * 1024 * 1024
+"""A file that has grown so large is put aside."""
+KEPT_FILES = 4
+"""So many of those are kept, `.1` being the latest."""
+MODE = 0o600
+APPEND = (
+    os.O_WRONLY
+    | os.O_APPEND
+    | os.O_CREAT
+    | getattr(os, "O_NOFOLLOW", 0)
+    | getattr(os, "O_CLOEXEC", 0)
+)
+
+Details = Mapping[str, str | int]
+"""What else a line says."""
+
+
+class AuditLog:
+    """Appends lines to `path`. `wall` gives the time in seconds since 1970.
+
+    The file is opened for each line: there are few, and so it may be moved away at any time.
+    `problem` says why the last line could not be written; empty where all is well.
+    """
+
+    def __init__(self, path: Path, wall: Callable[[], float]) -> None:
+        self.path = path
+        self.problem = ""
+        self._wall = wall
+
+    def note(
+        self,
+        what: str,
+        *,
+        by: str,
+        token: str = "",
+        episode: str = "",
+        result: str = "done",
+        details: Details | None = None,
+    ) -> None:
+        """One line: `by` whom (a token's subject), with which token, and how it went out (`done`,
+        or the code of a refusal). A line that cannot be written goes to the server's log."""
+        moment = datetime.fromtimestamp(self._wall(), UTC).isoformat(timespec="milliseconds")
+        entry = {
+            "time": moment.replace("+00:00", "Z"),
+            "what": what,
+            "by": by,
+            "token": token,
+            "episode": episode,
+            **(details or {}),
+            "result": result,
+        }
+        line = json.dumps({key: value for key, value in entry.items() if value != ""})
+        try:
+            self._append(line.encode() + b"\n")
+        except OSError as error:
+            self.problem = f"the audit log cannot be written: {error.strerror or error}"
+            get_logger().error("audit log not written", file=str(self.path), line=line)
+        else:
+            self.problem = ""
+
+    def _append(self, line: bytes) -> None:
+        self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            if self.path.stat().st_size >= MAX_AUDIT_BYTES:
+                self._put_aside()
+        descriptor = os.open(self.path, APPEND, MODE)
+        try:
+            if sys.platform != "win32" and os.fstat(descriptor).st_mode & 0o077:
+                os.fchmod(descriptor, MODE)
+            if os.write(descriptor, line) < len(line):
+                raise OSError("only a part of the line was written")
+        finally:
+            os.close(descriptor)
+
+    def _put_aside(self) -> None:
+        """`audit.log` becomes `audit.log.1`, that `.2`, and so on; the last one is deleted."""
+        names = [self.path, *(self._kept(number) for number in range(1, KEPT_FILES + 1))]
+        for older, newer in zip(names[:0:-1], names[-2::-1], strict=True):
+            with contextlib.suppress(FileNotFoundError):
+                newer.replace(older)
+
+    def _kept(self, number: int) -> Path:
+        return self.path.with_name(f"{self.path.name}.{number}")

@@ -1,0 +1,1 @@
+"""Bytes in and out: WebSockets, TLS, and what their connections share."""

@@ -1,0 +1,314 @@
+"""A WebSocket that hands each message over at once, and meters whatever else comes on it.
+
+No queue, no task that wakes for a message. Frames are told apart here before the library's parser
+sees any: a frame that is a whole message goes straight to its receiver, all others (control frames,
+parts of messages) are charged first, and those beyond what a connection may send are dropped.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import Callable
+from typing import Any, cast
+
+from websockets.asyncio.server import ServerConnection
+from websockets.frames import Frame, Opcode
+from websockets.protocol import State
+
+from robotouille.protocol.codec import MAX_CLIENT_BYTES
+from robotouille_server.runtime.descriptors import few_left
+from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.transport.admission import Entrance
+
+try:
+    from websockets.speedups import apply_mask
+except ImportError:
+    from websockets.utils import apply_mask
+
+__all__ = ["Connection", "cut", "frame_of"]
+
+MAX_OWN = 2 * MAX_CLIENT_BYTES
+"""Bytes of the largest message."""
+MAX_REQUEST = 16 * 1024
+"""Bytes of the handshake's request, and of all that may come behind it before it is answered."""
+REQUEST_COST = 4.0
+"""Of a handshake, in frames."""
+MAX_UNSENT = 128 * 1024
+"""Bytes that wait for a client from which on it is sent less, and no pong at all."""
+MAX_HELD = 1024 * 1024
+"""Bytes that wait for a client at which it is cut off."""
+
+MAX_PARTS = 1024
+"""Of one message, however slowly they come."""
+FRAMES_AT_A_TIME = 32
+"""Frames of one connection that are dealt with before all others have their turn."""
+FRAMES_A_SECOND = 50.0
+"""Control frames and parts of messages; each KiB of a part counts as one more."""
+FRAMES_BURST = 200.0
+MAX_EXCESS = 200
+"""Frames beyond that, in all, after which the connection is cut off."""
+
+TEXT, BINARY, CLOSE, PING = 0x81, 0x82, 0x88, 0x89
+"""First bytes of frames that are whole."""
+MESSAGES = (BINARY, TEXT)
+MASKED = 0x80
+TURN = "turn"
+END_OF_REQUEST = b"\r\n\r\n"
+DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
+
+
+def cut(reason: str) -> str:
+    """A reason that fits into a close frame (RFC 6455, 5.5: 123 bytes)."""
+    return reason.encode()[:120].decode(errors="ignore")
+
+
+def frame_of(payload: bytes | str) -> bytes:
+    """A whole unmasked WebSocket frame (RFC 6455, 5.2), the same for every client."""
+    text = isinstance(payload, str)
+    content = payload.encode() if isinstance(payload, str) else payload
+    first = b"\x81" if text else b"\x82"
+    size = len(content)
+    if size < 126:
+        return first + size.to_bytes(1, "big") + content
+    if size < 65536:
+        return first + b"\x7e" + size.to_bytes(2, "big") + content
+    return first + b"\x7f" + size.to_bytes(8, "big") + content
+
+
+class Connection(ServerConnection):
+    """The library's connection, with messages going straight to `receiver`."""
+
+    def __init__(self, *arguments: Any, entrance: Entrance, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._entrance = entrance
+        self._turns = entrance.turns
+        self._receiver: Callable[[bytes | str], None] | None = None
+        self._parts: list[bytes] = []
+        self._is_text = False
+        self._leaving: asyncio.Task[None] | None = None
+        self._opening: asyncio.Task[None] | None = None
+        self._inside = self._made = False
+        self._rest = b""
+        self._request_size = 0
+        self._request_end = b""
+        self._requested = False
+        self._frames = Budget(FRAMES_A_SECOND, self.loop.time(), FRAMES_BURST)
+        self._excess = 0
+        self._paused: set[str] = set()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Somebody is accepted. TLS comes after: asyncio's own way would tell of a connection only
+        when its handshake is over, and of one that says nothing never."""
+        raw, entrance = cast("asyncio.Transport", transport), self._entrance
+        few = few_left(raw.get_extra_info("socket"))
+        self._inside = not few and entrance.enter()
+        if not self._inside:
+            count = entrance.metrics.dropped
+            (count.labels("descriptors") if few else count.labels("full")).inc()
+            raw.abort()
+        elif entrance.tls is None:
+            self._open(raw)
+        else:
+            raw.pause_reading()  # The handshake is start_tls's business from its first byte on.
+            self._opening = self.loop.create_task(self._encrypt(raw, entrance.tls))
+
+    async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
+        encrypted, entrance = None, self._entrance
+        try:
+            encrypted = await entrance.handshakes.make(raw, self, tls, entrance.handshake_seconds)
+        finally:
+            self._opening = None
+            if encrypted is None:
+                raw.abort()
+                self._leave()
+        if encrypted is not None:
+            self._open(encrypted)
+
+    def _open(self, transport: asyncio.Transport) -> None:
+        self._made = True
+        super().connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._opening is not None:
+            self._opening.cancel()
+        if self._made:
+            super().connection_lost(exc)
+        self._leave()
+        self._rest = b""
+        self._parts.clear()
+
+    def _leave(self) -> None:
+        if self._inside:
+            self._inside = False
+            self._entrance.leave()
+
+    def listen(self, receiver: Callable[[bytes | str], None]) -> None:
+        """Give all messages to `receiver` from now on, those that came before first."""
+        self._receiver = receiver
+        if self._rest:
+            self._take(b"")
+
+    def say_goodbye(self, status: int, reason: str) -> None:
+        """Close politely, without waiting for the client."""
+        if self._leaving is None:
+            self._leaving = asyncio.create_task(self.close(status, cut(reason)))
+
+    def drop(self, reason: str) -> None:
+        """Cut the connection off without waiting for the client."""
+        if not self.transport.is_closing():
+            self._entrance.metrics.dropped.labels(reason).inc()
+        self.transport.abort()
+
+    def pause_reading(self, why: str) -> None:
+        """Take nothing more from the client, until no such reason is left."""
+        if not self._paused:
+            self.transport.pause_reading()
+        self._paused.add(why)
+
+    def resume_reading(self, why: str) -> None:
+        """This is no reason any more."""
+        if why not in self._paused:
+            return
+        self._paused.discard(why)
+        if not self._paused and not self.transport.is_closing():
+            self.give_way()
+
+    def give_way(self) -> None:
+        """Go on with what has come already when all others have had their turn."""
+        if TURN not in self._paused:
+            self.pause_reading(TURN)
+            self._turns.wait(self._go_on)
+
+    def _go_on(self) -> None:
+        self._paused.discard(TURN)
+        if self._paused or self.transport.is_closing():
+            return
+        self._take(b"")
+        if not self._paused:
+            self.transport.resume_reading()
+
+    # What comes
+
+    def data_received(self, data: bytes) -> None:
+        """Take the frames apart; the library's parser is given the request and whole frames."""
+        if self._paused or self._turns.free:
+            self._take(data)
+        else:
+            self._rest += data
+            self.give_way()
+
+    def _take_request(self, data: bytes) -> bytes:
+        """Give the HTTP request to the library; what is behind its end is frames."""
+        seen = self._request_end + data
+        end = seen.find(END_OF_REQUEST)
+        self._requested = end >= 0
+        if not self._requested:
+            self._request_end = seen[-3:]
+            self._request_size += len(data)
+            if self._request_size > MAX_REQUEST:
+                self.drop("early")
+            else:
+                super().data_received(data)
+            return b""
+        self._turns.spend(REQUEST_COST)
+        size = end + len(END_OF_REQUEST) - len(self._request_end)
+        super().data_received(data[:size])
+        return data[size:]
+
+    def _take(self, data: bytes) -> None:
+        if self._rest:
+            data, self._rest = self._rest + data, b""
+        if not self._paused and not self._requested:
+            data = self._take_request(data)
+        if self._paused:
+            self._rest = data
+        elif self._receiver is not None:
+            self._rest = data[self._take_frames(data) :]
+        elif len(data) <= MAX_REQUEST:
+            self._rest = data
+        else:
+            self.drop("early")
+
+    def _take_frames(self, data: bytes) -> int:
+        """Where the first frame begins that is not whole yet, or has to wait."""
+        at, size, left = 0, len(data), FRAMES_AT_A_TIME
+        while size - at >= 2:
+            length, start = data[at + 1] & 0x7F, at + 6
+            if length >= 126:
+                start += 2 if length == 126 else 8
+                if size < start:
+                    break
+                length = int.from_bytes(data[at + 2 : start - 4], "big")
+            end = start + length
+            if data[at + 1] < MASKED or length > MAX_OWN:
+                super().data_received(data[at:])  # It says what is wrong, and takes no more.
+                return size
+            if end > size:
+                break
+            self._turns.spend(1 + (end - at) / 1024)
+            self._take_frame(data, at, start, end)
+            at = end
+            if self.transport.is_closing():
+                return size
+            left -= 1
+            if left == 0 or self._turns.over:
+                self.give_way()
+            if self._paused:
+                break
+        return at
+
+    def _take_frame(self, data: bytes, at: int, start: int, end: int) -> None:
+        first = data[at]
+        if first in MESSAGES and self._between_messages:
+            self._hand_over(apply_mask(data[start:end], data[start - 4 : start]), first == TEXT)
+        elif first == CLOSE or self._charge(first, end - at):
+            super().data_received(data[at:end])
+
+    def _charge(self, first: int, size: int) -> bool:
+        """Take a frame that is no message off the budget; whether it may be looked at.
+
+        The pong of a ping would only wait with what the client does not read.
+        """
+        if self.protocol.state is not State.OPEN:
+            return False
+        unread = first == PING and self.transport.get_write_buffer_size() > MAX_UNSENT
+        if not unread and self._frames.take(self.loop.time(), 1 + size / 1024):
+            return True
+        self._excess += 1
+        if self._excess > MAX_EXCESS or first & 0x0F in DATA:
+            self.drop("flood")
+        return False
+
+    @property
+    def _between_messages(self) -> bool:
+        return self.protocol.state is State.OPEN and not self._parts
+
+    # Messages
+
+    def process_event(self, event: Any) -> None:
+        if isinstance(event, Frame) and event.opcode in DATA:
+            self._take_part(event)
+        else:
+            super().process_event(event)
+
+    def _take_part(self, frame: Frame) -> None:
+        if frame.opcode is not Opcode.CONT:
+            self._is_text = frame.opcode is Opcode.TEXT
+        self._parts.append(bytes(frame.data))
+        if len(self._parts) > MAX_PARTS:
+            self.drop("flood")
+        elif frame.fin:
+            content = b"".join(self._parts)
+            self._parts.clear()
+            self._hand_over(content, self._is_text)
+
+    def _hand_over(self, content: bytes, is_text: bool) -> None:
+        try:
+            payload = content.decode() if is_text else content
+        except UnicodeDecodeError:
+            self.protocol.fail(1007, "text that is not UTF-8")
+            self.send_data()
+            return
+        if self._receiver is not None:
+            self._receiver(payload)

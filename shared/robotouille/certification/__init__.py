@@ -1,0 +1,1 @@
+"""Certificates: what is proven about the instances of a dataset, and how it is checked."""

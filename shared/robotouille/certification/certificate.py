@@ -1,0 +1,341 @@
+"""Certificates: what is proven about the shortest plan of one instance, checkable by anybody.
+
+certificate = certify(task, solve, Limits(expansions=100_000))
+write_certificate(certificate, certificate_path(Path(task.source), task))
+problems = check(certificate, task)  # replays the plan; empty if all holds
+
+A plan proves itself when it is replayed. A bound does not: `prove_again` asks a planner anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal, Protocol
+
+from pydantic import BaseModel, Field
+
+from robotouille.domain.files import read_model
+from robotouille.domain.schema import Schema
+from robotouille.domain.task import Task, Timing
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.planning.plan import Plan, read_plan, write_plan
+from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.validation import replay
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = [
+    "Budget",
+    "Certificate",
+    "ContentHash",
+    "Count",
+    "Deadline",
+    "Flag",
+    "Solver",
+    "certificate_path",
+    "certify",
+    "check",
+    "content_hash",
+    "json_text",
+    "prove_again",
+    "read_certificate",
+    "write_certificate",
+    "write_whole",
+]
+
+Count = Annotated[int, Field(strict=True, ge=0)]
+Flag = Annotated[bool, Field(strict=True)]
+ContentHash = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
+
+
+class Solver(Protocol):
+    """A planner: `robotouille.planning.solvers.solve`, or one like it."""
+
+    def __call__(
+        self,
+        world: World,
+        start: State | None = None,
+        *,
+        limits: Limits = UNLIMITED,
+        watch: Watch | None = None,
+    ) -> Answer: ...
+
+
+class Deadline:
+    """A `Limits.stop` for so many seconds from now; `struck` once it has stopped a search."""
+
+    def __init__(self, seconds: float = math.inf) -> None:
+        self.seconds = seconds
+        self.struck = False
+        self._began = time.monotonic()
+
+    def __call__(self) -> bool:
+        self.struck = self.struck or time.monotonic() - self._began >= self.seconds
+        return self.struck
+
+    def strike(self) -> None:
+        """Stop now, whatever time is left; `seconds` becomes the time that has passed."""
+        self.seconds = min(self.seconds, round(time.monotonic() - self._began, 1))
+        self.struck = True
+
+
+class Budget(Schema):
+    """What a search may spend: expansions, states in memory, seconds; None is without limit.
+
+    In a certificate, `seconds` is None unless the clock ended the search.
+    """
+
+    expansions: Count | None = None
+    states: Count | None = None
+    seconds: Annotated[float, Field(ge=0)] | None = None
+
+    def limits(self) -> Limits:
+        """The limits of a search that begins now."""
+        stop = None if self.seconds is None else Deadline(self.seconds)
+        return Limits(self.expansions, self.states, stop)
+
+    def for_seats(self, seats: int) -> Budget:
+        """The expansions of a team, whose every step has many more successors: a 50th of them for
+        each player but the first."""
+        if self.expansions is None:
+            return self
+        spread: int = 50 ** (seats - 1)
+        return self.model_copy(update={"expansions": -(-self.expansions // spread)})
+
+    @classmethod
+    def of(cls, limits: Limits) -> Budget:
+        """What a search with these limits was allowed, once it is over."""
+        stop = limits.stop
+        seconds = stop.seconds if isinstance(stop, Deadline) and stop.struck else None
+        return cls(expansions=limits.expansions, states=limits.states, seconds=seconds)
+
+    def covered_by(self, spent: Budget) -> bool:
+        """Whether a search under this budget would give no more than a past one that spent so."""
+        unlimited = spent.expansions is None
+        enough = unlimited or (self.expansions or math.inf) <= (spent.expansions or 0)
+        same = enough and self.states == spent.states
+        in_time = spent.seconds is None or (self.seconds or math.inf) <= spent.seconds
+        return same and in_time
+
+
+class Certificate(Schema):
+    """The best known plan of an instance, and a proven lower bound on the length of every plan.
+
+    `instance` is the content hash of the task, and `start` that of the state the plan begins in,
+    None for the initial one. `plan` has one string for each step, as in plan files; it and
+    `length` are None where no plan was found. `digest` is the hash of all other fields.
+    """
+
+    format: Literal["robotouille-certificate/1"]
+    task: str
+    seats: Count
+    timing: Timing
+    instance: ContentHash
+    start: ContentHash | None
+    length: Count | None
+    bound: Count
+    optimal: Flag
+    proof: Proof
+    unsolvable: Flag
+    planner: str
+    expansions: Count
+    limits: Budget
+    plan: tuple[str, ...] | None
+    digest: ContentHash
+
+    @property
+    def gap(self) -> int | None:
+        """Steps between the plan and the bound; None without a plan."""
+        return None if self.length is None else self.length - self.bound
+
+    @property
+    def content(self) -> str:
+        """What `digest` has to be."""
+        row = self.model_dump(mode="json", exclude={"digest"})
+        return content_hash(json.dumps(row, sort_keys=True).encode())
+
+
+def content_hash(content: bytes) -> str:
+    """32 hex digits that tell contents apart."""
+    return hashlib.blake2b(content, digest_size=16).hexdigest()
+
+
+def certify(
+    task: Task,
+    solver: Solver,
+    limits: Limits = UNLIMITED,
+    watch: Watch | None = None,
+    start: State | None = None,
+    known: Plan | None = None,
+) -> Certificate:
+    """Ask a planner, and certify its answer once the plan has been replayed.
+
+    `start` is a state of the task to plan from, if not the initial one; `known` a plan that is
+    taken if it is shorter than the planner's. Raises RobotouilleError where the answer does not
+    hold.
+    """
+    world = World(task) if start is None else start.world
+    answer = solver(world, start, limits=limits, watch=watch)
+    if known is not None and (answer.plan is None or len(known) < len(answer.plan)):
+        answer = replace(answer, plan=known)
+    certificate = _state(answer, world, limits, start)
+    if problems := check(certificate, task, start):
+        name = f"{task.name}@{task.seats}"
+        raise RobotouilleError(f"{name}: {answer.planner} is wrong: {'; '.join(problems)}")
+    return certificate
+
+
+def _state(answer: Answer, world: World, limits: Limits, start: State | None) -> Certificate:
+    task, plan = world.task, answer.plan
+    draft = Certificate(
+        format="robotouille-certificate/1",
+        task=task.name,
+        seats=task.seats,
+        timing=task.timing,
+        instance=task.digest,
+        start=None if start is None else start.digest,
+        length=None if plan is None else len(plan),
+        bound=answer.bound,
+        optimal=answer.optimal,
+        proof=answer.proof,
+        unsolvable=answer.unsolvable,
+        planner=answer.planner,
+        expansions=answer.expansions,
+        limits=Budget.of(limits),
+        plan=None if plan is None else _lines(plan, world),
+        digest="0" * 32,
+    )
+    return draft.model_copy(update={"digest": draft.content})
+
+
+def _lines(plan: Plan, world: World) -> tuple[str, ...]:
+    text = write_plan(plan, world)
+    return tuple(line for line in text.splitlines() if not line.startswith("#"))
+
+
+def check(certificate: Certificate, task: Task, start: State | None = None) -> list[str]:
+    """What is wrong with a certificate of a task, each with its field; empty if it is valid.
+
+    The task's own name does not matter: the same kitchen may go by another one elsewhere.
+    """
+    strange = _identity_faults(certificate, task, start)
+    return strange or [*_claim_faults(certificate), *_plan_faults(certificate, task, start)]
+
+
+def _identity_faults(certificate: Certificate, task: Task, start: State | None) -> list[str]:
+    named = replace(task, name=certificate.task)
+    wanted = {
+        "digest": certificate.content,
+        "seats": task.seats,
+        "timing": task.timing,
+        "instance": named.digest,
+        "start": None if start is None else start.digest,
+    }
+    found = {field: getattr(certificate, field) for field in wanted}
+    return [
+        f"{field}: expected {_said(value)}, found {_said(found[field])}"
+        for field, value in wanted.items()
+        if found[field] != value
+    ]
+
+
+def _said(value: object) -> str:
+    return "null" if value is None else str(value)
+
+
+def _claim_faults(certificate: Certificate) -> list[str]:
+    plan, length, bound = certificate.plan, certificate.length, certificate.bound
+    unproven = certificate.proof is Proof.NONE
+    steps = None if plan is None else len(plan)
+    faults = []
+    if length != steps:
+        faults.append(f"length: is {_said(length)}, but the plan has {_said(steps)} steps")
+    if length is not None and bound > length:
+        faults.append(f"bound: {bound} is above the length {length}")
+    if certificate.optimal != (length == bound):
+        faults.append(f"optimal: the length is {_said(length)}, the bound {bound}")
+    if unproven and bound > 0:
+        faults.append(f"proof: is none, but the bound is {bound}")
+    if unproven and certificate.unsolvable:
+        faults.append("proof: is none, but the instance is called unsolvable")
+    if certificate.unsolvable and plan is not None:
+        faults.append("unsolvable: there is a plan")
+    return faults
+
+
+def _plan_faults(certificate: Certificate, task: Task, start: State | None) -> list[str]:
+    if certificate.plan is None:
+        return []
+    world = World(task) if start is None else start.world
+    try:
+        plan = read_plan("\n".join(certificate.plan), world, "plan")
+    except FileError as error:
+        return str(error).splitlines()
+    if _lines(plan, world) != certificate.plan:
+        return ["plan: expected one string for each step, as plans are written"]
+    report = replay(plan, world, start)
+    return [] if report.ok else [f"plan: {report}"]
+
+
+def prove_again(
+    certificate: Certificate, task: Task, solver: Solver, limits: Limits = UNLIMITED
+) -> bool:
+    """Whether a planner proves the certificate's bound anew, and the length where it is optimal.
+
+    A greater bound is as good, up to the certificate's length.
+    """
+    anew = certify(task, solver, limits)
+    if certificate.unsolvable:
+        return anew.unsolvable
+    if certificate.optimal and anew.length != certificate.length:
+        return False
+    most = math.inf if certificate.length is None else certificate.length
+    contradicted = anew.unsolvable and certificate.plan is not None
+    return certificate.bound <= anew.bound <= most and not contradicted
+
+
+# Files
+
+
+def certificate_path(problem: Path, task: Task) -> Path:
+    """Where the certificate of a problem file's task lies: beside it.
+
+    `NAME.certificate.json`, or `NAME@SEATS.certificate.json` unless it is for one player only.
+    """
+    alone = (task.problem.seats or (task.seats,)) == (1,)
+    name = problem.stem if alone else f"{problem.stem}@{task.seats}"
+    return problem.with_name(f"{name}.certificate.json")
+
+
+def json_text(model: BaseModel) -> str:
+    """A model as a JSON file has it: fields in order, two spaces, a newline at the end."""
+    return json.dumps(model.model_dump(mode="json"), indent=2, ensure_ascii=False) + "\n"
+
+
+def read_certificate(path: Path) -> Certificate:
+    """The certificate in a file, unchecked; FileError lists all faults of its form."""
+    return read_model(path, Certificate)
+
+
+def write_certificate(certificate: Certificate, path: Path) -> None:
+    """Write a certificate; FileError where that fails."""
+    write_whole(path, json_text(certificate))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file so that it is whole or as before, whatever happens; FileError if it fails."""
+    draft = path.with_name(f".{path.name}.part")
+    try:
+        draft.write_bytes(text.encode())
+        draft.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            draft.unlink()
+        fault = Fault("", f"cannot be written: {error.strerror or error}")
+        raise FileError(str(path), [fault]) from None

@@ -1,0 +1,195 @@
+"""Datasets: folders of problem files, a certificate beside each, and a manifest of them all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from robotouille.certification.certificate import (
+    Certificate,
+    ContentHash,
+    Count,
+    Flag,
+    certificate_path,
+    content_hash,
+    json_text,
+    read_certificate,
+)
+from robotouille.domain.catalogue import load_task
+from robotouille.domain.files import read_json
+from robotouille.domain.schema import Schema
+from robotouille.domain.task import Task
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille.planning.search_result import Proof
+
+__all__ = [
+    "MANIFEST",
+    "SUFFIX",
+    "Dataset",
+    "Instance",
+    "Manifest",
+    "Outcome",
+    "Report",
+    "Row",
+    "Running",
+    "Tell",
+    "manifest_of",
+    "read_dataset",
+    "report_of",
+]
+
+MANIFEST = "manifest.json"
+SUFFIX = ".certificate.json"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Instance:
+    """A problem file with a number of seats; paths are relative to the dataset's folder."""
+
+    file: str
+    seats: int
+    certificate: str
+
+    def __str__(self) -> str:
+        return self.certificate.removesuffix(SUFFIX)
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """The instances in a folder, sorted, and what is wrong with files that are none."""
+
+    folder: Path
+    instances: tuple[Instance, ...]
+    faults: tuple[str, ...]
+
+    def task(self, instance: Instance) -> Task:
+        """The task of an instance; FileError or UnknownTaskError."""
+        return load_task(str(self.folder / instance.file), seats=instance.seats)
+
+    def certificate(self, instance: Instance) -> Certificate:
+        """What the certificate's file says, unchecked; FileError, also where it is missing."""
+        path = self.folder / instance.certificate
+        certificate = read_certificate(path)
+        if path.read_bytes() != json_text(certificate).encode():
+            raise FileError(str(path), [Fault("", "is not written as certificates are")])
+        return certificate
+
+
+def read_dataset(folder: Path) -> Dataset:
+    """Find the problem files in a folder and its folders; FileError where there are none.
+
+    Domains, renderings, inputs, certificates and manifests may lie between them.
+    """
+    if not folder.is_dir():
+        raise FileError(str(folder), [Fault("", "is not a folder")])
+    instances: list[Instance] = []
+    faults: list[str] = []
+    for path in sorted(folder.rglob("*.json")):
+        try:
+            instances += _instances(path, folder)
+        except RobotouilleError as error:
+            faults += str(error).splitlines()
+    if not instances and not faults:
+        raise FileError(str(folder), [Fault("", "there are no problem files in it")])
+    return Dataset(folder, tuple(sorted(instances)), tuple(faults))
+
+
+def _instances(path: Path, folder: Path) -> Iterator[Instance]:
+    if path.name == MANIFEST or path.name.endswith(SUFFIX):
+        return
+    raw = read_json(path)
+    keys = set(raw) if isinstance(raw, dict) else set()
+    others = {"action_defs", "keyboard_actions", "mouse_click_actions"}
+    if keys & others or ("floor" in keys and "goal" not in keys):
+        return
+    task = load_task(str(path))
+    for seats in task.problem.seats or (task.seats,):
+        name = certificate_path(path, load_task(str(path), seats=seats))
+        relative = [p.relative_to(folder).as_posix() for p in (path, name)]
+        yield Instance(relative[0], seats, relative[1])
+
+
+class Row(Schema):
+    """An instance in a manifest: its files with their hashes, and what is proven."""
+
+    file: str
+    seats: Count
+    file_hash: ContentHash
+    instance: ContentHash
+    certificate: str
+    certificate_hash: ContentHash
+    length: Count | None
+    bound: Count
+    optimal: Flag
+    proof: Proof
+
+
+class Manifest(Schema):
+    """All certified instances of a dataset, sorted by file and seats."""
+
+    format: Literal["robotouille-dataset/1"]
+    instances: tuple[Row, ...]
+
+
+def _row(dataset: Dataset, instance: Instance, certificate: Certificate) -> Row:
+    return Row(
+        file=instance.file,
+        seats=instance.seats,
+        file_hash=content_hash((dataset.folder / instance.file).read_bytes()),
+        instance=certificate.instance,
+        certificate=instance.certificate,
+        certificate_hash=content_hash(json_text(certificate).encode()),
+        length=certificate.length,
+        bound=certificate.bound,
+        optimal=certificate.optimal,
+        proof=certificate.proof,
+    )
+
+
+def manifest_of(dataset: Dataset, certificates: dict[Instance, Certificate]) -> Manifest:
+    rows = tuple(_row(dataset, i, certificates[i]) for i in sorted(certificates))
+    return Manifest(format="robotouille-dataset/1", instances=rows)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of an instance: a certificate (`kept`, if it lay there), or what failed."""
+
+    instance: Instance
+    certificate: Certificate | None
+    fault: str = ""
+    kept: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """An instance that is being solved: expansions, bound, and length of the best plan so far."""
+
+    instance: Instance
+    expansions: int
+    bound: int
+    length: int | None
+
+
+Tell = Callable[[Sequence[Outcome], int, Sequence[Running]], None]
+"""Called now and then: what is done, the number of instances, and what is being solved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """The outcomes of all instances, sorted, and everything that was wrong."""
+
+    outcomes: tuple[Outcome, ...]
+    faults: tuple[str, ...]
+
+    @property
+    def certificates(self) -> dict[Instance, Certificate]:
+        return {o.instance: o.certificate for o in self.outcomes if o.certificate is not None}
+
+
+def report_of(dataset: Dataset, outcomes: Sequence[Outcome], *faults: str) -> Report:
+    ordered = tuple(sorted(outcomes, key=lambda outcome: outcome.instance))
+    failed = tuple(outcome.fault for outcome in ordered if outcome.fault)
+    return Report(ordered, (*dataset.faults, *failed, *faults))

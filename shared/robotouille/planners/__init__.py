@@ -1,0 +1,1 @@
+"""Planners made for one kind of domain."""

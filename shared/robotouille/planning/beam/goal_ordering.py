@@ -1,0 +1,168 @@
+"""Which parts of a goal have to wait for others, found by trying.
+
+The top of a sandwich laid first would have to come off again. To see such things without knowing
+about sandwiches, a little experiment is made for two objects of the goal, with one player alone:
+bring the one to its goal, then try to bring the other to its own without disturbing the first. What
+cannot be done in this order should be done in the other. Alike pairs are tried once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from robotouille.domain.schema import GoalTerm
+from robotouille.planning.beam.beam_search import Search, Style
+from robotouille.planning.beam.relevance import Relevance
+from robotouille.planning.beam.remaining_work import Binding, Estimate, Workbench
+from robotouille.world.grounding.atoms import bits_of
+from robotouille.world.grounding.objects import Atom
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["Ordering"]
+
+WIDTH = 8
+LAYERS = 40
+
+Id = int | str
+
+
+class Ordering:
+    """For each variable of a goal, the variables that should be dealt with before it."""
+
+    def __init__(self, bench: Workbench, binding: Binding) -> None:
+        self._world = bench.world
+        if len(bench.world.players) > 1:
+            bench = Workbench(World(replace(bench.world.task, seats=1)))
+            bench.refresh()
+        self._bench = bench
+        self._goal = bench.world.goal
+        self._binding = self._on_free_stations(binding)
+        self._lasting = _lasting(bench)
+        self._terms = self._owned()
+        self._after: dict[Id, State | None] = {}
+        self._tried: dict[tuple[object, ...], bool] = {}
+        self.before: dict[Id, tuple[Id, ...]] = {
+            late: tuple(early for early in self._terms if self._must_wait(late, early))
+            for late in self._terms
+        }
+
+    def rules(self, binding: Binding) -> dict[str, tuple[int, int]]:
+        """For an object that has to wait, the masks of its own goal and of what comes before."""
+        table = self._world.table
+        masks = {v: table.mask(self._atoms(v, binding)) for v in self._terms}
+        rules = {}
+        for late, earlier in self.before.items():
+            needed = 0
+            for early in earlier:
+                needed |= masks[early]
+            if needed and masks[late]:
+                rules[binding[late]] = (masks[late], needed)
+        return rules
+
+    def _on_free_stations(self, binding: Binding) -> Binding:
+        """The same choice, but for stations on which nothing lies where there are such."""
+        vocabulary = self._bench.vocabulary
+        table = self._bench.world.table
+        facts = self._bench.world.initial.facts
+        found = dict(binding)
+        for variable, chosen in binding.items():
+            if chosen not in vocabulary.stations:
+                continue
+            taken = set(found.values())
+            for name in self._goal.candidates(variable):
+                about = bits_of(facts & table.mentions(name))
+                free = not any(vocabulary.movables_in(table.atoms[i]) for i in about)
+                if free and name not in taken:
+                    found[variable] = name
+                    break
+        return found
+
+    def _owned(self) -> dict[Id, list[GoalTerm]]:
+        """For each variable, the goal's predicates that are its own and that can be undone."""
+        terms: dict[Id, list[GoalTerm]] = {}
+        for term in self._goal.terms:
+            owner = next((i for i in term.ids if self._is_movable(i)), None)
+            if owner is not None and not (len(term.ids) == 1 and term.predicate in self._lasting):
+                terms.setdefault(owner, []).append(term)
+        return terms
+
+    def _is_movable(self, variable: Id) -> bool:
+        vocabulary = self._bench.vocabulary
+        return vocabulary.is_movable(vocabulary.type_of(self._binding[variable]))
+
+    def _atoms(self, variable: Id, binding: Binding) -> list[Atom]:
+        return [(t.predicate, *(binding[i] for i in t.ids)) for t in self._terms[variable]]
+
+    def _must_wait(self, late: Id, early: Id) -> bool:
+        if late == early or not self._related(late, early):
+            return False
+        key = self._signature(late, early)
+        if key not in self._tried:
+            self._tried[key] = self._try(late, early)
+        return self._tried[key]
+
+    def _related(self, first: Id, second: Id) -> bool:
+        mine = {i for term in self._terms[first] for i in term.ids}
+        return any(i in mine for term in self._terms[second] for i in term.ids)
+
+    def _signature(self, late: Id, early: Id) -> tuple[object, ...]:
+        """The same for pairs that are alike but for the names and kinds of their movables."""
+        numbers: dict[Id, int] = {late: 0, early: 1}
+        rows: list[object] = []
+        for owner in (late, early):
+            for term in sorted(self._terms[owner], key=lambda t: t.predicate):
+                places = tuple(numbers.setdefault(i, len(numbers)) for i in term.ids)
+                rows.append((owner == late, term.predicate, places))
+        kinds = tuple(sorted(self._describe(i, number) for i, number in numbers.items()))
+        return (tuple(rows), kinds)
+
+    def _describe(self, variable: Id, number: int) -> tuple[int, str]:
+        name = self._binding[variable]
+        if self._is_movable(variable):
+            return number, self._bench.vocabulary.class_of(name)
+        return number, self._goal.variables[variable].kind
+
+    def _try(self, first: Id, second: Id) -> bool:
+        """Whether doing the first first spoils the second."""
+        if first not in self._after:
+            self._after[first] = self._achieve(self._bench.world.initial, first, 0)
+        state = self._after[first]
+        if state is None:
+            return False
+        kept = self._bench.world.table.mask(self._atoms(first, self._binding))
+        return self._achieve(state, second, kept) is None
+
+    def _achieve(self, state: State, variable: Id, kept: int) -> State | None:
+        """The state once a variable's predicates are true, `kept` having been so throughout."""
+        atoms = self._atoms(variable, self._binding)
+        estimate = Estimate(self._bench, self._binding, state.facts, None, atoms, kept)
+        team = self._bench.world.players
+        relevance = Relevance(self._bench, state, estimate, len(team))
+        search = Search(self._bench.world, state, estimate, relevance, team)
+        found = search.run(Style(WIDTH), 0, LAYERS, WIDTH * LAYERS)
+        if not found.reached:
+            return None
+        for joint in found.steps:
+            state = state.step(joint).state
+        return state
+
+
+def _lasting(bench: Workbench) -> set[str]:
+    """The predicates that nothing makes false."""
+    lasting = set(bench.world.table.fluents)
+    for schema in bench.world.schemas:
+        definition = schema.definition
+        lasting -= {c.predicate for c in definition.immediate_fx if not c.is_true}
+        for effect in definition.sfx:
+            lasting -= set(_undone(effect))
+    return lasting
+
+
+def _undone(effect: object) -> Iterator[str]:
+    for c in getattr(effect, "fx", ()):
+        if not c.is_true or getattr(effect, "type", "") == "conditional":
+            yield c.predicate
+    for nested in getattr(effect, "sfx", ()):
+        yield from _undone(nested)

@@ -1,0 +1,321 @@
+"""Actions as one object sees them: operators of a projection.
+
+A projection keeps the atoms about its *focus* (one object, or one and what carries it) and
+whether stations of its goal are free; every other movable is replaced by a placeholder for its
+class, every player by `SOMEBODY`. Delayed and repeated effects count as part of their action, at
+a price.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+from robotouille.domain.schema import Condition, Creation, Deletion, EffectDef
+from robotouille.planning.beam.domain_analysis import SOMEBODY, Vocabulary
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.grounding.atoms import EXISTS
+from robotouille.world.grounding.objects import Atom
+
+__all__ = ["WAITING", "Focus", "Operator", "Outcome", "operators"]
+
+WAITING = 0.4
+"""The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
+
+DISTURBING = 1.5
+"""The price, in errands, of moving something else out of the way: it has to go somewhere."""
+
+Binding = dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Facts that change if those in `holds` are true and those in `lacks` are not.
+
+    `deleted` is an object of which every fact is cleared.
+    """
+
+    holds: int
+    lacks: int
+    clears: int
+    sets: int
+    deleted: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """An action of a projection: its conditions, what becomes of it, its price in steps.
+
+    `place` is the station at which its player has to be; `strangers` the placeholders it needs.
+    """
+
+    place: str | None
+    cost: float
+    condition: Outcome
+    outcomes: tuple[Outcome, ...]
+    strangers: tuple[str, ...]
+
+    def apply(self, node: int) -> int:
+        """The facts after it."""
+        node = (node & ~self.condition.clears) | self.condition.sets
+        for outcome in self.outcomes:
+            if node & outcome.holds == outcome.holds and not node & outcome.lacks:
+                node = (node & ~outcome.clears) | outcome.sets
+        return node
+
+
+@dataclass
+class Focus:
+    """What a projection is about, and the numbering of its atoms.
+
+    `names` are told apart and tracked; `partners` are told apart from other movables because the
+    goal names them; `stations` are those whose own facts are tracked. `guests` are atoms of the
+    goal that are the work of a partner, and free here.
+    """
+
+    vocabulary: Vocabulary
+    names: tuple[str, ...]
+    partners: tuple[str, ...]
+    stations: frozenset[str]
+    guests: tuple[Atom, ...] = ()
+    bits: dict[Atom, int] = field(default_factory=dict)
+
+    def abstract(self, atom: Atom) -> Atom:
+        """An atom with what is not told apart replaced."""
+        return (atom[0], *(self.stand_in(name) for name in atom[1:]))
+
+    def stand_in(self, name: str) -> str:
+        vocabulary = self.vocabulary
+        if name in self.names or name in self.partners:
+            return name
+        kind = vocabulary.type_of(name)
+        if kind in vocabulary.player_types:
+            return SOMEBODY
+        return vocabulary.class_of(name) if vocabulary.is_movable(kind) else name
+
+    def tracks(self, atom: Atom) -> bool:
+        """Whether an abstract atom is part of the projection; static ones never are."""
+        if atom[0] in self.vocabulary.world.table.static_predicates:
+            return False
+        if any(name in self.names for name in atom[1:]):
+            return True
+        return atom[0] not in self.vocabulary.walked and all(n in self.stations for n in atom[1:])
+
+    def mask(self, atoms: Iterable[Atom]) -> int:
+        """The bits of those atoms that are tracked, numbered when first seen."""
+        total = 0
+        for atom in atoms:
+            if self.tracks(atom):
+                total |= self.bits.setdefault(atom, 1 << len(self.bits))
+        return total
+
+
+def operators(focus: Focus, goal: int) -> list[Operator]:
+    """Every action that matters to a projection and its goal (a mask of its facts)."""
+    found: dict[Operator, None] = {}
+    for schema in focus.vocabulary.world.schemas:
+        if schema.name in focus.vocabulary.walking:
+            continue
+        for binding in _bindings(schema, focus):
+            operator = _operator(schema, binding, focus)
+            if operator is not None:
+                found[operator] = None
+    return _useful([_with_deletions(operator, focus) for operator in found], goal)
+
+
+def _useful(found: list[Operator], goal: int) -> list[Operator]:
+    """The operators that can help towards a goal, reduced to the facts that matter for it."""
+    wanted, before = goal, 0
+    while wanted != before:
+        before = wanted
+        for operator in found:
+            changes = (operator.condition, *operator.outcomes)
+            if any((o.sets | o.clears) & wanted for o in changes):
+                for o in changes:
+                    wanted |= o.holds | o.lacks
+    reduced: dict[Operator, None] = {}
+    for operator in found:
+        condition = _reduce(operator.condition, wanted)
+        outcomes = tuple(_reduce(o, wanted) for o in operator.outcomes)
+        if any(o.sets or o.clears for o in (condition, *outcomes)):
+            reduced[replace(operator, condition=condition, outcomes=outcomes)] = None
+    return list(reduced)
+
+
+def _reduce(outcome: Outcome, wanted: int) -> Outcome:
+    return replace(outcome, clears=outcome.clears & wanted, sets=outcome.sets & wanted)
+
+
+def _with_deletions(operator: Operator, focus: Focus) -> Operator:
+    """The operator with the facts of deleted objects cleared, now that all are numbered."""
+    if not any(outcome.deleted for outcome in operator.outcomes):
+        return operator
+    outcomes = []
+    for outcome in operator.outcomes:
+        about = sum(bit for atom, bit in focus.bits.items() if outcome.deleted in atom[1:])
+        outcomes.append(replace(outcome, clears=outcome.clears | about, deleted=""))
+    return replace(operator, outcomes=tuple(outcomes))
+
+
+def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
+    vocabulary = focus.vocabulary
+    pools = []
+    for _, kind in schema.parameters:
+        if kind in vocabulary.player_types:
+            pools.append([SOMEBODY])
+        elif kind in vocabulary.station_types:
+            pools.append([s for s in vocabulary.stations if vocabulary.type_of(s) == kind])
+        else:
+            known = [n for n in focus.names + focus.partners if vocabulary.type_of(n) == kind]
+            own = {vocabulary.class_of(n) for n in focus.names[1:]}
+            others = (c for c in vocabulary.classes_of(kind) if c not in own)
+            pools.append(known + [c for c in others if set(vocabulary.classes[c]) - set(known)])
+    names = [name for name, _ in schema.parameters]
+    creates = _creates(schema)
+    for values in product(*pools):
+        exact = [v for v in values if v in focus.names or v in focus.partners]
+        near = creates or any(v in focus.names or v in focus.stations for v in values)
+        if near and len(set(exact)) == len(exact):
+            binding = dict(zip(names, values, strict=True))
+            if all(vocabulary.static_holds(c, binding) for c in _static(schema, vocabulary)):
+                yield binding
+
+
+def _static(schema: ActionSchema, vocabulary: Vocabulary) -> list[Condition]:
+    static = vocabulary.world.table.static_predicates
+    return [c for c in schema.definition.precons if c.predicate in static]
+
+
+def _creates(schema: ActionSchema) -> bool:
+    def inside(effects: tuple[EffectDef, ...]) -> bool:
+        return any(isinstance(e, Creation) or inside(e.sfx) for e in effects)
+
+    return inside(schema.definition.sfx)
+
+
+def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator | None:
+    definition = schema.definition
+    strangers = tuple(v for v in binding.values() if v.startswith("*"))
+    exist = [(EXISTS, n) for n in binding.values() if n in focus.names and _transient(focus, n)]
+    condition = Outcome(
+        focus.mask([*exist, *_atoms(definition.precons, binding, True)]),
+        focus.mask(a for a in _atoms(definition.precons, binding, False) if not _vague(a)),
+        focus.mask(_atoms(definition.immediate_fx, binding, False)),
+        focus.mask(_atoms(definition.immediate_fx, binding, True)),
+    )
+    outcomes: list[Outcome] = []
+    cost = 1.0
+    if definition.sfx:
+        action = _example(schema, binding, focus)
+        cost = float(action.duration)
+        for i, effect in enumerate(definition.sfx):
+            found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
+            outcomes += found
+            cost += (
+                _price(action, i) if any(o.sets or o.clears or o.deleted for o in found) else 0.0
+            )
+    place = _place(schema, binding, focus)
+    if not _handles(definition.precons + definition.immediate_fx, binding, focus):
+        if condition.sets & focus.mask(focus.guests):
+            place, cost = None, 0.0
+        elif strangers:
+            cost += DISTURBING * focus.vocabulary.errand
+    touched = condition.sets | condition.clears
+    if not touched and not any(o.sets or o.clears or o.deleted for o in outcomes):
+        return None
+    return Operator(place, cost, condition, tuple(outcomes), strangers)
+
+
+def _handles(conditions: tuple[Condition, ...], binding: Binding, focus: Focus) -> bool:
+    """Whether an action has a player deal with the focus itself, not with something by it."""
+    atoms = ({binding[name] for name in c.params} for c in conditions)
+    return any(SOMEBODY in names and names & set(focus.names) for names in atoms)
+
+
+def _vague(atom: Atom) -> bool:
+    """Whether an atom is about any of several objects: its absence then says little."""
+    return any(name.startswith("*") for name in atom[1:])
+
+
+def _transient(focus: Focus, name: str) -> bool:
+    return (EXISTS, name) in focus.vocabulary.world.table.bit
+
+
+def _atoms(conditions: Iterable[Condition], binding: Binding, is_true: bool) -> list[Atom]:
+    return [
+        (c.predicate, *(binding[name] for name in c.params))
+        for c in conditions
+        if c.is_true == is_true
+    ]
+
+
+def _place(schema: ActionSchema, binding: Binding, focus: Focus) -> str | None:
+    for c in schema.definition.precons:
+        if c.is_true and c.predicate in focus.vocabulary.place_predicates:
+            for name in c.params:
+                if binding[name] in focus.vocabulary.stations:
+                    return binding[name]
+    return None
+
+
+def _outcomes(effect: EffectDef, binding: Binding, focus: Focus, given: Outcome) -> list[Outcome]:
+    """The changes that a special effect makes in the end."""
+    if isinstance(effect, Creation):
+        born = [n for n in focus.names if _can_be(n, effect, focus)]
+        if not born:
+            return []
+        binding = {**binding, effect.created_obj.param: born[0]}
+        sets = focus.mask([(EXISTS, born[0]), *_atoms(effect.fx, binding, True)])
+        lacks = given.lacks | focus.mask([(EXISTS, born[0])])
+        clears = focus.mask(_atoms(effect.fx, binding, False))
+        return [Outcome(given.holds, lacks, clears, sets)]
+    conditions = getattr(effect, "conditions", ())
+    static = focus.vocabulary.world.table.static_predicates
+    for c in conditions:
+        if c.predicate in static and not focus.vocabulary.static_holds(c, binding):
+            return []
+    given = Outcome(
+        given.holds | focus.mask(_atoms(conditions, binding, True)),
+        given.lacks | focus.mask(a for a in _atoms(conditions, binding, False) if not _vague(a)),
+        0,
+        0,
+    )
+    clears = focus.mask(_atoms(effect.fx, binding, False))
+    sets = focus.mask(_atoms(effect.fx, binding, True))
+    gone = binding[effect.param] if isinstance(effect, Deletion) else ""
+    gone = gone if gone in focus.names else ""
+    found = [Outcome(given.holds, given.lacks, clears, sets, gone)]
+    for nested in effect.sfx:
+        found += _outcomes(nested, binding, focus, given)
+    return found
+
+
+def _can_be(name: str, effect: Creation, focus: Focus) -> bool:
+    thing = focus.vocabulary.world.thing(name)
+    created = effect.created_obj
+    return (thing.kind, thing.type, thing.tile) == (created.name, created.type, None)
+
+
+def _price(action: GroundAction, effect: int) -> float:
+    """What one special effect of an action adds to its price."""
+    price = 0.0
+    for node in action.effects[effect].counters():
+        if node.kind == "delayed":
+            price += WAITING * (node.total - 1)
+        else:
+            price += float((node.total - 1) * action.duration)
+    return price
+
+
+def _example(schema: ActionSchema, binding: Binding, focus: Focus) -> GroundAction:
+    """One of the ground actions that an operator stands for."""
+    vocabulary = focus.vocabulary
+    arguments = []
+    for name, kind in schema.parameters:
+        value = binding[name]
+        if value == SOMEBODY:
+            table = vocabulary.world.table
+            value = next(p for p in vocabulary.world.players if p in table.by_type[kind])
+        arguments.append(vocabulary.classes.get(value, [value])[0])
+    return vocabulary.world.action(schema.name, *arguments)

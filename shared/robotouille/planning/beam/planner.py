@@ -1,0 +1,138 @@
+"""Plans for one player or a team, from any state: better ones the more may be expanded.
+
+planner = Planner(world)
+solution = planner.solve(world.initial)
+if solution.reached:
+    print(write_plan(solution.plan, world))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from robotouille.planning.action_elimination import tidy
+from robotouille.planning.beam.assignment import assignments
+from robotouille.planning.beam.beam_search import Found, Search, Style
+from robotouille.planning.beam.goal_ordering import Ordering
+from robotouille.planning.beam.relevance import Relevance
+from robotouille.planning.beam.remaining_work import Binding, Estimate, Workbench
+from robotouille.planning.plan import Plan
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["Planner", "Solution"]
+
+EXPANSIONS = 4_000
+"""States expanded by default, counting one for each player's choice: about half a second."""
+
+MAX_STEPS = 5_000
+
+PATIENCE = 4
+"""How much more is spent where no plan has been found yet."""
+
+WIDTHS = (16, 16, 32, 32, 64, 64, 128, 128, 256, 256, 512, 512, 1024, 1024, 2048, 2048, 4096)
+MANNERS = ((0.0, 0.0), (0.02, 0.5), (0.0, 0.5), (0.02, 0.0), (0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A plan; if it does not reach the goal, it leads as near as was found.
+
+    `left` estimates the work that is left after it, in steps of one player.
+    """
+
+    plan: Plan
+    reached: bool
+    left: float
+    expansions: int
+
+
+class Planner:
+    """Finds plans in one world; what it learns about the task it keeps for the next."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._bench = Workbench(world)
+        self._ordering: Ordering | None = None
+
+    def solve(
+        self,
+        state: State,
+        team: Sequence[str] = (),
+        *,
+        seed: int = 0,
+        expansions: int = EXPANSIONS,
+        choices: int = 1,
+    ) -> Solution:
+        """A plan for the players of `team` (all, if empty), the others doing nothing.
+
+        At least one search is made, and more until as many states are expanded as `expansions`.
+        `choices` is the number of choices of objects that are tried. The same arguments give the
+        same plan.
+        """
+        if state.goal_reached:
+            return Solution(Plan(()), True, 0.0, 0)
+        players = tuple(p for p in self._world.players if p in team or not team)
+        searches = [s for s in self._searches(state, players, choices) if s is not None]
+        best: Found | None = None
+        spent = 0
+        for style, number in _styles(len(players)):
+            enough = expansions if best is not None and best.reached else PATIENCE * expansions
+            if not searches or spent >= enough:
+                break
+            search = searches[number % len(searches)]
+            limit = len(best.steps) if best is not None and best.reached else MAX_STEPS
+            patience = expansions if best is not None and best.reached else PATIENCE * expansions
+            found = search.run(style, seed + number, limit, patience - spent)
+            spent += found.expansions + 1
+            best = _better(best, found)
+        return self._solution(state, best, spent)
+
+    def _solution(self, state: State, best: Found | None, spent: int) -> Solution:
+        if best is None:
+            return Solution(Plan(()), False, float("inf"), spent)
+        if not best.reached:
+            return Solution(Plan(best.steps), False, best.left, spent)
+        return Solution(tidy(Plan(best.steps), state), True, 0.0, spent)
+
+    def _searches(self, state: State, players: tuple[str, ...], choices: int) -> Iterator[Search]:
+        self._bench.refresh()
+        ordering = self.ordering
+        for binding in assignments(self._bench, state, ordering, choices):
+            yield self._search(state, binding, players, ordering)
+
+    def _search(
+        self, state: State, binding: Binding, players: tuple[str, ...], ordering: Ordering | None
+    ) -> Search:
+        rules = ordering.rules(binding) if ordering is not None else None
+        estimate = Estimate(self._bench, binding, state.facts, rules)
+        relevance = Relevance(self._bench, state, estimate, len(players))
+        return Search(self._world, state, estimate, relevance, players)
+
+    @property
+    def ordering(self) -> Ordering | None:
+        """What has to be done before what; None where the goal cannot be met."""
+        if self._ordering is None:
+            self._bench.refresh()
+            bindings = assignments(self._bench, self._world.initial)
+            if bindings:
+                self._ordering = Ordering(self._bench, bindings[0])
+        return self._ordering
+
+
+def _styles(players: int) -> Iterator[tuple[Style, int]]:
+    """Searches that differ, the narrow ones first."""
+    for number, width in enumerate(WIDTHS):
+        effort, chain = MANNERS[number % len(MANNERS)]
+        yield Style(width, effort, chain if players > 1 else 0.0), number
+
+
+def _better(best: Found | None, found: Found) -> Found:
+    if best is None or (found.reached and not best.reached):
+        return found
+    if found.reached and len(found.steps) < len(best.steps):
+        return found
+    if not found.reached and not best.reached and found.left < best.left:
+        return found
+    return best

@@ -1,0 +1,367 @@
+"""An estimate of the work left until a goal is met: the search's compass.
+
+The estimate adds up, for every object of the goal, its distance in a projection (`projection.py`)
+as if the timers that run had run out, and takes off what is done of repeated actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from robotouille.planning.beam.domain_analysis import Vocabulary
+from robotouille.planning.beam.projection import DEAD, Projection
+from robotouille.planning.beam.timer_forecast import Forecast, Forecaster
+from robotouille.world.grounding.atoms import EXISTS, bits_of
+from robotouille.world.grounding.effects import Effect
+from robotouille.world.grounding.objects import Atom
+from robotouille.world.timers import Timers
+from robotouille.world.world import World
+
+__all__ = ["Binding", "Estimate", "Workbench"]
+
+Binding = dict[int | str, str]
+
+Entry = tuple[float, int, "dict[int, float] | None"]
+
+MAX_SUPPORTS = 4
+
+HELD = 0.75
+"""The price, in errands, of having to put down something that is of no use."""
+
+
+REDOING = 2.0
+"""The price, in errands, of having done something before what has to be done first."""
+
+
+@dataclass
+class Part:
+    """The work on one object: the largest of its distances in several projections.
+
+    An entry of `known` is (steps, mask of places, held). If nobody holds the object, being at one
+    of the places saves a walk; if somebody does, `held` gives the steps by the place of the holder.
+    """
+
+    vocabulary: Vocabulary
+    projections: list[Projection]
+    owned: bool = True
+    mask: int = 0
+    known: dict[int, Entry] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for projection in self.projections:
+            self.mask |= projection.mask
+
+    @property
+    def focus(self) -> tuple[str, ...]:
+        """The object, and what supports it."""
+        return self.projections[0].focus.names
+
+    @property
+    def name(self) -> str:
+        """The object whose work this is."""
+        return next(iter(self.focus), "")
+
+    @property
+    def partners(self) -> tuple[str, ...]:
+        """The objects that the work on this one leads it to."""
+        return self.projections[0].focus.partners if self.owned else ()
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the goal says at which station the object is to be."""
+        return bool(self.projections[0].focus.stations)
+
+    def entry(self, facts: int) -> Entry:
+        """The entry for a state's facts."""
+        facts &= self.mask
+        found = self.known.get(facts)
+        if found is None:
+            found = self.known[facts] = self._look(facts)
+        return found
+
+    def distance(self, facts: int) -> float:
+        """The distance for whoever is to come from elsewhere."""
+        return self.entry(facts)[0]
+
+    def _look(self, facts: int) -> Entry:
+        nodes = [(p, p.node(facts)) for p in self.projections]
+        distances = [p.distance(node) for p, node in nodes]
+        steps = max(distances)
+        hardest = [pair for pair, d in zip(nodes, distances, strict=True) if d == steps]
+        places = self.vocabulary.place_mask
+        holder = self._holder(hardest[0][0], facts)
+        if holder is None:
+            near = set.intersection(*(set(p.near(node)) for p, node in hardest))
+            mask = 0
+            for station in near:
+                mask |= places[station]
+            return steps, mask, None
+        own = self.vocabulary.places[holder]
+        projection, node = hardest[0]
+        return steps, own, {own & places[s]: d for s, d in projection.nearer(node).items()}
+
+    def _holder(self, projection: Projection, facts: int) -> str | None:
+        """The player that an atom about the focus mentions."""
+        players = self.vocabulary.world.players
+        atoms = self.vocabulary.world.table.atoms
+        for position in bits_of(facts & projection.mask):
+            for name in atoms[position][1:]:
+                if name in players:
+                    return name
+        return None
+
+
+class Workbench:
+    """The projections of a world, made when first needed and kept."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.vocabulary = Vocabulary(world)
+        self.forecast = Forecaster(world)
+        self._parts: dict[tuple[tuple[str, ...], frozenset[Atom], frozenset[Atom]], Part] = {}
+        self._supporters: dict[tuple[str, frozenset[Atom], frozenset[str]], list[str]] = {}
+        self._size = 0
+
+    def refresh(self) -> None:
+        """Have room for every object that the goal may want to be created.
+
+        What was found before the world made more room is out of date, and forgotten.
+        """
+        goal = self.world.goal
+        for variable, kind in ((v.id, v.kind) for v in goal.variables.values()):
+            wanted = sum(v.kind == kind for v in goal.variables.values())
+            known = -1
+            while known < len(goal.candidates(variable)) < wanted:
+                known = len(goal.candidates(variable))
+                self._make_room()
+        if self._size != len(self.world.table.atoms):
+            self._size = len(self.world.table.atoms)
+            self.vocabulary = Vocabulary(self.world)
+            self.forecast = Forecaster(self.world)
+            self._parts.clear()
+            self._supporters.clear()
+
+    def _make_room(self) -> None:
+        """Have the world number one more object of each kind that can be created."""
+        with suppress(ValueError):
+            self.world.restore((2 << len(self.world.table.atoms)) - 1, ())
+
+    def parts(self, atoms: list[Atom], facts: int) -> list[Part]:
+        """The parts of a goal; each atom is the work of the first movable it mentions."""
+        owned: dict[str, list[Atom]] = {}
+        guests: dict[str, list[Atom]] = {}
+        for atom in atoms:
+            first, *others = self.vocabulary.movables_in(atom) or [""]
+            owned.setdefault(first, []).append(atom)
+            for other in others:
+                guests.setdefault(other, []).append(atom)
+        names = list(dict.fromkeys([*owned, *guests]))
+        taken = frozenset(names)
+        parts: list[Part] = []
+        made: list[list[Part]] = []
+        for name in names:
+            goal, hosted = frozenset(owned.get(name, ())), frozenset(guests.get(name, ()))
+            options = [
+                self._part((name, s) if s else (name,), goal, hosted)
+                for s in self._supports(name, goal, taken)
+            ]
+            if len(options) > 1:
+                made.append(options)
+            elif name in owned or self._can_fail(options[0], facts):
+                parts.append(options[0])
+        return parts + _share(made, facts)
+
+    def _part(self, names: tuple[str, ...], goal: frozenset[Atom], hosted: frozenset[Atom]) -> Part:
+        key = (names, goal, hosted)
+        part = self._parts.get(key)
+        if part is None:
+            focus = tuple(name for name in names if name)
+            guests: list[Atom | None] = [*sorted(hosted)] or [None]
+            projections = [Projection(self.vocabulary, focus, goal, guest) for guest in guests]
+            part = self._parts[key] = Part(self.vocabulary, projections, bool(goal))
+        return part
+
+    def _can_fail(self, part: Part, facts: int) -> bool:
+        part.distance(facts)
+        return any(projection.has_dead_ends for projection in part.projections)
+
+    def _supports(self, name: str, goal: frozenset[Atom], taken: frozenset[str]) -> list[str]:
+        """The objects, none of the goal's own, one of which the work cannot do without.
+
+        Looked for only where the object is yet to be made or there is none; else [""].
+        """
+        if name and (EXISTS, name) not in self.world.table.bit:
+            return [""]
+        key = (name, goal, taken)
+        found = self._supporters.get(key)
+        if found is None:
+            plain = Projection(self.vocabulary, (name,) if name else (), goal)
+            found = [""]
+            for stranger in sorted(plain.strangers):
+                members = self.vocabulary.classes[stranger]
+                if not any(member in taken for member in members):
+                    found = members[:MAX_SUPPORTS]
+                    break
+            self._supporters[key] = found
+        return found
+
+
+def _share(made: list[list[Part]], facts: int) -> list[Part]:
+    """One option of each list, no two with the same support while there are enough."""
+    chosen: list[Part] = []
+    used: set[str] = set()
+    for options in sorted(made, key=lambda options: min(p.distance(facts) for p in options)):
+        free = [p for p in options if p.focus[-1] not in used] or options
+        best = min(free, key=lambda p: p.distance(facts))
+        used.add(best.focus[-1])
+        chosen.append(best)
+    return chosen
+
+
+class Estimate:
+    """The work left until one choice of objects meets the goal.
+
+    `atoms` are the goal's under that choice, or some of them; `rules` come from `ordering.py`;
+    `kept` is a mask of facts without which a state is worthless.
+    """
+
+    def __init__(
+        self,
+        bench: Workbench,
+        binding: Binding,
+        facts: int,
+        rules: Mapping[str, tuple[int, int]] | None = None,
+        atoms: list[Atom] | None = None,
+        kept: int = 0,
+    ) -> None:
+        world = bench.world
+        self.binding = binding
+        atoms = world.goal.atoms(binding) if atoms is None else atoms
+        rules = rules or {}
+        self.parts = bench.parts(atoms, facts)
+        self.goal = world.table.mask(atoms)
+        self._kept = kept
+        self._rules = list(rules.values())
+        self._forecast = bench.forecast
+        self._travel = bench.vocabulary.mean_travel
+        self._errand = bench.vocabulary.errand
+        self._wanted: dict[Effect, int] = {}
+        self._rows = [
+            (p.mask, p.known, p, rules.get(p.name, (0, 0))[1], _meetings(p, self.parts, bench))
+            for p in self.parts
+        ]
+        self._hands = _hands(bench.vocabulary)
+        self._idle_hands = _useless(bench.vocabulary, self.parts)
+
+    def __call__(self, facts: int, timers: Timers, chain: float = 0.0) -> float:
+        """Steps of work left; DEAD or more where the goal cannot be met any more.
+
+        `chain` is the additional weight of the object with most work left, which nobody can speed
+        up: 0 estimates the work, more gives attention to the time it takes a team.
+        """
+        if facts & self._kept != self._kept:
+            return DEAD
+        now = facts
+        total = 0.0
+        if timers.entries:
+            forecast = self._forecast(facts, timers)
+            facts = (facts | forecast.touched) ^ forecast.removed
+            total = forecast.waiting
+            if forecast.repeated:
+                total -= self._repeated(forecast, facts)
+        for _, steps_busy in timers.busy:
+            total += steps_busy
+        useful = 0
+        longest = 0.0
+        for mask, known, part, early, meetings in self._rows:
+            about = facts & mask
+            steps, where, held = known.get(about) or part.entry(about)
+            total += steps
+            longest = max(longest, steps)
+            if held is None:
+                useful |= where
+            elif facts & early == early:
+                place = now & where
+                total += held.get(place, steps) - steps
+                if meetings and not any(now & at and place & there for at, there in meetings):
+                    total += self._travel
+        total += chain * longest
+        if useful:
+            for places, hold in self._hands:
+                if now & hold:
+                    useful &= ~places
+            total -= (now & useful).bit_count() * self._travel
+        for late, early in self._rules:
+            if facts & late == late and facts & early != early:
+                total += REDOING * self._errand
+        useless = now & self._idle_hands
+        if useless:
+            total += HELD * self._errand * useless.bit_count()
+        return total
+
+    def _repeated(self, forecast: Forecast, facts: int) -> float:
+        """What is done already of repeated actions whose effect is wanted and not there yet."""
+        credit = 0.0
+        for effect, done in forecast.repeated:
+            wanted = self._wanted.get(effect)
+            if wanted is None:
+                wanted = self._wanted[effect] = self._sets(effect, facts)
+            if wanted & ~facts:
+                credit += done
+        return credit
+
+    def _sets(self, effect: Effect, facts: int) -> int:
+        """What an effect makes true, if that brings the goal nearer; else 0."""
+        sets = 0
+        for node in effect.counters():
+            sets |= node.sets
+        nearer = (part.distance(facts | sets) < part.distance(facts) for part in self.parts)
+        return sets if any(nearer) else 0
+
+
+def _hands(vocabulary: Vocabulary) -> list[tuple[int, int]]:
+    """For each player, the masks of where it can be and of what it can hold."""
+    movable = _about_movables(vocabulary)
+    mentions = vocabulary.world.table.mentions
+    return [(vocabulary.places[p], mentions(p) & movable) for p in vocabulary.world.players]
+
+
+def _about_movables(vocabulary: Vocabulary) -> int:
+    table = vocabulary.world.table
+    mask = 0
+    for kind, names in table.by_type.items():
+        if vocabulary.is_movable(kind):
+            for name in names:
+                mask |= table.mentions(name)
+    return mask
+
+
+def _useless(vocabulary: Vocabulary, parts: list[Part]) -> int:
+    """The atoms between a player and a movable on which no work is left to do."""
+    mask = 0
+    for _, hold in _hands(vocabulary):
+        mask |= hold
+    for part in parts:
+        mask &= ~part.mask
+    return mask
+
+
+def _meetings(part: Part, parts: list[Part], bench: Workbench) -> list[tuple[int, int]]:
+    """Where an object can be that has to be brought to another, wherever that one is.
+
+    Pairs of masks: the other is at a station; some player is there.
+    """
+    vocabulary = bench.vocabulary
+    if part.fixed or not part.partners:
+        return []
+    others = {n for p in parts if p.name in part.partners for n in p.focus} | set(part.partners)
+    table = bench.world.table
+    pairs = []
+    for station in vocabulary.stations:
+        about = 0
+        for name in sorted(others):
+            about |= table.mentions(name) & table.mentions(station)
+        pairs.append((about, vocabulary.place_mask[station]))
+    return pairs

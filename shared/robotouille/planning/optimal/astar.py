@@ -1,0 +1,206 @@
+"""Best-first search (A*) on the world's own steps: shortest plans in any domain, with proof.
+
+P. E. Hart, N. J. Nilsson, B. Raphael: A formal basis for the heuristic determination of minimum
+cost paths, 1968. A state is expanded in order of the steps taken so far and the estimate of those
+missing. An estimate is made only when a state's turn comes: until then, it is one less than its
+predecessor's (no step can bring the goal nearer by more than one). So the sum never falls on the
+way, and the smallest one that is left is a proven bound at any time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Hashable
+from typing import NamedTuple
+
+from robotouille.planning.optimal.admissible import BLIND, Blind, Heuristic, LandmarkCut
+from robotouille.planning.optimal.joint_actions import Transitions
+from robotouille.planning.optimal.relaxation.schema_grounding import TooLargeError
+from robotouille.planning.optimal.symmetry import Symmetry
+from robotouille.planning.plan import Joint, Plan
+from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.world.state import State
+from robotouille.world.timers import Timers
+from robotouille.world.world import World
+
+__all__ = ["PLANNER", "solve"]
+
+PLANNER = "general 1"
+
+PAUSE = 64
+"""How many states are looked at between two questions whether to stop."""
+
+BATCH = 64
+"""How many successors of one state are made before it is looked at whether to stop."""
+
+Key = tuple[int, int]
+
+
+def solve(
+    world: World,
+    start: State | None = None,
+    *,
+    heuristic: Heuristic | None = None,
+    limits: Limits = UNLIMITED,
+    watch: Watch | None = None,
+    symmetry: bool = True,
+) -> Answer:
+    """The shortest plan of all players of a world together, from `start` or from the beginning.
+
+    By default LM-cut guides the search, or nothing where a relaxation would be too large. With
+    `symmetry`, states that differ only in which of several like objects is which count as one.
+    """
+    state = world.initial if start is None else start
+    if state.goal_reached:
+        return Answer(Plan(()), 0, Proof.EXHAUSTED, PLANNER, 0)
+    guide = _default(world, state) if heuristic is None else heuristic
+    return _Search(world, guide, limits, watch, symmetry).run(state)
+
+
+def _default(world: World, start: State) -> Heuristic:
+    try:
+        return LandmarkCut(world, start)
+    except TooLargeError:
+        return BLIND
+
+
+class Node(NamedTuple):
+    """A state on the way, and how it was reached; `left` is the least number of steps missing."""
+
+    facts: int
+    timers: Timers
+    key: Key
+    steps: int
+    left: int
+    evaluated: bool
+    parent: Node | None
+    joint: Joint
+
+
+class _Search:
+    """One search: the states known, and those that are open, by the least length through them."""
+
+    def __init__(
+        self,
+        world: World,
+        heuristic: Heuristic,
+        limits: Limits,
+        watch: Watch | None,
+        symmetry: bool,
+    ) -> None:
+        self._reached = world.goal.reached
+        self._moves = Transitions(world).moves
+        self._heuristic = heuristic
+        self._limits = limits
+        self._watch = watch
+        self._key = _keys(world, symmetry)
+        self._proof = Proof.EXHAUSTED if isinstance(heuristic, Blind) else Proof.HEURISTIC
+        self._known: dict[Key, int] = {}
+        self._open: defaultdict[int, list[Node]] = defaultdict(list)
+        self._bound = 0
+        self._expansions = 0
+        self._looks = 0
+        self._stopped = False
+
+    def run(self, start: State) -> Answer:
+        key = self._key(start.facts, start.timers)
+        self._known[key] = 0
+        self._open[1].append(Node(start.facts, start.timers, key, 0, 1, False, None, ()))
+        while self._open:
+            self._bound = min(self._open)
+            goal = self._work_off(self._open[self._bound])
+            if goal is not None:
+                return self._answer(_plan(goal))
+            if self._stopped:
+                return self._answer(None)
+            del self._open[self._bound]
+        return self._answer(None, unsolvable=True)
+
+    def _work_off(self, nodes: list[Node]) -> Node | None:
+        """Look at every state of the least length, until the goal is reached or it is stopped."""
+        while nodes and not self._exhausted():
+            node = nodes.pop()
+            if self._known[node.key] < node.steps:
+                continue
+            if not node.evaluated:
+                estimate = self._heuristic(node.facts, node.timers)
+                if estimate == math.inf:
+                    continue
+                node = node._replace(left=max(node.left, int(estimate)), evaluated=True)
+                if node.steps + node.left > self._bound:
+                    self._open[node.steps + node.left].append(node)
+                    continue
+            goal = self._expand(node)
+            if goal is not None or self._stopped:
+                return goal
+        return None
+
+    def _expand(self, node: Node) -> Node | None:
+        """Add a state's successors; the goal, if it is among them.
+
+        That is then as near as any: the state had at least one step to go, and its least length
+        is the bound.
+        """
+        self._expansions += 1
+        known, steps = self._known, node.steps + 1
+        least = max(node.left - 1, 1)
+        front = self._open[steps + least]
+        for number, (facts, timers, joint) in enumerate(self._moves(node.facts, node.timers), 1):
+            if not number % BATCH and self._exhausted():
+                return None
+            key = self._key(facts, timers)
+            before = known.get(key)
+            if before is not None and before <= steps:
+                continue
+            known[key] = steps
+            after = Node(facts, timers, key, steps, least, False, node, joint)
+            if self._reached(facts):
+                return after
+            front.append(after)
+        return None
+
+    def _exhausted(self) -> bool:
+        """Whether a limit has been reached, which ends the search."""
+        limits = self._limits
+        most_expansions = math.inf if limits.expansions is None else limits.expansions
+        most_states = math.inf if limits.states is None else limits.states
+        self._looks += 1
+        if self._expansions >= most_expansions or len(self._known) >= most_states:
+            self._stopped = True
+        elif not self._looks % PAUSE:
+            if self._watch is not None:
+                self._watch(self._expansions, self._bound, None)
+            self._stopped = limits.stop is not None and limits.stop()
+        return self._stopped
+
+    def _answer(self, plan: Plan | None, unsolvable: bool = False) -> Answer:
+        return Answer(plan, self._bound, self._proof, PLANNER, self._expansions, unsolvable)
+
+
+def _plan(goal: Node) -> Plan:
+    steps: list[Joint] = []
+    node = goal
+    while node.parent is not None:
+        steps.append(node.joint)
+        node = node.parent
+    return Plan(tuple(reversed(steps)))
+
+
+def _keys(world: World, symmetry: bool) -> Callable[[int, Timers], Key]:
+    """What tells states apart."""
+    if symmetry:
+        groups = Symmetry(world)
+        if groups:
+            return groups.key
+    numbers: dict[Hashable, int] = {}
+    known: dict[Timers, int] = {}
+
+    def key(facts: int, timers: Timers) -> Key:
+        number = known.get(timers)
+        if number is None:
+            value = (timers.entries, timers.busy)
+            number = known[timers] = numbers.setdefault(value, len(numbers))
+        return facts, number
+
+    return key

@@ -1,0 +1,1 @@
+"""The delete relaxation: what would be possible if nothing were ever undone."""

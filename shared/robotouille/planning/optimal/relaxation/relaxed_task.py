@@ -1,0 +1,232 @@
+"""Relaxed tasks as arrays of numbers: what heuristics compute with.
+
+A world has one relaxed task for each set of existing objects; each is pruned of what cannot be
+reached from the start of a search, and of what does not matter for the goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from robotouille.domain.schema import GoalTerm
+from robotouille.planning.optimal.relaxation.abstract_objects import cast_of, future_name
+from robotouille.planning.optimal.relaxation.relaxed_goal import GOAL, GoalRules
+from robotouille.planning.optimal.relaxation.relaxed_operators import (
+    MOST_COUNTED,
+    Label,
+    Prop,
+    Rule,
+    RuleBook,
+)
+from robotouille.world.grounding.atoms import bits_of
+from robotouille.world.state import State
+from robotouille.world.timers import Timers
+from robotouille.world.world import World
+
+__all__ = ["Relaxation", "RelaxedTask", "Situation", "reachable"]
+
+TRUE: Prop = ("true",)
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """A state as a relaxed task sees it: the propositions reached, and delays begun already.
+
+    `left` has, for rules of delays that have begun, the delay that is left.
+    """
+
+    props: list[int]
+    left: dict[int, int]
+
+
+class RelaxedTask:
+    """Rules by number. `needs`, `adds`, `cost` and `delay` are those of each rule; `users` the
+    rules that need a proposition, `makers` those that add it."""
+
+    def __init__(self, world: World, rules: list[Rule]) -> None:
+        self.rules = rules
+        self.number: dict[Prop, int] = {TRUE: 0, GOAL: 1}
+        self.needs = [self._numbers(rule.needs) or (0,) for rule in rules]
+        self.adds = [self._numbers(rule.adds) for rule in rules]
+        self.cost = bytes(rule.cost for rule in rules)
+        self.delay = [rule.delay for rule in rules]
+        self.timed = bytes(rule.clock is not None for rule in rules)
+        self.counts = [len(needs) for needs in self.needs]
+        self.size = len(self.number)
+        self.users = _index(self.needs, self.size)
+        self.makers = _index(self.adds, self.size)
+        self._clocks = {rule.clock: i for i, rule in enumerate(rules) if rule.clock is not None}
+        bits = world.table.bit
+        self._true = self._by_bit("+", bits)
+        self._false = self._by_bit("-", bits)
+        self._true_mask = sum(1 << bit for bit in self._true)
+        self._false_mask = sum(1 << bit for bit in self._false)
+        static = world.table.static
+        self._always = [0] + [
+            number
+            for prop, number in self.number.items()
+            if prop[0] == "-" and prop[1] not in bits and prop[1] not in static
+        ]
+        self._timers: dict[Timers, tuple[list[int], dict[int, int]]] = {}
+
+    goal = 1
+
+    def situation(self, facts: int, timers: Timers) -> Situation:
+        """What is reached at once in a state."""
+        known = self._timers.get(timers)
+        if known is None:
+            known = self._timers[timers] = self._running(timers)
+        props = self._always + known[0]
+        props += [self._true[bit] for bit in bits_of(facts & self._true_mask)]
+        props += [self._false[bit] for bit in bits_of(~facts & self._false_mask)]
+        return Situation(props, known[1])
+
+    def _numbers(self, props: Iterable[Prop]) -> tuple[int, ...]:
+        return tuple({self.number.setdefault(p, len(self.number)): None for p in props})
+
+    def _by_bit(self, sign: str, bits: dict[tuple[str, ...], int]) -> dict[int, int]:
+        return {
+            bits[prop[1]].bit_length() - 1: number
+            for prop, number in self.number.items()
+            if prop[0] == sign and prop[1] in bits
+        }
+
+    def _running(self, timers: Timers) -> tuple[list[int], dict[int, int]]:
+        props: list[Prop] = []
+        left: dict[int, int] = {}
+        for effect, progress in timers.entries:
+            props.append(("runs", effect.label, 0))
+            for slot, done in enumerate(progress):
+                if done == 1:
+                    props.append(("holds", effect.label, slot))
+                counts = range(1, min(done, MOST_COUNTED) + 1)
+                props += [("count", effect.label, slot, n) for n in counts]
+                rule = self._clocks.get((effect.label, slot))
+                if rule is not None and done > 0:
+                    left[rule] = max(0, self.delay[rule] - done)
+        return [self.number[prop] for prop in props if prop in self.number], left
+
+
+def _index(table: list[tuple[int, ...]], size: int) -> list[list[int]]:
+    found: list[list[int]] = [[] for _ in range(size)]
+    for rule, props in enumerate(table):
+        for prop in props:
+            found[prop].append(rule)
+    return found
+
+
+def reachable(task: RelaxedTask, situation: Situation) -> bytearray:
+    """For each proposition, whether it can be reached at all."""
+    reached = bytearray(task.size)
+    unmet = task.counts.copy()
+    frontier = list(dict.fromkeys(situation.props))
+    for prop in frontier:
+        reached[prop] = 1
+    while frontier:
+        for rule in task.users[frontier.pop()]:
+            unmet[rule] -= 1
+            if not unmet[rule]:
+                for prop in task.adds[rule]:
+                    if not reached[prop]:
+                        reached[prop] = 1
+                        frontier.append(prop)
+    return reached
+
+
+class Relaxation:
+    """The relaxed tasks of a world for all states that can be reached from a start."""
+
+    def __init__(self, world: World, start: State) -> None:
+        self._world = world
+        self._running: set[Label] = set()
+        self._tasks: dict[int, tuple[RelaxedTask, set[Label]]] = {}
+        self._parts: dict[GoalTerm, Prop] = {}
+        self._born = {o.name for o in start.objects}
+        self._reached: frozenset[Prop] = frozenset()
+        self._known: frozenset[Prop] = frozenset()
+        whole, _ = self._whole(start.facts, start.timers)
+        reached = reachable(whole, whole.situation(start.facts, start.timers))
+        self._reached = frozenset(p for p, n in whole.number.items() if reached[n])
+        self._known = frozenset(whole.number)
+
+    def may_come_true(self, term: GoalTerm) -> bool:
+        """Whether one predicate of the goal can be reached from the start."""
+        return self._parts[term] in self._reached
+
+    def task(self, facts: int, timers: Timers) -> RelaxedTask:
+        """The relaxed task of a state."""
+        key = facts & self._world.table.internal
+        known = self._tasks.get(key)
+        if known is not None:
+            task, labels = known
+            if all(effect.label in labels for effect, _ in timers.entries):
+                return task
+        whole, labels = self._whole(facts, timers)
+        task = RelaxedTask(self._world, _relevant(self._attainable(whole.rules)))
+        self._tasks[key] = task, labels
+        return task
+
+    def _whole(self, facts: int, timers: Timers) -> tuple[RelaxedTask, set[Label]]:
+        """All rules, and the effects they speak of.
+
+        Rules that add nothing give numbers to the parts of the goal, even if nothing changes them.
+        """
+        cast = cast_of(self._world, facts)
+        self._running |= {effect.label for effect, _ in timers.entries}
+        running = [x for x in sorted(self._running) if all(a in cast.by_name for a in x[2])]
+        book = RuleBook(self._world, cast)
+        goal = GoalRules(self._world, cast)
+        self._parts = self._parts or {term: goal.part(term) for term in self._world.goal.terms}
+        book.write(running)
+        asked = [Rule([part], []) for part in dict.fromkeys(self._parts.values())]
+        return RelaxedTask(self._world, book.rules + goal.rules + asked), book.labels
+
+    def _attainable(self, rules: list[Rule]) -> list[Rule]:
+        """The rules whose needs can all be met somewhere, as seen from the start of the search."""
+        born = {
+            name: future_name(thing.kind, thing.type)
+            for name in self._world.thing_names - self._born
+            for thing in [self._world.thing(name)]
+        }
+        return [
+            rule
+            for rule in rules
+            if all(self._may_be_reached(_renamed(prop, born)) for prop in rule.needs)
+        ]
+
+    def _may_be_reached(self, prop: Prop) -> bool:
+        """Counts are left out: how many are needed may differ between an object and its kind."""
+        return prop in self._reached or prop not in self._known or prop[0] in ("count", "part")
+
+
+def _renamed(prop: Prop, born: dict[str, str]) -> Prop:
+    """A proposition about objects that do not exist at the start, said of future ones."""
+    if prop[0] in ("+", "-"):
+        return (prop[0], tuple(born.get(name, name) for name in prop[1]))
+    if prop[0] in ("runs", "holds"):
+        name, index, arguments = prop[1]
+        return (prop[0], (name, index, tuple(born.get(a, a) for a in arguments)), prop[2])
+    return prop
+
+
+def _relevant(rules: list[Rule]) -> list[Rule]:
+    """The rules that the goal may need, without what they add for nothing."""
+    makers: dict[Prop, list[Rule]] = {}
+    for rule in rules:
+        for prop in rule.adds:
+            makers.setdefault(prop, []).append(rule)
+    wanted = {GOAL}
+    frontier: list[Prop] = [GOAL]
+    used: set[int] = set()
+    while frontier:
+        for rule in makers.get(frontier.pop(), ()):
+            used.add(id(rule))
+            new = [prop for prop in rule.needs if prop not in wanted]
+            wanted.update(new)
+            frontier += new
+    return [
+        Rule(r.needs, [p for p in r.adds if p in wanted], r.cost, r.delay, r.clock)
+        for r in rules
+        if id(r) in used
+    ]

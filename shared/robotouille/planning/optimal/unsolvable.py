@@ -1,0 +1,72 @@
+"""Why there is no plan: the parts of a goal that nothing can bring about."""
+
+from __future__ import annotations
+
+from robotouille.domain.schema import GoalTerm
+from robotouille.planning.optimal.joint_actions import Transitions
+from robotouille.planning.optimal.relaxation.relaxed_task import Relaxation
+from robotouille.planning.optimal.relaxation.schema_grounding import TooLargeError
+from robotouille.planning.search_result import Limits
+from robotouille.world.state import State
+from robotouille.world.text import describe
+from robotouille.world.world import World
+
+__all__ = ["unreachable_goal"]
+
+EXHAUSTIVE = Limits(states=100_000)
+
+
+def unreachable_goal(
+    world: World, state: State | None = None, *, limits: Limits = EXHAUSTIVE
+) -> tuple[str, ...]:
+    """The predicates of the goal, in words, that cannot come true from a state.
+
+    First those that cannot even if nothing is ever undone. If there are none, every state is
+    visited, and those that held in none of them are named; nothing is if the limits are too
+    narrow for that, or if each comes true but never all at once.
+    """
+    start = world.initial if state is None else state
+    terms = _relaxed(world, start) or _visited(world, start, limits)
+    return tuple(dict.fromkeys(_in_words(world, term) for term in terms))
+
+
+def _relaxed(world: World, start: State) -> list[GoalTerm]:
+    try:
+        relaxation = Relaxation(world, start)
+    except TooLargeError:
+        return []
+    return [term for term in world.goal.terms if not relaxation.may_come_true(term)]
+
+
+def _visited(world: World, start: State, limits: Limits) -> list[GoalTerm]:
+    mask = world.goal.possible_mask
+    moves = Transitions(world).moves
+    fluents = world.table.fluents
+    never = [term for term in world.goal.terms if term.predicate in fluents]
+    known = {start}
+    frontier = [start]
+    expansions = 0
+    while frontier and never:
+        if _beyond(limits, expansions, len(known)):
+            return []
+        state = frontier.pop()
+        expansions += 1
+        never = [term for term in never if not state.facts & mask(term)]
+        for facts, timers, _ in moves(state.facts, state.timers):
+            after = State(world, facts, timers)
+            if after not in known:
+                known.add(after)
+                frontier.append(after)
+    return never
+
+
+def _beyond(limits: Limits, expansions: int, states: int) -> bool:
+    if limits.expansions is not None and expansions >= limits.expansions:
+        return True
+    if limits.states is not None and states >= limits.states:
+        return True
+    return limits.stop is not None and not expansions % 256 and limits.stop()
+
+
+def _in_words(world: World, term: GoalTerm) -> str:
+    return describe(world.task.domain, (term.predicate, *term.args), is_true=True)

@@ -1,0 +1,157 @@
+"""Plans of other planners, back as plans of the world.
+
+A plan of the step encoding is cut into steps by its `tick`s; one of the durative encoding by its
+times. Objects that were created in one step may bear each other's names in it, since planners may
+carry out creations in any order; the world's order is that in which their effects began.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from robotouille.domain.schema import Creation
+from robotouille.errors import Fault, FileError
+from robotouille.planning.pddl.lifting.instants import instant_name
+from robotouille.planning.pddl.task_encoding import Encoding, Style, encode
+from robotouille.planning.plan import Plan
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import World
+
+__all__ = ["read_pddl_plan"]
+
+Joint = tuple[GroundAction, ...]
+
+_LINE = re.compile(r"(?:(?P<time>[0-9.]+)\s*:)?\s*\((?P<action>[^()]*)\)\s*(?:\[[^\]]*\])?$")
+
+CLOSE = 0.01
+"""How far behind the time of its step an action may be."""
+
+Label = tuple[str, int, tuple[str, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    number: int
+    time: float | None
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """An object that the plan creates: by which part of which effect, and its name there."""
+
+    label: Label
+    slot: int
+    name: str
+
+    @property
+    def kind(self) -> str:
+        return self.name.rstrip("0123456789")
+
+
+def read_pddl_plan(
+    text: str, world: World, *, created: int | None = None, source: str = "plan"
+) -> Plan:
+    """The plan of a text; `created` as it was given to `encode`.
+
+    Raises FileError with the first line that is no action of the encoding.
+    """
+    lines = list(_lines(text, source))
+    timed = any(line.time is not None for line in lines)
+    encoding = encode(world, Style.DURATIVE if timed else Style.STEPS, created=created)
+    reader = _Reader(world, encoding)
+    for line in sorted(lines, key=lambda line: line.time or 0.0):
+        try:
+            reader.read(line)
+        except (KeyError, ValueError) as error:
+            raise FileError(source, [Fault(f"line {line.number}", str(error.args[0]))]) from None
+    return reader.plan()
+
+
+def _lines(text: str, source: str) -> Iterator[_Line]:
+    for number, line in enumerate(text.splitlines(), start=1):
+        stripped = line.partition(";")[0].strip()
+        if not stripped:
+            continue
+        match = _LINE.match(stripped)
+        words = match["action"].split() if match else []
+        if match is None or not words:
+            fault = Fault(f"line {number}", f"expected '(action argument …)', found {stripped!r}")
+            raise FileError(source, [fault])
+        time = float(match["time"]) if match["time"] else None
+        yield _Line(number, time, tuple(words))
+
+
+class _Reader:
+    """Takes the steps of a plan while it reads it, to know what created objects are called."""
+
+    def __init__(self, world: World, encoding: Encoding) -> None:
+        self._world = world
+        self._names = encoding.names
+        self._arity = {s.name: len(s.parameters) for s in encoding.lifted.schemas}
+        self._instants = {
+            instant_name(timer, part): (timer, part) for timer, part in encoding.lifted.instants
+        }
+        self._state = self._before = world.initial
+        self._steps: list[Joint] = []
+        self._joint: list[GroundAction] = []
+        self._made: list[_Made] = []
+        self._called: dict[str, str] = {}
+
+    def plan(self) -> Plan:
+        """The plan so far."""
+        if self._joint:
+            self._step()
+        return Plan(tuple(self._steps))
+
+    def read(self, line: _Line) -> None:
+        """Read one more action of the encoding."""
+        name = self._names.original("action", line.words[0])
+        arguments = [self._names.original("object", word) for word in line.words[1:]]
+        if name in self._instants:
+            self._carry_out(name, arguments)
+            return
+        self._name_created()
+        if name in self._arity:
+            while line.time is not None and len(self._steps) < int(line.time + CLOSE):
+                self._step()
+            self._act(name, arguments[: self._arity[name]])
+        elif name == "~tick":
+            self._step()
+
+    def _act(self, name: str, arguments: list[str]) -> None:
+        called = [self._called.get(argument, argument) for argument in arguments]
+        self._world.admit(called)
+        self._joint.append(self._world.action(name, *called))
+
+    def _step(self) -> None:
+        self._before = self._state
+        self._steps.append(tuple(self._joint))
+        self._state = self._world.step(self._state, self._joint).state
+        self._joint = []
+
+    def _carry_out(self, name: str, arguments: list[str]) -> None:
+        timer, part = self._instants[name]
+        if isinstance(part.definition, Creation):
+            *own, new = arguments
+            label = (timer.action, timer.index, tuple(self._called.get(a, a) for a in own))
+            self._made.append(_Made(label, part.slot, new))
+
+    def _name_created(self) -> None:
+        """Hand out the names of what was created together as the world does."""
+        began = self._began() if len(self._made) > 1 else {}
+        order = sorted(self._made, key=lambda m: (began.get(m.label, len(began)), m.slot))
+        for kind in {made.kind for made in self._made}:
+            names = (made.name for made in self._made if made.kind == kind)
+            self._called |= {made.name: next(names) for made in order if made.kind == kind}
+        self._made = []
+
+    def _began(self) -> dict[Label, int]:
+        """The effects that have just been updated, in the order in which they began."""
+        last = tuple(self._joint) or (self._steps[-1] if self._steps else ())
+        state = self._state if self._joint else self._before
+        labels = [effect.label for effect, _ in state.timers.entries]
+        labels += [effect.label for action in last for effect in action.effects]
+        return {label: i for i, label in enumerate(dict.fromkeys(labels))}

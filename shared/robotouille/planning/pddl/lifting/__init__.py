@@ -1,0 +1,1 @@
+"""Pieces of both PDDL encodings: actions, goal, creations and timers over variables."""

@@ -1,0 +1,1 @@
+"""What decides for a seat: at random, by a script, or with a planner."""

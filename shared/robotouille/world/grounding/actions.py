@@ -1,0 +1,147 @@
+"""Action schemas, compiled once, and ground actions, made when first needed.
+
+A ground action is four integers: it applies in `facts` if `facts & tested == required`, and turns
+them into `(facts | touched) ^ removed`. One that static facts rule out has `required` outside
+`tested`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from robotouille.domain.checks import parameter_types, placeholders
+from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
+from robotouille.domain.task import Task
+from robotouille.world.grounding.objects import Atom
+
+if TYPE_CHECKING:
+    from robotouille.world.grounding.effects import Effect
+
+__all__ = ["ActionSchema", "EffectSchema", "GroundAction", "compile_schemas"]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectSchema:
+    """A special effect of an action; `variables` are the parameters it speaks of."""
+
+    definition: EffectDef
+    variables: tuple[str, ...]
+    repeats: bool
+
+
+@dataclass(frozen=True)
+class ActionSchema:
+    """An action over typed parameters: the acting player's first, if it has one, then the others
+    in the order in which the action's sentence mentions them."""
+
+    index: int
+    name: str
+    definition: ActionDef
+    parameters: tuple[tuple[str, str], ...]
+    player: bool
+    effects: tuple[EffectSchema, ...]
+    born: tuple[EffectSchema, ...]
+
+    @property
+    def all_effects(self) -> tuple[EffectSchema, ...]:
+        """Its own effects, then those that start when one of them creates or deletes."""
+        return self.effects + self.born
+
+    def bind(self, arguments: tuple[str, ...]) -> dict[str, str]:
+        return {name: a for (name, _), a in zip(self.parameters, arguments, strict=True)}
+
+
+class GroundAction:
+    """An action with its arguments, e.g. `move(robot1, table1, table2)`.
+
+    `key` orders actions as the domain lists them, then by their arguments' order. `effects` are
+    the special effects it starts, `duration` the steps it takes (1 but for timing profiles).
+    """
+
+    __slots__ = (
+        "arguments", "duration", "effects", "key", "name", "player", "removed", "required",
+        "schema", "sentence", "tested", "touched",
+    )  # fmt: skip
+
+    def __init__(
+        self, schema: ActionSchema, arguments: tuple[str, ...], key: tuple[int, ...], sentence: str
+    ) -> None:
+        self.schema = schema
+        self.name = schema.name
+        self.arguments = arguments
+        self.player = arguments[0] if schema.player else None
+        self.key = key
+        self.sentence = sentence
+        self.tested = self.required = self.touched = self.removed = 0
+        self.effects: tuple[Effect, ...] = ()
+        self.duration = 1
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def __str__(self) -> str:
+        return f"{self.name}({', '.join(self.arguments)})"
+
+
+def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
+    """The domain's actions with typed parameters, in the domain's order."""
+    predicates = {p.name: p for p in task.domain.predicate_defs}
+    schemas = []
+    for index, definition in enumerate(task.domain.action_defs):
+        types = parameter_types(definition, predicates)
+        actor = next((n for n, kind in types.items() if kind in task.domain.player_types), None)
+        said = [n for n in placeholders(definition.language_description) if n in types]
+        order = list(dict.fromkeys([*([actor] if actor else []), *said, *types]))
+        instants = [e for e in _walk(definition.sfx) if isinstance(e, Creation | Deletion)]
+        born = [nested for effect in instants for nested in effect.sfx]
+        schemas.append(
+            ActionSchema(
+                index=index,
+                name=definition.name,
+                definition=definition,
+                parameters=tuple((name, types[name]) for name in order),
+                player=actor is not None,
+                effects=tuple(_effect(e) for e in definition.sfx),
+                born=tuple(_effect(e) for e in born),
+            )
+        )
+    return tuple(schemas)
+
+
+def _effect(definition: EffectDef) -> EffectSchema:
+    effects = _walk((definition,))
+    created = {e.created_obj.param for e in effects if isinstance(e, Creation)}
+    mentioned = dict.fromkeys(n for n in _variables(definition) if n not in created)
+    return EffectSchema(definition, tuple(mentioned), _repeats(definition))
+
+
+def _walk(effects: tuple[EffectDef, ...]) -> Iterator[EffectDef]:
+    for effect in effects:
+        yield effect
+        yield from _walk(effect.sfx)
+
+
+def _variables(effect: EffectDef) -> Iterator[str]:
+    yield effect.param
+    conditions: tuple[Condition, ...] = (*getattr(effect, "conditions", ()), *effect.fx)
+    for condition in conditions:
+        yield from condition.params
+    for nested in effect.sfx:
+        yield from _variables(nested)
+
+
+def _repeats(effect: EffectDef) -> bool:
+    return effect.type == "repetitive" or any(_repeats(e) for e in effect.sfx)
+
+
+def bound(condition: Condition, binding: dict[str, str]) -> Atom:
+    """A condition with its parameters replaced by objects."""
+    return (condition.predicate, *(binding[name] for name in condition.params))
+
+
+def walking_steps(distance: int, steps_per_tile: int) -> int:
+    """How many steps a walk of `distance` tiles takes; at least one."""
+    return max(1, math.ceil(distance * steps_per_tile))

@@ -1,0 +1,82 @@
+"""The floor of a kitchen: where one can walk, where one stands to use a station, how far it is."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import cached_property
+
+from robotouille.world.grounding.objects import Object
+
+__all__ = ["Floor", "Tile"]
+
+Tile = tuple[int, int]
+
+# South first: a player then faces the station with its back to the viewer.
+_NEIGHBOURS = ((0, -1), (0, 1), (-1, 0), (1, 0))
+
+
+class Floor:
+    """Tiles of a `width` × `height` grid without a station, and walks over them."""
+
+    def __init__(self, width: int, height: int, objects: tuple[Object, ...], stations: set[str]):
+        self.width = width
+        self.height = height
+        self.stations = {o.name: o.tile for o in objects if o.type in stations and o.tile}
+        self.blocked = frozenset(self.stations.values())
+        self._starts = tuple(o.tile for o in objects if o.facing is not None and o.tile)
+        self._walks: dict[Tile, dict[Tile, Tile]] = {}
+
+    def is_free(self, tile: Tile) -> bool:
+        """Whether a tile is on the grid and has no station on it."""
+        x, y = tile
+        return 0 <= x < self.width and 0 <= y < self.height and tile not in self.blocked
+
+    @cached_property
+    def reachable(self) -> frozenset[Tile]:
+        """The free tiles that somebody can walk to from where the players start."""
+        found: set[Tile] = set()
+        for start in self._starts:
+            if start not in found:
+                found.update(self._walk_from(start))
+        return frozenset(found)
+
+    def beside(self, station: str) -> list[Tile]:
+        """The reachable free tiles next to a station, the preferred one first."""
+        x, y = self.stations[station]
+        around = [(x + dx, y + dy) for dx, dy in _NEIGHBOURS]
+        return [tile for tile in around if self.is_free(tile) and tile in self.reachable]
+
+    def standing(self, station: str) -> Tile:
+        """Where one stands to use a station; the station's own tile where none is free."""
+        beside = self.beside(station)
+        return beside[0] if beside else self.stations[station]
+
+    def path(self, start: Tile, goal: Tile) -> list[Tile]:
+        """The tiles of a shortest walk, both ends included; just the ends where there is none."""
+        came_from = self._walk_from(goal)
+        if start not in came_from:
+            return [start, goal]
+        path = [start]
+        while path[-1] != goal:
+            path.append(came_from[path[-1]])
+        return path
+
+    def distance(self, here: str, there: str) -> int:
+        """Tiles to walk between the places from which two stations are used."""
+        return len(self.path(self.standing(here), self.standing(there))) - 1
+
+    def _walk_from(self, goal: Tile) -> dict[Tile, Tile]:
+        """Each tile that can reach `goal`, with the next tile on the way there."""
+        known = self._walks.get(goal)
+        if known is None:
+            known = {goal: goal}
+            queue = deque([goal])
+            while queue:
+                x, y = tile = queue.popleft()
+                for dx, dy in _NEIGHBOURS:
+                    neighbour = (x + dx, y + dy)
+                    if neighbour not in known and self.is_free(neighbour):
+                        known[neighbour] = tile
+                        queue.append(neighbour)
+            self._walks[goal] = known
+        return known

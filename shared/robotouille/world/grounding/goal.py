@@ -1,0 +1,215 @@
+"""Goal test: find objects that make every predicate of the goal true, by backtracking.
+
+A goal is never expanded into all its combinations (world.md, "Goals").
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+from robotouille.domain.schema import GoalTerm
+from robotouille.domain.task import Task
+from robotouille.world.grounding.atoms import EXISTS, AtomTable, bits_of
+from robotouille.world.grounding.objects import Atom, Object
+
+__all__ = ["Goal", "Variable"]
+
+Binding = dict[int | str, str]
+Domains = dict[int | str, frozenset[str]]
+Rows = list[list[tuple[str, ...]]]
+
+MAX_KEPT = 20_000
+"""Parts of states of which a goal knows whether it holds; then it learns anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """An unknown of the goal: any object of a kind (or type), or one particular object."""
+
+    id: int | str
+    kind: str
+    is_type: bool
+    fixed: str | None = None
+
+
+class Goal:
+    """The goal of a task over the atoms of its world."""
+
+    def __init__(
+        self, task: Task, table: AtomTable, objects: Callable[[], tuple[Object, ...]]
+    ) -> None:
+        self._table = table
+        self._objects = objects
+        self.terms = task.problem.goal
+        types = set(task.domain.object_types)
+        labels = {o.label: o.name for o in objects() if o.label is not None}
+        self.variables: dict[int | str, Variable] = {}
+        for term in self.terms:
+            for identifier, kind in zip(term.ids, term.args, strict=True):
+                if identifier not in self.variables:
+                    fixed = labels.get(identifier) if isinstance(identifier, str) else None
+                    variable = Variable(identifier, kind, kind in types, fixed)
+                    self.variables[identifier] = variable
+        kinds = Counter(v.kind for v in self.variables.values())
+        self._groups = [
+            [v.id for v in self.variables.values() if v.kind == kind]
+            for kind, count in kinds.items()
+            if count > 1
+        ]
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Take account of objects that have been added to the world."""
+        self._candidates = {v.id: self._candidates_of(v) for v in self.variables.values()}
+        self._mask = {term: self._possible(term) for term in self.terms}
+        self._static = {
+            term: sorted(atom for atom in self._table.static if atom[0] == term.predicate)
+            for term in self.terms
+        }
+        self.relevant = 0
+        self._necessary: list[int] = []
+        self._known: dict[int, bool] = {}
+        for term, mask in self._mask.items():
+            if term.predicate not in self._table.static_predicates:
+                self.relevant |= mask
+                self._necessary.append(mask)
+            else:
+                names = {name for i in term.ids for name in self._candidates[i]}
+                self.relevant |= self._table.mask((EXISTS, name) for name in names)
+
+    def reached(self, facts: int) -> bool:
+        """Whether the goal holds. Most states fail here, one of its predicates being nowhere."""
+        for mask in self._necessary:
+            if not facts & mask:
+                return False
+        relevant = facts & self.relevant
+        known = self._known.get(relevant)
+        if known is None:
+            if len(self._known) >= MAX_KEPT:
+                self.forget()
+            known = self._known[relevant] = next(self.assignments(facts), None) is not None
+        return known
+
+    def forget(self) -> None:
+        """Know of no state any more whether the goal holds."""
+        self._known.clear()
+
+    def assignments(self, facts: int) -> Iterator[Binding]:
+        """Every choice of objects that makes the goal true in `facts`."""
+        rows = [self._rows(term, facts) for term in self.terms]
+        yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows)
+
+    def candidates(self, identifier: int | str) -> tuple[str, ...]:
+        """The objects that a variable can stand for."""
+        return self._candidates[identifier]
+
+    def atoms(self, binding: Binding) -> list[Atom]:
+        """The goal's predicates under a choice of objects."""
+        return [(t.predicate, *(binding[i] for i in t.ids)) for t in self.terms]
+
+    def possible_mask(self, term: GoalTerm) -> int:
+        """The atoms that one predicate of the goal could be met by."""
+        return self._mask[term]
+
+    def _possible(self, term: GoalTerm) -> int:
+        if term.predicate in self._table.static_predicates:
+            return 0
+        free = (None,) * len(term.ids)
+        mask = self._table.matching((term.predicate, *free))
+        for argument, identifier in enumerate(term.ids):
+            allowed = 0
+            for name in self._candidates[identifier]:
+                pattern = (*free[:argument], name, *free[argument + 1 :])
+                allowed |= self._table.matching((term.predicate, *pattern))
+            mask &= allowed
+        return mask
+
+    def _candidates_of(self, variable: Variable) -> tuple[str, ...]:
+        if variable.fixed is not None:
+            return (variable.fixed,)
+        return tuple(
+            o.name
+            for o in self._objects()
+            if (o.type if variable.is_type else o.kind) == variable.kind
+        )
+
+    def _rows(self, term: GoalTerm, facts: int) -> list[tuple[str, ...]]:
+        """The choices of objects for one predicate that make it true."""
+        if term.predicate in self._table.static_predicates:
+            atoms = [atom for atom in self._static[term] if self._table.holds(atom, facts)]
+        else:
+            atoms = [self._table.atoms[i] for i in bits_of(facts & self._mask[term])]
+        return [atom[1:] for atom in atoms if self._suits(term, atom[1:])]
+
+    def _suits(self, term: GoalTerm, names: tuple[str, ...]) -> bool:
+        """Whether equal ids are equal objects, and different ids of a kind different ones."""
+        for (one, name), (other, taken) in combinations(zip(term.ids, names, strict=True), 2):
+            alike = self.variables[one].kind == self.variables[other].kind
+            if name != taken if one == other else name == taken and alike:
+                return False
+        return True
+
+    def _search(self, domains: Domains, rows: Rows) -> Iterator[Binding]:
+        """Choose for the variable with the fewest choices left, and draw conclusions first."""
+        narrowed = self._narrow(domains, rows)
+        if narrowed is None:
+            return
+        domains, rows = narrowed
+        undecided = [identifier for identifier, names in domains.items() if len(names) > 1]
+        if not undecided:
+            yield {identifier: name for identifier, (name,) in domains.items()}
+            return
+        chosen = min(undecided, key=lambda identifier: len(domains[identifier]))
+        for name in self._candidates[chosen]:
+            if name in domains[chosen]:
+                yield from self._search({**domains, chosen: frozenset((name,))}, rows)
+
+    def _narrow(self, domains: Domains, rows: Rows) -> tuple[Domains, Rows] | None:
+        """Drop choices that contradict another predicate; None where nothing is left.
+
+        This, and the test that there are enough objects of each kind, spares the search from
+        trying all the orders of objects that are alike.
+        """
+        domains, rows = dict(domains), list(rows)
+        before = None
+        while before != domains:
+            before = dict(domains)
+            for position, term in enumerate(self.terms):
+                pools = [domains[identifier] for identifier in term.ids]
+                kept = [
+                    names
+                    for names in rows[position]
+                    if all(name in pool for name, pool in zip(names, pools, strict=True))
+                ]
+                if not kept:
+                    return None
+                rows[position] = kept
+                for identifier, column in zip(term.ids, zip(*kept, strict=True), strict=True):
+                    domains[identifier] = domains[identifier].intersection(column)
+            for group in self._groups:
+                if not _make_different(domains, group):
+                    return None
+        return domains, rows
+
+
+def _make_different(domains: Domains, group: list[int | str]) -> bool:
+    """Take decided objects from the other variables of a kind; whether there are enough."""
+    for identifier in group:
+        if len(domains[identifier]) == 1:
+            for other in group:
+                if other != identifier:
+                    domains[other] -= domains[identifier]
+    owners: dict[str, int | str] = {}
+
+    def find(identifier: int | str, tried: set[str]) -> bool:
+        for name in domains[identifier] - tried:
+            tried.add(name)
+            if name not in owners or find(owners[name], tried):
+                owners[name] = identifier
+                return True
+        return False
+
+    return all(find(identifier, set()) for identifier in group)
