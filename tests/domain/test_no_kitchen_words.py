@@ -1,6 +1,6 @@
 """Nothing in Python knows about cooking: a dish, a station or an action is a matter of files.
 
-One planner does: it makes domains that say the same as the shipped one fast to plan in, and the
+One plug-in does (`planners/kitchen`): it makes domains that say the same as the shipped one fast to plan in, and the
 general planner takes all others.
 """
 
@@ -18,7 +18,7 @@ SOURCES = sorted(
     path
     for folder in ("shared", "server", "client")
     for path in (ROOT / folder).rglob("*.py")
-    if path.parent.name != "kitchen"
+    if "planners" not in path.parts
 )
 
 # Food, tools and what is done with them.
