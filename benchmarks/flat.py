@@ -26,9 +26,9 @@ from websockets.protocol import State
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.loadtest.worker.walk import to_and_fro
 from robotouille_server import Server, ServerSettings
-from robotouille_server.auth.visitors import Caller, Visitor
+from robotouille_server.auth.visitors import CountedConnection, Visitor
 from robotouille_server.conversation import Conversation
-from robotouille_server.rooms.recordings.storage import Condition
+from robotouille_server.rooms.recordings.storage import FileCondition
 from robotouille_server.runtime.logs import configure_logs
 from robotouille_server.transport.peer import Peer
 
@@ -112,8 +112,8 @@ class Growing:
     def read(self) -> bytes:
         return bytes(self._content)
 
-    def condition(self) -> Condition:
-        return Condition.WHOLE
+    def condition(self) -> FileCondition:
+        return FileCondition.WHOLE
 
     def close(self) -> None:
         pass
@@ -151,7 +151,7 @@ class Wire:
         raise AssertionError("the server drops the connection")
 
 
-HERE = Caller(Visitor("127.0.0.1", True, "local"), lambda: None)
+HERE = CountedConnection(Visitor("127.0.0.1", True, "local"), lambda: None)
 
 
 class Bot:

@@ -28,10 +28,10 @@ from rich.table import Table
 
 from benchmarks.flat import Growth, memory_over_steps
 from robotouille_client.loadtest.cores import keep_to_cores
-from robotouille_client.loadtest.load_test import Conductor
-from robotouille_client.loadtest.progress import Progress
+from robotouille_client.loadtest.load_test import LoadTest
+from robotouille_client.loadtest.progress import ProgressDisplay
 from robotouille_client.loadtest.report.html_page import render_page
-from robotouille_client.loadtest.report.report import Report, make_report, memory_each
+from robotouille_client.loadtest.report.report import LoadReport, make_report, memory_each
 from robotouille_client.loadtest.report.terminal_summary import milliseconds
 from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
@@ -108,13 +108,15 @@ def _url(process: subprocess.Popen[str]) -> str:
     raise SystemExit("the server did not start")
 
 
-def load(which: str, bench: Bench, title: str, flags: tuple[str, ...] = (), **plan: Any) -> Report:
+def load(
+    which: str, bench: Bench, title: str, flags: tuple[str, ...] = (), **plan: Any
+) -> LoadReport:
     """One load test against a fresh server."""
     bench.console.print(f"[bold]{title}[/], {which}", highlight=False)
     with server(which, bench, *flags) as (pid, url):
         options = {"duration": bench.seconds, "processes": bench.processes, **plan}
         test = LoadPlan(url=url, **options)
-        conductor = Conductor(test, pid=pid, cpus=bench.clients, progress=Progress())
+        conductor = LoadTest(test, pid=pid, cpus=bench.clients, progress=ProgressDisplay())
         asyncio.run(conductor.run())
         report = make_report(conductor)
     if bench.out is not None:
@@ -145,7 +147,7 @@ def realtime(bench: Bench, rooms: int, rate: float) -> list[Row]:
     ]
 
 
-def _steps(title: str, ours: Report, bare: Report) -> list[Row]:
+def _steps(title: str, ours: LoadReport, bare: LoadReport) -> list[Row]:
     late = [_late(report) for report in (ours, bare)]
     held = [report.figures["steps"]["rate held"] or 0.0 for report in (ours, bare)]
     ages = [report.figures["durations"].get("delta age") for report in (ours, bare)]
@@ -163,13 +165,13 @@ def _steps(title: str, ours: Report, bare: Report) -> list[Row]:
     ]  # fmt: skip
 
 
-def _late(report: Report) -> float:
+def _late(report: LoadReport) -> float:
     """The share of steps that the server took in time, by its own count."""
     own = report.figures["steps"].get("by the server")
     return (own["within"][LATE] or 0.0) if own else 0.0
 
 
-def _echo(ours: Report, bare: Report) -> list[Row]:
+def _echo(ours: LoadReport, bare: LoadReport) -> list[Row]:
     rows = []
     for key, name in (("p50", "median"), ("p99", "99 %")):
         times = [r.figures["durations"].get("action, lockstep", {}).get(key) for r in (ours, bare)]
@@ -184,7 +186,7 @@ def _share(share: float) -> str:
     return f"{share:.2%}"
 
 
-def _cores(report: Report) -> str:
+def _cores(report: LoadReport) -> str:
     process = report.figures["server process"]
     return f"{process['cores used']:.2f}" if process else "?"
 

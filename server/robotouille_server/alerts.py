@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from robotouille_server.health import Resources
+from robotouille_server.health import Health
 
 __all__ = [
     "DESCRIPTOR_SHARE",
@@ -36,13 +36,13 @@ class Alert:
     severity: Severity
 
 
-def alerts(resources: Resources) -> list[Alert]:
+def alerts(resources: Health) -> list[Alert]:
     """Those that are critical first."""
     found = [*_disk(resources), *_descriptors(resources), *_log(resources), *_busiest(resources)]
     return sorted(found, key=lambda alert: alert.severity != "critical")
 
 
-def _disk(resources: Resources) -> Iterator[Alert]:
+def _disk(resources: Health) -> Iterator[Alert]:
     disk = resources.disk
     if resources.disk_problem:
         yield Alert("disk", resources.disk_problem, "critical")
@@ -54,7 +54,7 @@ def _disk(resources: Resources) -> Iterator[Alert]:
         yield Alert("disk", text, "critical" if disk.free < DISK_CRITICAL else "warning")
 
 
-def _descriptors(resources: Resources) -> Iterator[Alert]:
+def _descriptors(resources: Health) -> Iterator[Alert]:
     used, most = resources.descriptors, resources.max_descriptors
     if used is None or not most or used <= DESCRIPTOR_SHARE * most:
         return
@@ -62,13 +62,13 @@ def _descriptors(resources: Resources) -> Iterator[Alert]:
     yield Alert("descriptors", text, "critical" if used > DESCRIPTOR_CRITICAL * most else "warning")
 
 
-def _log(resources: Resources) -> Iterator[Alert]:
+def _log(resources: Health) -> Iterator[Alert]:
     if resources.held_back:
         lines = f"{resources.held_back:,} log line{'s' * (resources.held_back > 1)}"
         yield Alert("log", f"{lines} held back in the last minute", "warning")
 
 
-def _busiest(resources: Resources) -> Iterator[Alert]:
+def _busiest(resources: Health) -> Iterator[Alert]:
     busiest = resources.busiest
     if busiest is not None and busiest.bytes_per_second > PARTICIPANT_BYTES:
         where = f" in {busiest.code}" if busiest.code else ""

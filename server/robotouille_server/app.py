@@ -32,30 +32,30 @@ from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import RoleGrant, Tokens
 from robotouille_server.auth.used_tokens import UsedTokens
 from robotouille_server.auth.visitors import (
-    Caller,
-    Doorkeeper,
+    CodeGuessLimiter,
+    ConnectionLimiter,
+    CountedConnection,
     Visitor,
-    WrongCodes,
     origin_refusal,
     parse_origins,
     parse_proxies,
     visitor,
 )
 from robotouille_server.conversation import Conversation
-from robotouille_server.health import Resources
+from robotouille_server.health import Health
 from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.recordings.storage import Folder, Storage
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.sessions import Sessions
-from robotouille_server.rooms.substitutes.bot_worker import Thinker
-from robotouille_server.rooms.substitutes.worker_process import InProcess
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker
+from robotouille_server.rooms.substitutes.worker_process import ProcessBotWorker
 from robotouille_server.runtime.audit_log import AuditLog
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.runtime.workers import Worker
-from robotouille_server.transport.admission import AT_THE_DOOR, Entrance
+from robotouille_server.runtime.workers import WorkerSlot
+from robotouille_server.transport.admission import AT_THE_DOOR, Admission
 from robotouille_server.transport.connection import Connection, cut
 from robotouille_server.transport.peer import MAX_HELD, Peer
 from robotouille_server.transport.tls import ServerTLS
@@ -76,7 +76,7 @@ class CannotListenError(RobotouilleError):
 
 
 @dataclass(frozen=True, slots=True)
-class Farewell:
+class ShutdownNotice:
     """What a server that stops says to everybody."""
 
     reason: str
@@ -100,26 +100,26 @@ class Server:
         timestamp: Callable[[], str] | None = None,
         storage: Storage | None = None,
         wall: Callable[[], float] = time.time,
-        worker: Worker | None = None,
-        thinker: Callable[[], Thinker] = InProcess,
+        worker: WorkerSlot | None = None,
+        thinker: Callable[[], BotWorker] = ProcessBotWorker,
     ) -> None:
         self.settings = settings
         self.metrics = Metrics()
-        self.wrong_codes = WrongCodes()
-        self.entrance = Entrance(
+        self.wrong_codes = CodeGuessLimiter()
+        self.entrance = Admission(
             self.metrics, settings.max_connections + AT_THE_DOOR, settings.hello_seconds
         )
         self.storage: Storage | None = None
         if settings.record:
             self.storage = storage or Folder(settings.recordings)
-        self.worker = worker or Worker()
+        self.worker = worker or WorkerSlot()
         chance = randomness or random.SystemRandom()
         self._revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
         self.tokens = Tokens(_keyring(settings), wall, self._revoked)
         self.used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
         self.audit = AuditLog(settings.state_folder / self.worker.file_name("audit.log"), wall)
         folder = self.storage.path if isinstance(self.storage, Folder) else None
-        self.resources = Resources(self.metrics, folder)
+        self.resources = Health(self.metrics, folder)
         self.sessions = Sessions(
             self.tokens,
             self.used_tokens,
@@ -141,7 +141,7 @@ class Server:
             sent_out=self._sent_out,
             thinker=thinker,
         )
-        self.doorkeeper = Doorkeeper(settings.max_connections_per_address)
+        self.doorkeeper = ConnectionLimiter(settings.max_connections_per_address)
         self._proxies = parse_proxies(settings.trust_proxy)
         self._origins = parse_origins(settings.origins)
         self._sockets: list[SocketServer] = []
@@ -151,7 +151,7 @@ class Server:
         self._open: dict[Connection, None] = {}  # In the order in which they came.
         self._accepted = 0
         self._stopping = False
-        self.farewell: Farewell | None = None
+        self.farewell: ShutdownNotice | None = None
         self._expiries: dict[Session, asyncio.TimerHandle] = {}
 
     # Life
@@ -261,7 +261,7 @@ class Server:
             return
         self._stopping = True
         hand_over = hand_over and self.storage is not None
-        self.farewell = Farewell(reason, hand_over)
+        self.farewell = ShutdownNotice(reason, hand_over)
         self.lobby.drain()
         for room in list(self.lobby.rooms.values()):
             if hand_over and room.episode.phase is not Phase.OVER:
@@ -372,7 +372,7 @@ class Server:
         who = self._visitor(socket, socket.request)
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
-        caller = Caller(who, partial(self._displace, peer))
+        caller = CountedConnection(who, partial(self._displace, peer))
         conversation = Conversation(self, peer, caller)
         self.doorkeeper.arrive(caller)
         self._open[socket] = None
@@ -481,8 +481,8 @@ async def serve(
     timestamp: Callable[[], str] | None = None,
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
-    worker: Worker | None = None,
-    thinker: Callable[[], Thinker] = InProcess,
+    worker: WorkerSlot | None = None,
+    thinker: Callable[[], BotWorker] = ProcessBotWorker,
 ) -> AsyncIterator[Server]:
     """A running server: `async with serve(ServerSettings(port=0)) as server: …`.
 

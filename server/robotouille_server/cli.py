@@ -27,7 +27,7 @@ from robotouille_server.runtime.settings import ServerSettings
 if TYPE_CHECKING:
     from robotouille_server.app import Server
     from robotouille_server.rooms.room import Room
-    from robotouille_server.runtime.workers import Worker
+    from robotouille_server.runtime.workers import WorkerSlot
 
 __all__ = ["first_room", "main", "run", "serve_until_stopped"]
 
@@ -128,7 +128,7 @@ def run(settings: BaseSettings) -> None:
         raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
 
 
-async def serve_until_stopped(settings: ServerSettings, worker: Worker | None = None) -> None:
+async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | None = None) -> None:
     """Serve until a signal: SIGINT ends all episodes, SIGTERM lets them finish for a while and
     leaves the rest to the next process; a second signal does so at once."""
     from robotouille_server.app import serve

@@ -10,12 +10,12 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
 from robotouille_server.auth.roles import check_join, check_opening, check_permission
-from robotouille_server.auth.visitors import Caller, NoPlaceError, counted_as
+from robotouille_server.auth.visitors import CountedConnection, NoPlaceError, counted_as
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.timer_queue import LATE
-from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.token_bucket import TokenBucket
 from robotouille_server.runtime.workers import ElsewhereError
 from robotouille_server.transport.peer import Peer
 
@@ -68,15 +68,15 @@ class Conversation:
         "session",
     )
 
-    def __init__(self, server: Server, peer: Peer, caller: Caller) -> None:
+    def __init__(self, server: Server, peer: Peer, caller: CountedConnection) -> None:
         self.session: Session | None = None
         self.peer = peer
         self._server = server
         self._caller = caller
         self._counted = caller.who
         self._loop = asyncio.get_running_loop()
-        self._budget = Budget(server.settings.messages_per_second, self._loop.time())
-        self._patience = Budget(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
+        self._budget = TokenBucket(server.settings.messages_per_second, self._loop.time())
+        self._patience = TokenBucket(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
         self._silence: asyncio.TimerHandle | None = None
         self._waiting: asyncio.Task[None] | None = None
         self._await_hello()
@@ -283,7 +283,7 @@ class Conversation:
         session.view = hello.view or session.view
         return session, True
 
-    def _take_place(self, subject: str, instead_of: Caller | None = None) -> None:
+    def _take_place(self, subject: str, instead_of: CountedConnection | None = None) -> None:
         """From here on limits count the connection by the subject of its token, if it has one."""
         counted = counted_as(self._caller.who, subject)
         self._server.doorkeeper.admit(self._caller, counted, instead_of)

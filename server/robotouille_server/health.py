@@ -17,7 +17,7 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.runtime import descriptors
 from robotouille_server.runtime.metrics import Metrics
 
-__all__ = ["SAMPLE_SECONDS", "Busiest", "Disk", "Resources", "System"]
+__all__ = ["SAMPLE_SECONDS", "Busiest", "Disk", "Health", "System"]
 
 SAMPLE_SECONDS = 5.0
 LOG_SECONDS = 60.0
@@ -60,7 +60,7 @@ class System:
         return None if most == descriptors.UNLIMITED else most
 
 
-class Resources:
+class Health:
     """The last sample. `folder` is that of the recordings, if there is one on disk.
 
     `disk_problem` says why the disk cannot be looked at; `held_back` is how many log lines were

@@ -14,7 +14,6 @@ from robotouille.domain.files import MAX_NESTING
 from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
     MAX_SEAT_BYTES,
-    MOST_SEAT_BYTES,
     NEWCOMER_BYTES,
 )
 from robotouille.episode.rules import MOVE_BUDGET
@@ -279,7 +278,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit(
             "… of which somebody who takes a seat has at least",
             "as before, and so it is from "
-            f"{_size(MOST_SEAT_BYTES)} of one seat on",
+            f"{_size(MAX_SEAT_BYTES)} of one seat on",
             "rate/words",
             value=_size(NEWCOMER_BYTES),
         ),

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 from robotouille import State, World
 from robotouille.certification.certificate import read_certificate
 from robotouille.planning import solvers as optimal
-from robotouille.planning.search_result import Answer, Proof
+from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
 from tests.planning.test_certificate import answering, proving
@@ -63,7 +63,7 @@ def test_the_table(folder: Path) -> None:
 
 
 def test_gaps_and_unsolved_instances_are_counted(folder: Path, solver: Any) -> None:
-    def modest(world: World, start: State | None = None, **options: Any) -> Answer:
+    def modest(world: World, start: State | None = None, **options: Any) -> SearchResult:
         changes = {"bound": 3, "proof": Proof.HEURISTIC}
         if "lettuce" in world.task.name:
             changes["plan"] = None
@@ -104,7 +104,7 @@ def test_broken_problems_fail_and_the_rest_is_certified(folder: Path) -> None:
 
 
 def test_a_failed_instance_is_in_the_table(folder: Path, solver: Any) -> None:
-    def wrong(world: World, start: State | None = None, **options: Any) -> Answer:
+    def wrong(world: World, start: State | None = None, **options: Any) -> SearchResult:
         bound = 99 if "lettuce" in world.task.name else 8
         return answering(bound=bound)(world, start)
 
@@ -132,7 +132,7 @@ def test_the_check(folder: Path, solver: Any) -> None:
 
 
 def test_interrupted(folder: Path, solver: Any) -> None:
-    def interrupted(world: World, start: State | None = None, **options: Any) -> Answer:
+    def interrupted(world: World, start: State | None = None, **options: Any) -> SearchResult:
         if "lettuce" in world.task.name:
             raise KeyboardInterrupt
         return proving(world, start, **options)

@@ -17,7 +17,7 @@ from robotouille import State, World, load_task
 from robotouille.certification.certificate import Certificate, check, read_certificate
 from robotouille.planning import solvers as optimal
 from robotouille.planning.plan import read_plan
-from robotouille.planning.search_result import Answer, Proof
+from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.planning.validation import replay
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
@@ -189,7 +189,7 @@ def test_what_is_wrong_is_said(recording: Path, words: list[str], reason: str) -
 
 
 def test_an_interrupt_takes_the_best_so_far(solver: Any) -> None:
-    def interrupted(world: World, start: State | None = None, **options: Any) -> Answer:
+    def interrupted(world: World, start: State | None = None, **options: Any) -> SearchResult:
         assert not options["limits"].stop()
         os.kill(os.getpid(), signal.SIGINT)
         assert options["limits"].stop()
@@ -204,7 +204,7 @@ def test_an_interrupt_takes_the_best_so_far(solver: Any) -> None:
 
 
 def test_a_second_interrupt_ends_the_program(solver: Any) -> None:
-    def deaf(world: World, start: State | None = None, **options: Any) -> Answer:
+    def deaf(world: World, start: State | None = None, **options: Any) -> SearchResult:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)
         raise AssertionError
@@ -215,7 +215,7 @@ def test_a_second_interrupt_ends_the_program(solver: Any) -> None:
 
 
 def test_a_timeout_takes_the_best_so_far(solver: Any) -> None:
-    def patient(world: World, start: State | None = None, **options: Any) -> Answer:
+    def patient(world: World, start: State | None = None, **options: Any) -> SearchResult:
         while not options["limits"].stop():
             time.sleep(0.01)
         return answering(bound=5)(world, start)

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robotouille import World
-from robotouille.episode import Absence, Clock, Episode, Event, Hold, Rules
+from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
 from robotouille.replay.container import compress, frame_ends
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
@@ -38,10 +38,10 @@ def eventful(tmp_path: Path) -> Path:
     episode.tick(2.0)
     episode.set_present("robot2", True, 2.0)
     episode.tick(2.5)
-    episode.hold(Hold.OPERATOR, 2.5)
+    episode.hold(PauseReason.OPERATOR, 2.5)
     episode.announce("lunch", 3.0)
     episode.say("ada", "robot1", "good\nidea", 4.0)
-    episode.release(Hold.OPERATOR, 10.0)
+    episode.release(PauseReason.OPERATOR, 10.0)
     episode.tick(10.5)
     events += episode.events()
     found = restore(Recording(record(episode, events)), now=0.0, patience=5.0)
@@ -49,7 +49,7 @@ def eventful(tmp_path: Path) -> Path:
     for player in TASK.players:
         episode.set_present(player, True, 2.0)
     episode.tick(3.0)
-    episode.hold(Hold.STORAGE, 3.0)
+    episode.hold(PauseReason.STORAGE, 3.0)
     events += episode.events()
     head = header(TASK.task, rules, episode="e1", code="ABCDE-FGHJK", owner="lab-7")
     recorder = Recorder(TASK)

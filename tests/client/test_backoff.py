@@ -18,7 +18,7 @@ from robotouille_client import Client
 from robotouille_client import client as connection
 from robotouille_client.backoff import pauses
 from robotouille_client.loadtest.worker import participant
-from robotouille_client.loadtest.worker.light_connection import Link, server_address
+from robotouille_client.loadtest.worker.light_connection import LightConnection, server_address
 from robotouille_client.loadtest.worker.participant import Environment, LostError, Participant
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
@@ -110,7 +110,7 @@ def test_a_client_whose_server_is_gone_tries_at_those_times(
 
 
 def test_a_bot_of_the_load_tester_tries_at_those_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def refuse(*_: object) -> Link:
+    async def refuse(*_: object) -> LightConnection:
         raise LostError("nobody listens")
 
     async def main() -> list[float]:

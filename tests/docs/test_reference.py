@@ -15,7 +15,7 @@ import pytest
 import typer
 from pydantic import SecretStr
 
-from robotouille.episode import Absence, Controller, Hold
+from robotouille.episode import Absence, Controller, PauseReason
 from robotouille.episode.quota import MAX_SEAT_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.certification.certifying import BUDGET
@@ -115,7 +115,7 @@ def test_every_farewell_is_documented() -> None:
 
 @pytest.mark.parametrize(
     ("heading", "values"),
-    [("Absence", Absence), ("Pauses", Hold)],
+    [("Absence", Absence), ("Pauses", PauseReason)],
 )
 def test_every_rule_and_reason_is_documented(heading: str, values: type[StrEnum]) -> None:
     rows = [row[0] for row in table("protocol.md", heading)]

@@ -1,7 +1,7 @@
 """Nothing in Python knows about cooking: a dish, a station or an action is a matter of files.
 
-One plug-in does (`planners/kitchen`): it makes domains that say the same as the shipped one fast to plan in, and the
-general planner takes all others.
+One plug-in does (`planners/kitchen`): it makes domains that say the same as the shipped one fast to
+plan in, and the general planner takes all others.
 """
 
 import ast

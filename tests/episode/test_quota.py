@@ -83,7 +83,7 @@ def test_chat_beyond_the_quota_is_refused() -> None:
 def test_a_newcomer_has_a_share_and_a_seat_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """Who wrote before does not silence who comes after; coming and going has an end."""
     monkeypatch.setattr(quota, "NEWCOMER_BYTES", 400)
-    monkeypatch.setattr(quota, "MOST_SEAT_BYTES", 2000)
+    monkeypatch.setattr(quota, "MAX_SEAT_BYTES", 2000)
     episode, written = start(), []
     line = "x" * (200 - quota.NOTE_BYTES - len("EVE"))
     for _ in range(10):

@@ -10,7 +10,7 @@ from typing import Any
 from robotouille import Task, World, load_task
 from robotouille.generation import Generator, Kind, Parameters
 from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.search_result import Answer, Proof
+from robotouille.planning.search_result import Proof, SearchResult
 
 TASKS = [
     "synchronous/01_cheese_sandwich",
@@ -46,9 +46,9 @@ class Oracle:
         self.refuse = refuse
         self.asked = 0
 
-    def __call__(self, world: World) -> Answer:
+    def __call__(self, world: World) -> SearchResult:
         self.asked += 1
-        return Answer(None, 0, Proof.NONE, "none", 0, unsolvable=self.asked <= self.refuse)
+        return SearchResult(None, 0, Proof.NONE, "none", 0, unsolvable=self.asked <= self.refuse)
 
 
 # A task with everything in it that may be on tiles: a stack, a held thing, a vessel with a filling,

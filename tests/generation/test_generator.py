@@ -24,10 +24,10 @@ from robotouille.generation import (
     seeds_from,
     shortest,
 )
-from robotouille.generation.rng import Chance
+from robotouille.generation.rng import SeededRng
 from robotouille.planning.beam.planner import Planner
 from robotouille.planning.plan import Plan, read_plan
-from robotouille.planning.search_result import Answer, Proof
+from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.planning.validation import replay
 from tests.generation.kitchens import Oracle, crowded, shipped_plan
 
@@ -35,23 +35,23 @@ GOLDEN = Path(__file__).parent / "golden"
 SANDWICH = "synchronous/01_cheese_sandwich"
 
 
-def beam(world: World) -> Answer:
+def beam(world: World) -> SearchResult:
     """Some plan, soon."""
     found = Planner(world).solve(world.initial, expansions=300)
-    return Answer(found.plan if found.reached else None, 0, Proof.NONE, "beam", 0)
+    return SearchResult(found.plan if found.reached else None, 0, Proof.NONE, "beam", 0)
 
 
-def exact(world: World) -> Answer:
+def exact(world: World) -> SearchResult:
     """The same, as if it were proven."""
     answer = beam(world)
     assert answer.plan is not None
     reached = replay(answer.plan, world).reached_at or 0
-    return Answer(answer.plan, reached, Proof.EXHAUSTED, "beam", 0)
+    return SearchResult(answer.plan, reached, Proof.EXHAUSTED, "beam", 0)
 
 
 def test_choices_are_the_same_for_ever() -> None:
     """Files name a seed."""
-    chance = Chance("free 42 1")
+    chance = SeededRng("free 42 1")
     assert [chance.below(100) for _ in range(6)] == [26, 85, 5, 57, 16, 16]
     assert "".join(chance.shuffled("abcdefgh")) == "gcfbdeha"
 
@@ -125,7 +125,7 @@ def test_an_original_without_a_plan_is_solved_once(tmp_path: Path) -> None:
     path.write_text(Path(load_task(SANDWICH).source).read_text())
     asked = []
 
-    def solver(world: World) -> Answer:
+    def solver(world: World) -> SearchResult:
         asked.append(world)
         return beam(world)
 
@@ -138,7 +138,7 @@ def test_an_original_without_a_plan_is_solved_once(tmp_path: Path) -> None:
 def test_an_attempt_that_cannot_be_solved_is_followed_by_another() -> None:
     oracle = Oracle(refuse=2)
 
-    def solver(world: World) -> Answer:
+    def solver(world: World) -> SearchResult:
         answer = oracle(world)
         return answer if answer.unsolvable else beam(world)
 
@@ -174,7 +174,7 @@ def test_a_difficulty_is_met() -> None:
     """Attempts whose shortest plan has another length, or an unknown one, are passed over."""
     lengths = []
 
-    def solver(world: World) -> Answer:
+    def solver(world: World) -> SearchResult:
         answer = beam(world)
         lengths.append(replay(answer.plan or Plan(()), world).reached_at or 0)
         return replace(answer, bound=lengths[-1] if len(lengths) == 3 else 0)

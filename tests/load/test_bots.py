@@ -18,7 +18,7 @@ from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.loadtest.histogram import Measurements
-from robotouille_client.loadtest.worker.load_worker import Worker
+from robotouille_client.loadtest.worker.load_worker import LoadWorker
 from robotouille_client.loadtest.worker.walk import to_and_fro
 from robotouille_client.loadtest.workload import LoadPlan
 from robotouille_server import Server
@@ -34,7 +34,7 @@ class Watched:
     def __init__(self, url: str, **plan: Any) -> None:
         (share,) = LoadPlan(url=url, **plan).shares()
         self.reports: list[dict[str, Any]] = []
-        self.worker = Worker(share, self.reports.append)
+        self.worker = LoadWorker(share, self.reports.append)
 
     @property
     def measured(self) -> Measurements:

@@ -19,8 +19,8 @@ from websockets.typing import Subprotocol
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
 from robotouille_client.loadtest.worker.light_connection import (
-    Link,
-    RefusedError,
+    HandshakeRefusedError,
+    LightConnection,
     Traffic,
     UnreachableError,
     open_link,
@@ -61,7 +61,7 @@ def test_messages_arrive_however_the_stream_is_cut(
     messages, content, ends = stream
 
     async def read() -> list[bytes]:
-        link = Link(server_address(URL), Traffic())
+        link = LightConnection(server_address(URL), Traffic())
         link.opened.set_result(None)
         received: list[bytes] = []
         link.receive = received.append
@@ -135,7 +135,7 @@ def test_a_server_that_refuses_is_quoted(tmp_path: Path) -> None:
     async def knock() -> None:
         async with serving(tmp_path, max_connections=1) as server:
             first = await open_link(server_address(server.url), Traffic(), 5)
-            with pytest.raises(RefusedError, match=r"503 .*: the server is full"):
+            with pytest.raises(HandshakeRefusedError, match=r"503 .*: the server is full"):
                 await open_link(server_address(server.url), Traffic(), 5)
             first.close()
 
@@ -145,7 +145,9 @@ def test_a_server_that_refuses_is_quoted(tmp_path: Path) -> None:
 def test_other_servers_are_told_apart() -> None:
     async def knock() -> None:
         async with echoing() as url:
-            with pytest.raises(RefusedError, match=r"does not speak robotouille\.v1\.msgpack"):
+            with pytest.raises(
+                HandshakeRefusedError, match=r"does not speak robotouille\.v1\.msgpack"
+            ):
                 await open_link(server_address(url), Traffic(), 5)
 
         async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -156,7 +158,9 @@ def test_other_servers_are_told_apart() -> None:
 
         mail = await asyncio.start_server(answer, "127.0.0.1", 0)
         port = mail.sockets[0].getsockname()[1]
-        with pytest.raises(RefusedError, match=r"'220 mail\.example ESMTP', which opens no"):
+        with pytest.raises(
+            HandshakeRefusedError, match=r"'220 mail\.example ESMTP', which opens no"
+        ):
             await open_link(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
         mail.close()
         await asyncio.sleep(1)

@@ -12,7 +12,7 @@ import pytest
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_server.admin import operator_view
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.http.guard import Access
 from robotouille_server.auth.tokens import Role, RoleGrant
 from tests.operator.support import CHANGE, Api, viewing
@@ -248,12 +248,12 @@ def scope(host: str, own: str) -> dict[str, Any]:
 def test_the_address_a_request_came_to_is_a_name_of_the_port() -> None:
     access = Access()
     access.check(scope("192.0.2.7:8766", "192.0.2.7"))
-    with pytest.raises(RefusedError):
+    with pytest.raises(RequestRefusedError):
         access.check(scope("192.0.2.8:8766", "192.0.2.7"))
 
 
 def test_two_hosts_are_one_too_many() -> None:
     request = scope("localhost", "127.0.0.1")
     request["headers"].append((b"host", b"evil.example"))
-    with pytest.raises(RefusedError):
+    with pytest.raises(RequestRefusedError):
         Access().check(request)

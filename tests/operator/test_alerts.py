@@ -14,7 +14,7 @@ import pytest
 
 from robotouille_server import Server
 from robotouille_server.alerts import alerts as found
-from robotouille_server.health import SAMPLE_SECONDS, Disk, Resources, System
+from robotouille_server.health import SAMPLE_SECONDS, Disk, Health, System
 from robotouille_server.runtime import descriptors
 from robotouille_server.runtime.metrics import Metrics
 from tests.operator.support import Api, table, viewing
@@ -101,7 +101,7 @@ def test_descriptors_that_run_out(tmp_path: Path) -> None:
 
 def test_log_lines_that_are_held_back() -> None:
     metrics = Metrics()
-    resources = Resources(metrics, None, Machine())
+    resources = Health(metrics, None, Machine())
     metrics.log_suppressed = 5
     resources.sample(0.0, [])
     assert found(resources) == []
@@ -140,7 +140,7 @@ def test_what_is_critical_comes_first(tmp_path: Path) -> None:
 
 def test_looking_is_rare_however_often_somebody_asks(tmp_path: Path) -> None:
     machine = Machine()
-    resources = Resources(Metrics(), tmp_path, machine)
+    resources = Health(Metrics(), tmp_path, machine)
     for tick in range(101):
         resources.sample(tick / 10, [])
     assert machine.looks == 1 + 10 / SAMPLE_SECONDS

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from robotouille_server.admin.http.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, Logins
+from robotouille_server.admin.http.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, LoginAudit
 from robotouille_server.auth.tokens import Role, RoleGrant
 from robotouille_server.runtime import audit_log as audit
 from robotouille_server.runtime.audit_log import AuditLog
@@ -131,7 +131,7 @@ def test_wrong_tokens_are_there_in_few_lines_and_all_counted(
 def test_a_token_in_use_is_one_login(tmp_path: Path) -> None:
     now = 0.0
     log = AuditLog(tmp_path / "audit.log", lambda: NOW)
-    logins = Logins(log, lambda: now, addresses=True)
+    logins = LoginAudit(log, lambda: now, addresses=True)
     for passed in (0, 1, 1000, 1000, FORGOTTEN_AFTER + 1):
         now += passed
         logins.good(RoleGrant(Role.OPERATOR, "lab", token_id="a"), "127.0.0.1")

@@ -15,13 +15,13 @@ import pytest
 import trustme
 
 from robotouille_server.admin import OperatorPort
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.http.connection_slots import (
     MAX_CONNECTIONS,
     MAX_PER_ADDRESS,
     MAX_PER_SUBJECT,
-    Place,
-    Places,
+    ConnectionSlot,
+    ConnectionSlots,
     Standing,
 )
 from robotouille_server.admin.http.timeouts import (
@@ -235,15 +235,15 @@ class Crowd:
     """Places, and who has been cut off, by the order in which they came."""
 
     def __init__(self) -> None:
-        self.places = Places()
+        self.places = ConnectionSlots()
         self.cut: list[int] = []
         self._came = 0
 
-    def come(self, address: str = "127.0.0.1") -> Place | None:
+    def come(self, address: str = "127.0.0.1") -> ConnectionSlot | None:
         number, self._came = self._came, self._came + 1
         return self.places.take((address, 50_000 + number), lambda: self.cut.append(number))
 
-    def fill(self, count: int, address: str = "127.0.0.1") -> list[Place]:
+    def fill(self, count: int, address: str = "127.0.0.1") -> list[ConnectionSlot]:
         places = [place for _ in range(count) if (place := self.come(address)) is not None]
         assert len(places) == count
         return places
@@ -285,7 +285,7 @@ def test_one_token_does_not_fill_the_port() -> None:
     for place in places[:-1]:
         place.know("lab")
     places[0].know("lab")
-    with pytest.raises(RefusedError, match="operator/busy"):
+    with pytest.raises(RequestRefusedError, match="operator/busy"):
         places[-1].know("lab")
     places[-1].know("other")
 

@@ -137,14 +137,14 @@ def test_too_many_pages_are_refused_and_one_that_closes_makes_room(tmp_path: Pat
 def test_the_games_do_not_notice_a_view_that_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from robotouille_server.admin.admin_service import Desk
+    from robotouille_server.admin.admin_service import AdminService
 
     def fail(*arguments: object) -> None:
         raise ZeroDivisionError
 
     async def main() -> None:
         async with viewing(tmp_path) as (server, _, api), table(server) as play:
-            monkeypatch.setattr(Desk, "overview", fail)
+            monkeypatch.setattr(AdminService, "overview", fail)
             answer = await api.http.get("/api/overview")
             assert (answer.status_code, answer.json()["code"]) == (500, "operator/internal")
             assert "ZeroDivision" not in answer.text

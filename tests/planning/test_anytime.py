@@ -9,7 +9,7 @@ import pytest
 from robotouille import State, World, load_task, task_names
 from robotouille.planning.anytime import Anytime
 from robotouille.planning.plan import write_plan
-from robotouille.planning.search_result import Answer, Limits
+from robotouille.planning.search_result import Limits, SearchResult
 from robotouille.planning.validation import replay
 from tests.planning.kitchen.exact import explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
@@ -36,7 +36,7 @@ def wandered(world: World, seed: int, steps: int) -> State:
     return state
 
 
-def last(anytime: Anytime, state: State, expansions: int) -> Answer:
+def last(anytime: Anytime, state: State, expansions: int) -> SearchResult:
     *_, answer = anytime.answers(state, Limits(expansions=expansions))
     return answer
 

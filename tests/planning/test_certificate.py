@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from robotouille import FileError, RobotouilleError, State, Task, World, load_task
 from robotouille.certification.certificate import (
-    Budget,
     Certificate,
     Deadline,
+    ExpansionBudget,
     Solver,
     certificate_path,
     certify,
@@ -28,7 +28,7 @@ from robotouille.certification.certificate import (
 )
 from robotouille.planning.beam.planner import Planner
 from robotouille.planning.plan import Plan, read_plan, write_plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 
 FIELDS = tuple(Certificate.model_fields)
 TASK = load_task("synchronous/01")
@@ -51,21 +51,21 @@ def proving(
     *,
     limits: Limits = UNLIMITED,
     watch: Watch | None = None,
-) -> Answer:
+) -> SearchResult:
     """A planner that claims that its first plan is a shortest one."""
     state = start or world.initial
     if limits.expansions == 0:
-        return Answer(None, 0, Proof.NONE, "proving 1.0", 0)
+        return SearchResult(None, 0, Proof.NONE, "proving 1.0", 0)
     plan = planned(state)
     if watch is not None:
         watch(7, len(plan) - 1, len(plan))
-    return Answer(plan, len(plan), Proof.EXHAUSTED, "proving 1.0", 7)
+    return SearchResult(plan, len(plan), Proof.EXHAUSTED, "proving 1.0", 7)
 
 
 def answering(**changes: Any) -> Solver:
     """A planner whose answer is that of `proving` with changes."""
 
-    def solver(world: World, start: State | None = None, **options: Any) -> Answer:
+    def solver(world: World, start: State | None = None, **options: Any) -> SearchResult:
         return replace(proving(world, start), **changes)
 
     return solver
@@ -87,7 +87,7 @@ def test_it_says_what_was_found_and_is_valid() -> None:
     found = certificate()
     assert (found.length, found.bound, found.optimal, found.gap) == (8, 8, True, 0)
     assert (found.task, found.seats, found.instance) == (TASK.name, 1, TASK.digest)
-    assert found.limits == Budget(expansions=100, states=200)
+    assert found.limits == ExpansionBudget(expansions=100, states=200)
     assert found.plan is not None
     assert found.plan[0] == "move(robot1, table3, table1)"
     assert check(found, TASK) == []
@@ -292,28 +292,30 @@ def test_a_failed_write_leaves_what_was_there(
 
 
 def test_seconds_count_only_where_the_clock_ended_the_search() -> None:
-    def waiting(world: World, start: State | None = None, **options: Any) -> Answer:
+    def waiting(world: World, start: State | None = None, **options: Any) -> SearchResult:
         assert options["limits"].stop()
         return replace(proving(world, start), bound=1)
 
     cut = certify(TASK, waiting, Limits(stop=Deadline(0)))
-    assert cut.limits == Budget(seconds=0)
-    assert certify(TASK, proving, Limits(stop=Deadline(60))).limits == Budget()
+    assert cut.limits == ExpansionBudget(seconds=0)
+    assert certify(TASK, proving, Limits(stop=Deadline(60))).limits == ExpansionBudget()
 
 
 @pytest.mark.parametrize(
     ("budget", "spent", "covered"),
     [
-        (Budget(expansions=9), Budget(expansions=9), True),
-        (Budget(expansions=9), Budget(expansions=8), False),
-        (Budget(states=9), Budget(), False),
-        (Budget(), Budget(seconds=5), False),
-        (Budget(seconds=5), Budget(seconds=5), True),
-        (Budget(seconds=6), Budget(seconds=5), False),
-        (Budget(seconds=6), Budget(), True),
+        (ExpansionBudget(expansions=9), ExpansionBudget(expansions=9), True),
+        (ExpansionBudget(expansions=9), ExpansionBudget(expansions=8), False),
+        (ExpansionBudget(states=9), ExpansionBudget(), False),
+        (ExpansionBudget(), ExpansionBudget(seconds=5), False),
+        (ExpansionBudget(seconds=5), ExpansionBudget(seconds=5), True),
+        (ExpansionBudget(seconds=6), ExpansionBudget(seconds=5), False),
+        (ExpansionBudget(seconds=6), ExpansionBudget(), True),
     ],
 )
-def test_what_a_past_search_covers(budget: Budget, spent: Budget, covered: bool) -> None:
+def test_what_a_past_search_covers(
+    budget: ExpansionBudget, spent: ExpansionBudget, covered: bool
+) -> None:
     assert budget.covered_by(spent) is covered
 
 

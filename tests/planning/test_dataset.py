@@ -17,17 +17,17 @@ import psutil
 import pytest
 
 from robotouille import RobotouilleError, State, World
-from robotouille.certification.certificate import Budget, content_hash, read_certificate
+from robotouille.certification.certificate import ExpansionBudget, content_hash, read_certificate
 from robotouille.certification.certifying import certify_dataset
 from robotouille.certification.checking import check_dataset
-from robotouille.certification.dataset import MANIFEST, Outcome, Running, read_dataset
-from robotouille.planning.search_result import Answer, Proof
+from robotouille.certification.dataset import MANIFEST, CertifyingOutcome, Running, read_dataset
+from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.resources import data_folder
 from tests.planning.test_certificate import proving
 
 FILES = ("synchronous/01_cheese_sandwich", "synchronous/02_lettuce_sandwich")
 NAMES = ["01_cheese_sandwich", "02_lettuce_sandwich", "sub/01_cheese_sandwich"]
-BUDGET = Budget(expansions=100, states=100)
+BUDGET = ExpansionBudget(expansions=100, states=100)
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def failing_at(number: int, error: BaseException) -> Any:
     """A planner that raises at its n-th search."""
     count = 0
 
-    def solver(world: World, start: State | None = None, **options: Any) -> Answer:
+    def solver(world: World, start: State | None = None, **options: Any) -> SearchResult:
         nonlocal count
         count += options["limits"].expansions != 0
         if count == number:
@@ -64,15 +64,15 @@ def failing_at(number: int, error: BaseException) -> Any:
     return solver
 
 
-def never(world: World, start: State | None = None, **options: Any) -> Answer:
+def never(world: World, start: State | None = None, **options: Any) -> SearchResult:
     """`proving`, but it may not search."""
     assert options["limits"].expansions == 0
     return proving(world, start, **options)
 
 
-def renamed(world: World, start: State | None = None, **options: Any) -> Answer:
+def renamed(world: World, start: State | None = None, **options: Any) -> SearchResult:
     answer = proving(world, start, **options)
-    return Answer(answer.plan, answer.bound, answer.proof, "proving 2.0", 0)
+    return SearchResult(answer.plan, answer.bound, answer.proof, "proving 2.0", 0)
 
 
 def test_a_certificate_for_each_instance_and_a_manifest(folder: Path) -> None:
@@ -140,10 +140,10 @@ def test_what_is_kept_and_what_is_done_again(folder: Path) -> None:
     assert kept(never) == [True] * 3
     assert contents(folder) == before
     assert kept(proving, fresh=True) == [False] * 3
-    assert kept(proving, budget=Budget(expansions=99, states=100)) == [True] * 3
-    assert kept(proving, budget=Budget(expansions=101, states=100)) == [False] * 3
-    assert kept(proving, budget=Budget(expansions=99, states=100, seconds=9)) == [True] * 3
-    assert kept(renamed, budget=Budget(expansions=99, states=100)) == [False] * 3
+    assert kept(proving, budget=ExpansionBudget(expansions=99, states=100)) == [True] * 3
+    assert kept(proving, budget=ExpansionBudget(expansions=101, states=100)) == [False] * 3
+    assert kept(proving, budget=ExpansionBudget(expansions=99, states=100, seconds=9)) == [True] * 3
+    assert kept(renamed, budget=ExpansionBudget(expansions=99, states=100)) == [False] * 3
     assert kept(proving) == [False] * 3
     (folder / f"{NAMES[0]}.certificate.json").write_text("{}")
     edit(folder / f"{NAMES[1]}.json", lambda problem: problem.update(goal_description="Eat."))
@@ -174,8 +174,8 @@ def test_broken_files_are_reported_and_the_others_certified(folder: Path) -> Non
 
 
 def test_a_wrong_planner_is_no_end_of_the_run(folder: Path) -> None:
-    def wrong(world: World, start: State | None = None, **options: Any) -> Answer:
-        return Answer(proving(world).plan, 99, Proof.HEURISTIC, "wrong 1.0", 0)
+    def wrong(world: World, start: State | None = None, **options: Any) -> SearchResult:
+        return SearchResult(proving(world).plan, 99, Proof.HEURISTIC, "wrong 1.0", 0)
 
     report = certify_dataset(folder, wrong, budget=BUDGET)
     assert len(report.faults) == 3
@@ -273,8 +273,8 @@ def test_missing_and_stray_files(folder: Path) -> None:
 def test_a_sample_is_proven_again(folder: Path) -> None:
     certify_dataset(folder, proving, budget=BUDGET)
 
-    def weaker(world: World, start: State | None = None, **options: Any) -> Answer:
-        return Answer(proving(world).plan, 3, Proof.HEURISTIC, "weaker", 0)
+    def weaker(world: World, start: State | None = None, **options: Any) -> SearchResult:
+        return SearchResult(proving(world).plan, 3, Proof.HEURISTIC, "weaker", 0)
 
     assert check_dataset(folder, weaker).faults == ()
     one, same, all_of_them = (
@@ -330,7 +330,7 @@ def over(process: psutil.Process) -> bool:
         return True
 
 
-def outcomes(folder: Path) -> tuple[Outcome, ...]:
+def outcomes(folder: Path) -> tuple[CertifyingOutcome, ...]:
     return check_dataset(folder, proving).outcomes
 
 

@@ -18,7 +18,7 @@ import pytest
 
 from robotouille import Task
 from robotouille.certification.certificate import Certificate, check, prove_again
-from robotouille.certification.dataset import Dataset, Instance, read_dataset
+from robotouille.certification.dataset import Dataset, DatasetEntry, read_dataset
 from robotouille.errors import RobotouilleError
 from robotouille.planning.solvers import solve
 from tests.world.reference import Call, Reference, ReferenceState
@@ -40,7 +40,7 @@ def dataset(folder: str) -> Dataset:
     return found
 
 
-def certified(folder: str) -> Iterator[tuple[Instance, Task, Certificate]]:
+def certified(folder: str) -> Iterator[tuple[DatasetEntry, Task, Certificate]]:
     """The instances of a folder that have a certificate."""
     found = dataset(folder)
     for instance in found.instances:
@@ -174,7 +174,7 @@ def hashed(path: Path) -> str:
     return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
 
 
-def row(folder: Path, instance: Instance) -> dict[str, Any]:
+def row(folder: Path, instance: DatasetEntry) -> dict[str, Any]:
     """What a manifest has to say of an instance, read from the files anew."""
     found = json.loads((folder / instance.certificate).read_text(encoding="utf-8"))
     kept = ("instance", "length", "bound", "optimal", "proof")

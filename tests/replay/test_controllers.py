@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from robotouille import World
-from robotouille.episode import Absence, Clock, Episode, Event, Hold, Rules
+from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
 from robotouille.replay.container import MAGIC, pack_frame, read_frames
 from robotouille.replay.controllers import Span, controllers, seatings, spans
 from robotouille.replay.export import json_lines
@@ -117,7 +117,7 @@ def test_a_restart_is_seen_and_the_rest_is_added_to_the_same_course() -> None:
     game.episode, game.now = found.episode, 100.0
     game.present("robot1", True)
     game.steps(1)
-    assert Hold.RESTART in found.episode.holds
+    assert PauseReason.RESTART in found.episode.holds
     game.now = 110.0
     game.episode.tick(game.now)
     game.steps(2)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, World
-from robotouille.episode import Clock, Controller, Episode, Event, Hold, Phase, Rules
+from robotouille.episode import Clock, Controller, Episode, Event, PauseReason, Phase, Rules
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
@@ -95,7 +95,7 @@ def test_everything_is_as_it_was(clock: Clock) -> None:
         assert (one.name, one.session, one.generation) == (two.name, two.session, two.generation)
         assert one.answer.reasons == two.answer.reasons
         assert not one.present
-    assert ours.holds.shown == (Hold.RESTART, 1010.0)
+    assert ours.holds.shown == (PauseReason.RESTART, 1010.0)
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)

@@ -12,11 +12,11 @@ from websockets.datastructures import Headers
 from robotouille.errors import ProtocolError
 from robotouille_server.auth.visitors import (
     AccessSettingError,
-    Caller,
-    Doorkeeper,
+    CodeGuessLimiter,
+    ConnectionLimiter,
+    CountedConnection,
     NoPlaceError,
     Visitor,
-    WrongCodes,
     counted_as,
     origin_refusal,
     parse_origins,
@@ -202,19 +202,21 @@ LOCAL = Visitor("127.0.0.1", True, "127.0.0.1")
 FORWARDED = Visitor("127.0.0.1", False, "127.0.0.1")
 
 
-class Door(Doorkeeper):
+class Door(ConnectionLimiter):
     """A doorkeeper, and who was sent away from probation."""
 
     def __init__(self, limit: int) -> None:
         super().__init__(limit)
         self.sent_away: list[int] = []
 
-    def call(self, who: Visitor, number: int = 0) -> Caller:
-        caller = Caller(who, lambda: self.sent_away.append(number))
+    def call(self, who: Visitor, number: int = 0) -> CountedConnection:
+        caller = CountedConnection(who, lambda: self.sent_away.append(number))
         self.arrive(caller)
         return caller
 
-    def enters(self, who: Visitor, subject: str = "", instead_of: Caller | None = None) -> bool:
+    def enters(
+        self, who: Visitor, subject: str = "", instead_of: CountedConnection | None = None
+    ) -> bool:
         """Whether somebody new comes in."""
         caller = self.call(who)
         try:
@@ -290,7 +292,7 @@ def test_the_counts_hold_nobody_who_has_gone() -> None:
     assert door.groups == 0
 
 
-def blocked(codes: WrongCodes, who: Visitor, now: float) -> bool:
+def blocked(codes: CodeGuessLimiter, who: Visitor, now: float) -> bool:
     try:
         codes.check(who, now)
     except ProtocolError as error:
@@ -300,7 +302,7 @@ def blocked(codes: WrongCodes, who: Visitor, now: float) -> bool:
 
 
 def test_wrong_codes_run_out_and_come_back() -> None:
-    codes = WrongCodes(burst=20)
+    codes = CodeGuessLimiter(burst=20)
     for _ in range(20):
         assert not blocked(codes, guest(1), 0.0)
         codes.wrong(guest(1), 0.0)
@@ -314,7 +316,7 @@ def test_wrong_codes_run_out_and_come_back() -> None:
 
 
 def test_a_guesser_locks_nobody_out_who_has_a_token() -> None:
-    codes = WrongCodes(burst=20)
+    codes = CodeGuessLimiter(burst=20)
     for _ in range(20):
         codes.wrong(guest(1), 0.0)
     assert blocked(codes, guest(1), 0.0)
@@ -328,7 +330,7 @@ def test_a_guesser_locks_nobody_out_who_has_a_token() -> None:
 
 def test_guessing_stays_slow_for_ever() -> None:
     """An hour of trying as often as possible: 20 at once and 20 a minute."""
-    codes, tried = WrongCodes(burst=20), 0
+    codes, tried = CodeGuessLimiter(burst=20), 0
     for tick in range(36_000):
         if not blocked(codes, guest(1), tick / 10):
             codes.wrong(guest(1), tick / 10)
@@ -337,7 +339,7 @@ def test_guessing_stays_slow_for_ever() -> None:
 
 
 def test_many_addresses_do_not_fill_the_memory() -> None:
-    codes = WrongCodes(burst=20, capacity=100)
+    codes = CodeGuessLimiter(burst=20, capacity=100)
     for number in range(10_000):
         codes.wrong(guest(number), number / 1000)
         assert len(codes) <= 100
@@ -346,7 +348,7 @@ def test_many_addresses_do_not_fill_the_memory() -> None:
 
 
 def test_programs_of_this_machine_are_not_counted() -> None:
-    codes = WrongCodes(burst=1)
+    codes = CodeGuessLimiter(burst=1)
     for _ in range(9):
         codes.wrong(LOCAL, 0.0)
     assert len(codes) == 0

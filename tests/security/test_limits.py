@@ -6,12 +6,12 @@ import re
 
 from robotouille_server.limit_table import LIMITS, limits_page, shown_value
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.token_bucket import TokenBucket
 from tests.docs.pages import read
 
 
 def test_a_budget_allows_bursts_and_then_its_rate() -> None:
-    budget = Budget(10, 0.0)
+    budget = TokenBucket(10, 0.0)
     assert sum(budget.take(0.0) for _ in range(100)) == 20
     assert not budget.take(0.09)
     assert budget.take(0.11)
@@ -20,7 +20,7 @@ def test_a_budget_allows_bursts_and_then_its_rate() -> None:
 
 
 def test_a_budget_fills_no_higher_than_its_burst() -> None:
-    budget = Budget(10, 0.0, burst=3)
+    budget = TokenBucket(10, 0.0, burst=3)
     assert budget.left(1e6) == 3
     assert not budget.take(1e6, cost=4)
     assert budget.take(1e6, cost=3)

@@ -12,7 +12,7 @@ import pytest
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server.rooms import room as room_module
-from robotouille_server.rooms.recordings.storage import Appender, Condition, Folder
+from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 from robotouille_server.transport.peer import MAX_UNSENT, Peer
 from tests.server.test_storage import FullDisk
 from tests.support.servers import Raw, raw, serving
@@ -55,7 +55,7 @@ class CountedFile:
     def read(self) -> bytes:
         return self._file.read()
 
-    def condition(self) -> Condition:
+    def condition(self) -> FileCondition:
         return self._file.condition()
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
 from robotouille_server import Server
 from robotouille_server.rooms.recordings.inspection import LOOK_SECONDS
-from robotouille_server.rooms.recordings.storage import Appender, Condition, Folder
+from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 from robotouille_server.rooms.room import Room
 from tests.episode.test_absence import TWO
 from tests.support.servers import crash, serving
@@ -272,12 +272,12 @@ class TestFolder:
         folder = Folder(tmp_path)
         file = folder.create("a")
         file.append(b"whole")
-        assert (file.condition(), file.read()) == (Condition.WHOLE, b"whole")
+        assert (file.condition(), file.read()) == (FileCondition.WHOLE, b"whole")
         (tmp_path / "a").unlink()
         file.append(b" still")
-        assert (file.condition(), file.read()) == (Condition.REMOVED, b"whole still")
+        assert (file.condition(), file.read()) == (FileCondition.REMOVED, b"whole still")
         other = folder.create("b")
         other.append(b"whole")
         os.truncate(tmp_path / "b", 2)
         other.append(b" again")
-        assert other.condition() is Condition.CUT_SHORT
+        assert other.condition() is FileCondition.CUT_SHORT

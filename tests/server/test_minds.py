@@ -11,7 +11,7 @@ from robotouille.planning.beam.planner import Planner
 from robotouille.world.state import State
 from robotouille.world.world import World, shared_world
 from robotouille_server.rooms.substitutes import bot_minds as minds
-from robotouille_server.rooms.substitutes.bot_minds import Deed, Minds, Question
+from robotouille_server.rooms.substitutes.bot_minds import Bots, Deed, Question
 
 TASK = load_task("training/03_multi_agent@2")
 OTHERS = [load_task(f"multi_agent/0{number}") for number in (1, 2, 3)]
@@ -39,14 +39,14 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
 
 
 def test_games_in_the_same_state_share_a_plan(searches: list[State]) -> None:
-    here, state = Minds(), shared_world(TASK).initial
+    here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
     answers = {here.think(TASK.digest, question(state, mind)) for mind in range(1, 101)}
     assert len(answers) == len(searches) == 1
 
 
 def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> None:
-    here = Minds()
+    here = Bots()
     here.show(TASK)
     for player in ("robot1", "robot2", "robot1", "robot2"):
         here.learn(TASK.digest, player)
@@ -57,7 +57,7 @@ def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> No
     assert len(searches) == 2, "what was learnt is not used"
 
 
-def course(here: Minds, mind: int, steps: int) -> list[Any]:
+def course(here: Bots, mind: int, steps: int) -> list[Any]:
     """What one stand-in does, as long as nobody else does anything."""
     world, deeds, done = World(TASK), (), []  # type: tuple[World, tuple[tuple[Deed, ...], ...], list[Any]]
     state = world.initial
@@ -77,7 +77,7 @@ def course(here: Minds, mind: int, steps: int) -> list[Any]:
 
 def test_the_same_questions_have_the_same_answers() -> None:
     """Whoever else has thought before, and in whatever process."""
-    fresh, used = Minds(), Minds()
+    fresh, used = Bots(), Bots()
     for here in (fresh, used):
         here.show(TASK)
     for step, mind in enumerate((5, 6, 7)):
@@ -90,8 +90,8 @@ def test_the_same_questions_have_the_same_answers() -> None:
 def test_what_was_found_out_is_forgotten_when_it_is_much(
     searches: list[State], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(minds, "MOST_SEARCHES", 3)
-    here, start = Minds(), shared_world(TASK).initial
+    monkeypatch.setattr(minds, "MAX_SEARCHES", 3)
+    here, start = Bots(), shared_world(TASK).initial
     here.show(TASK)
     planner = here._kitchens[TASK.digest].planner
     remembered = []
@@ -104,9 +104,9 @@ def test_what_was_found_out_is_forgotten_when_it_is_much(
 
 
 def test_few_kitchens_and_minds_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(minds, "MOST_KITCHENS", 2)
-    monkeypatch.setattr(minds, "MOST_MINDS", 3)
-    here = Minds()
+    monkeypatch.setattr(minds, "MAX_KITCHENS", 2)
+    monkeypatch.setattr(minds, "MAX_BOTS", 3)
+    here = Bots()
     for number, task in enumerate(OTHERS):
         here.show(task)
         here.think(task.digest, question(shared_world(task).initial, number + 1, kind="random"))
@@ -118,7 +118,7 @@ def test_few_kitchens_and_minds_are_remembered(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_mind_that_failed_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    here, state = Minds(), shared_world(TASK).initial
+    here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
     answer = here.think(TASK.digest, question(state))
     nonsense: tuple[tuple[Deed, ...], ...] = ((("robot1", "dance", (), True),),)

@@ -10,7 +10,7 @@ from robotouille import World
 from robotouille.episode import Episode, Rules
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.display_names import Names
+from robotouille_server.rooms.display_names import DisplayNames
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run
 
@@ -154,7 +154,7 @@ def test_a_name_of_which_nothing_can_be_seen_is_refused(tmp_path: Path) -> None:
 
 
 def test_thousands_of_the_same_name_are_told_apart_in_little_time() -> None:
-    names, asked = Names(Episode(World("multi_agent/01"), Rules(), 0.0)), []
+    names, asked = DisplayNames(Episode(World("multi_agent/01"), Rules(), 0.0)), []
     for _ in range(5000):
         name = names.choose("eve")
         names.watch(name)

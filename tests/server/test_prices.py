@@ -17,7 +17,7 @@ from robotouille.protocol.codec import JSON, MAX_FIELDS, MAX_ITEMS, MAX_LIST, MS
 from robotouille_server import Server
 from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES
 from robotouille_server.rooms.snapshots import Snapshots
-from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.token_bucket import TokenBucket
 from tests.fuzz.wire import TEXT, Closed, Wire, frame
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
@@ -230,7 +230,7 @@ def test_long_messages_are_taken_less_often_than_short_ones(tmp_path: Path) -> N
 
 
 def test_what_is_owed_has_to_come_back_first() -> None:
-    budget = Budget(10, 0.0)
+    budget = TokenBucket(10, 0.0)
     budget.owe(0.0, 50)
     assert not budget.take(2.9)
     assert budget.take(3.2)

@@ -82,6 +82,6 @@ def test_what_may_be_written_is_less_than_what_is_read() -> None:
     from robotouille.replay.container import MAX_FILE
 
     most_seats = 16
-    words = most_seats * quota.MOST_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
+    words = most_seats * quota.MAX_SEAT_BYTES + quota.MAX_AUDIENCE_BYTES
     assert words < journal.MAX_RECORDING_BYTES
     assert journal.MAX_RECORDING_BYTES + 2**25 < MAX_FILE

@@ -10,7 +10,7 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_server import Server
-from robotouille_server.rooms.substitutes.bot_worker import InThread
+from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
 from tests.support.servers import Raw, raw, serving
 from tests.support.thinking import AtOnce
 from tests.support.virtual_time import run
@@ -27,7 +27,7 @@ async def begin(server: Server, ada: Raw, bob: Raw, **options: Any) -> str:
 
 def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
     async def main() -> None:
-        thread = InThread(AtOnce())
+        thread = ThreadBotWorker(AtOnce())
         async with (
             serving(tmp_path, thinker=lambda: thread) as server,
             raw(server) as ada,

@@ -11,7 +11,7 @@ import pytest
 from websockets.asyncio.client import connect as open_socket
 
 from robotouille_server.rooms.room import Room
-from robotouille_server.runtime.timer_queue import Agenda
+from robotouille_server.runtime.timer_queue import TimerQueue
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import VirtualTimeLoop, run
 
@@ -108,7 +108,7 @@ def test_only_what_was_waited_for_counts() -> None:
     """Neither a quiet hour nor a busy second is a standstill."""
 
     async def main() -> None:
-        agenda, loop, called = Agenda(), asyncio.get_running_loop(), []
+        agenda, loop, called = TimerQueue(), asyncio.get_running_loop(), []
         begun = agenda.time()
         await asyncio.sleep(3600)
         assert agenda.time() == pytest.approx(begun + 3600)
@@ -159,7 +159,7 @@ def test_what_is_due_is_done_however_times_are_rounded(monkeypatch: pytest.Monke
     quite due."""
     loop, done = Exact(), []
     monkeypatch.setattr(asyncio, "get_running_loop", lambda: loop)
-    agenda = Agenda()
+    agenda = TimerQueue()
     for number in range(1, 200):
         agenda.lost += number / 7
         agenda.call_at(agenda.time() + 1 / number, done.append)

@@ -19,8 +19,8 @@ from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.substitutes import worker_process as thinking_process
 from robotouille_server.rooms.substitutes.bot_minds import Question
-from robotouille_server.rooms.substitutes.bot_worker import InThread, ThoughtLostError
-from robotouille_server.rooms.substitutes.worker_process import InProcess
+from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError, ThreadBotWorker
+from robotouille_server.rooms.substitutes.worker_process import ProcessBotWorker
 from tests.server.test_minds import question
 from tests.server.test_process import process
 from tests.support.thinking import AtOnce
@@ -32,8 +32,8 @@ NONSENSE = ((("robot1", "dance", (), True),),)
 
 
 @asynccontextmanager
-async def thinker(*command: str) -> AsyncIterator[InProcess]:
-    made = InProcess(command) if command else InProcess()
+async def thinker(*command: str) -> AsyncIterator[ProcessBotWorker]:
+    made = ProcessBotWorker(command) if command else ProcessBotWorker()
     try:
         async with asyncio.timeout(PATIENCE):
             yield made
@@ -54,7 +54,7 @@ async def gone(pid: int) -> None:
 
 def test_it_answers_as_a_thread_does() -> None:
     async def main() -> None:
-        thread = InThread(AtOnce())
+        thread = ThreadBotWorker(AtOnce())
         step = START.step([START.actions("robot1")[0]])
         deeds = ((("robot1", "move", START.actions("robot1")[0].arguments, True),),)
         async with thinker() as apart:
@@ -76,7 +76,7 @@ def test_it_is_shown_again_what_it_has_forgotten() -> None:
     """Everybody may play another task."""
     tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
     program = (
-        "from robotouille_server import minds; minds.MOST_KITCHENS = 1;"
+        "from robotouille_server import minds; minds.MAX_KITCHENS = 1;"
         "from robotouille_server.rooms.substitutes.worker_main import main; main()"
     )
 
@@ -101,9 +101,9 @@ def test_one_that_dies_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
             under_way = apart.ask(TASK, random_move(1))
             first = apart.pid
             os.kill(first, signal.SIGKILL)
-            with pytest.raises(ThoughtLostError):
+            with pytest.raises(BotWorkerLostError):
                 await under_way
-            with pytest.raises(ThoughtLostError):
+            with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
             await asyncio.sleep(0.2)
             assert await apart.ask(TASK, random_move(1)) is not None
@@ -119,7 +119,7 @@ def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
         async with thinker(sys.executable, "-c", "pass") as apart:
             pauses = []
             for _ in range(8):
-                with pytest.raises(ThoughtLostError):
+                with pytest.raises(BotWorkerLostError):
                     await apart.ask(TASK, random_move(1))
                 pauses.append(round(apart._rests_until - apart._loop.time(), 1))
                 apart._rests_until = 0.0
@@ -131,7 +131,7 @@ def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
 def test_where_no_process_can_be_started_a_thread_thinks(tmp_path: Path) -> None:
     async def main() -> None:
         async with thinker(str(tmp_path / "nothing")) as apart:
-            with pytest.raises(ThoughtLostError):
+            with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
             assert await apart.ask(TASK, random_move(1)) is not None
             assert apart.pid is None
@@ -157,7 +157,7 @@ def test_a_thread_thinks_no_longer_than_until_a_process_can_be_started(
             monkeypatch.setattr(thinking_process, "LONGEST_PAUSE", 1500.0)
             apart._pause = thinking_process.FIRST_PAUSE
             monkeypatch.setattr(loop, "subprocess_exec", refusing)
-            with pytest.raises(ThoughtLostError):
+            with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
             for _ in range(3):
                 assert await apart.ask(TASK, random_move(1)) is not None
@@ -185,7 +185,7 @@ def test_one_that_is_stuck_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
 
     async def main() -> None:
         async with thinker(sys.executable, "-c", "import time; time.sleep(1000)") as apart:
-            with pytest.raises(ThoughtLostError):
+            with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
 
     asyncio.run(main())

@@ -7,9 +7,9 @@ from typing import Any
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task
-from robotouille_server.rooms.substitutes.bot_minds import Answer, Question
-from robotouille_server.rooms.substitutes.bot_worker import ThoughtLostError
-from robotouille_server.rooms.substitutes.deadline_scheduler import AT_ONCE, Thoughts
+from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Question
+from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError
+from robotouille_server.rooms.substitutes.deadline_scheduler import AT_ONCE, BotScheduler
 
 TASK = load_task("training/03_multi_agent@2")
 
@@ -18,18 +18,18 @@ class Slow:
     """Thinks until it is told the answer."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[str, asyncio.Future[Answer]]] = []
+        self.asked: list[tuple[str, asyncio.Future[BotAnswer]]] = []
         self.closed = False
 
-    def _think(self, what: str) -> asyncio.Future[Answer]:
-        thought: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+    def _think(self, what: str) -> asyncio.Future[BotAnswer]:
+        thought: asyncio.Future[BotAnswer] = asyncio.get_running_loop().create_future()
         self.asked.append((what, thought))
         return thought
 
-    def learn(self, task: Task, player: str) -> asyncio.Future[Answer]:
+    def learn(self, task: Task, player: str) -> asyncio.Future[BotAnswer]:
         return self._think(f"learn {player}")
 
-    def ask(self, task: Task, question: Question) -> asyncio.Future[Answer]:
+    def ask(self, task: Task, question: Question) -> asyncio.Future[BotAnswer]:
         return self._think(question.player)
 
     async def answer(self) -> None:
@@ -52,21 +52,21 @@ class Seat:
     def __init__(self, name: str) -> None:
         self.name = name
         self.over = False
-        self.answers: list[Answer] = []
+        self.answers: list[BotAnswer] = []
 
     def question(self) -> tuple[Task, Question] | None:
         if self.over:
             return None
         return TASK, Question(1, self.name, "random", 0, (), ())
 
-    def answered(self, answer: Answer) -> None:
+    def answered(self, answer: BotAnswer) -> None:
         self.answers.append(answer)
 
 
 def checked(course: Any) -> None:
     async def main() -> None:
         thinker = Slow()
-        thoughts = Thoughts(lambda: thinker)
+        thoughts = BotScheduler(lambda: thinker)
         await course(thinker, thoughts)
         await thoughts.close()
 
@@ -74,7 +74,7 @@ def checked(course: Any) -> None:
 
 
 def test_the_oldest_deadline_comes_first_and_few_are_asked_at_once() -> None:
-    async def course(thinker: Slow, thoughts: Thoughts) -> None:
+    async def course(thinker: Slow, thoughts: BotScheduler) -> None:
         first = [Seat(f"first{number}") for number in range(AT_ONCE)]
         for seat in first:
             thoughts.want(seat, 0.0)
@@ -92,7 +92,7 @@ def test_the_oldest_deadline_comes_first_and_few_are_asked_at_once() -> None:
 
 
 def test_nobody_thinks_about_what_is_over() -> None:
-    async def course(thinker: Slow, thoughts: Thoughts) -> None:
+    async def course(thinker: Slow, thoughts: BotScheduler) -> None:
         for number in range(AT_ONCE):
             thoughts.want(Seat(str(number)), 0.0)
         back, absent = Seat("back"), Seat("absent")
@@ -106,7 +106,7 @@ def test_nobody_thinks_about_what_is_over() -> None:
 
 
 def test_kitchens_are_learnt_once_and_while_nobody_waits() -> None:
-    async def course(thinker: Slow, thoughts: Thoughts) -> None:
+    async def course(thinker: Slow, thoughts: BotScheduler) -> None:
         seat = Seat("seat")
         thoughts.want(seat, 0.0)
         for _ in range(3):
@@ -126,10 +126,10 @@ def test_kitchens_are_learnt_once_and_while_nobody_waits() -> None:
 
 
 def test_a_thought_that_is_lost_is_answered_by_nothing() -> None:
-    async def course(thinker: Slow, thoughts: Thoughts) -> None:
+    async def course(thinker: Slow, thoughts: BotScheduler) -> None:
         seat = Seat("seat")
         thoughts.want(seat, 0.0)
-        thinker.asked.pop()[1].set_exception(ThoughtLostError())
+        thinker.asked.pop()[1].set_exception(BotWorkerLostError())
         await asyncio.sleep(0)
         assert seat.answers == [None]
 

@@ -20,7 +20,7 @@ import pytest
 from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
-from robotouille_server.runtime.workers import ElsewhereError, Worker
+from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
 
 COMMAND = [sys.executable, "-m", "robotouille_server"]
 
@@ -149,16 +149,18 @@ def test_a_fixed_port_is_needed(tmp_path: Path) -> None:
 
 class TestNames:
     def test_a_worker_knows_its_own(self) -> None:
-        one = Worker(index=1, count=3, first_port=9001)
+        one = WorkerSlot(index=1, count=3, first_port=9001)
         episode = one.mark_id(0xFFFF_FFFF_FFFF_FFFF)
         assert one.owns(episode)
-        assert not Worker(index=2, count=3).owns(episode)
+        assert not WorkerSlot(index=2, count=3).owns(episode)
         one.check_here(episode, episode.upper(), 10)
         assert one.mark_letter("Z") == "B"
         one.check_here("BXXXX-XXXXX", "BXXXXXXXXX", 10)
 
     def test_and_sends_others_where_they_belong(self) -> None:
-        one = Worker(index=1, count=3, first_port=9001, url="wss://kitchen.example.org/w{worker}")
+        one = WorkerSlot(
+            index=1, count=3, first_port=9001, url="wss://kitchen.example.org/w{worker}"
+        )
         with pytest.raises(ElsewhereError) as error:
             one.check_here("cxxxx-xxxxx", "CXXXXXXXXX", 10)
         assert error.value.moved(7) == messages.Moved(
@@ -166,7 +168,7 @@ class TestNames:
         )
 
     def test_with_fewer_workers_than_before_all_recordings_have_an_owner(self) -> None:
-        ids = [Worker(index=i, count=8).mark_id(i * 7919) for i in range(8)]
+        ids = [WorkerSlot(index=i, count=8).mark_id(i * 7919) for i in range(8)]
         for episode in ids:
-            assert sum(Worker(index=i, count=3).owns(episode) for i in range(3)) == 1
-            assert Worker().owns(episode)
+            assert sum(WorkerSlot(index=i, count=3).owns(episode) for i in range(3)) == 1
+            assert WorkerSlot().owns(episode)

@@ -13,7 +13,7 @@ from functools import partial
 from robotouille.world.grounding.goal import Goal
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
-from robotouille_server.rooms.substitutes.bot_minds import Kitchen
+from robotouille_server.rooms.substitutes.bot_minds import BotWorld
 from tests.simulation.scenario import (
     FAULTS,
     DrawPlan,
@@ -150,7 +150,7 @@ class Day(Simulation):
         that grows is seen.
         """
         for memory in gc.get_objects():
-            if type(memory) in (TimerTable, SuccessorTree, Goal, Kitchen):
+            if type(memory) in (TimerTable, SuccessorTree, Goal, BotWorld):
                 memory.forget()
         dead = [process for process in self.processes if process.dead]
         for process in dead:

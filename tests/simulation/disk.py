@@ -10,7 +10,7 @@ import errno
 import random
 from collections.abc import Callable
 
-from robotouille_server.rooms.recordings.storage import Condition
+from robotouille_server.rooms.recordings.storage import FileCondition
 from tests.simulation.loop import Killed, Process, current_process
 
 __all__ = ["Disk", "OpenFile"]
@@ -161,8 +161,8 @@ class OpenFile:
     def read(self) -> bytes:
         return self._disk.read(self.name)
 
-    def condition(self) -> Condition:
-        return Condition.WHOLE
+    def condition(self) -> FileCondition:
+        return FileCondition.WHOLE
 
     def close(self) -> None:
         self._open = False

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import CannotListenError
-from robotouille_server.rooms.substitutes.bot_minds import Kitchen, Minds
-from robotouille_server.rooms.substitutes.bot_worker import InThread
+from robotouille_server.rooms.substitutes.bot_minds import Bots, BotWorld
+from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
 from tests.simulation.clients import PORT
 from tests.simulation.loop import Process
 from tests.support.thinking import AtOnce
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ServerMachine"]
 
-KITCHENS: OrderedDict[str, Kitchen] = OrderedDict()
+KITCHENS: OrderedDict[str, BotWorld] = OrderedDict()
 """What stand-ins have learnt, for all servers and seeds: it changes no answer."""
 
 KEYS = "simulated:" + "A" * 43
@@ -67,7 +67,7 @@ class ServerMachine:
             "timestamp": lambda: f"20260101T{int(self.sim.loop.time()):06d}Z",
             "storage": self.sim.disk,
             "wall": lambda: 1_700_000_000 + self.sim.loop.time(),
-            "thinker": lambda: InThread(AtOnce(), Minds(KITCHENS)),
+            "thinker": lambda: ThreadBotWorker(AtOnce(), Bots(KITCHENS)),
         }
         while True:
             try:

@@ -14,7 +14,7 @@ import pytest
 
 from robotouille.episode import Event, Said, Stepped
 from robotouille.protocol import messages
-from robotouille_server.rooms.broadcaster import Audience
+from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.recordings.journal import Journal
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
@@ -97,41 +97,41 @@ def numbers_forgotten_at_a_restart(patch: pytest.MonkeyPatch) -> None:
 # Another episode's
 
 
-def all_audiences(patch: pytest.MonkeyPatch) -> list[Audience]:
+def all_audiences(patch: pytest.MonkeyPatch) -> list[Broadcaster]:
     """The audiences of all rooms from now on."""
-    known: list[Audience] = []
-    init = Audience.__init__
+    known: list[Broadcaster] = []
+    init = Broadcaster.__init__
 
-    def noted(audience: Audience, *values: Any, **options: Any) -> None:
+    def noted(audience: Broadcaster, *values: Any, **options: Any) -> None:
         init(audience, *values, **options)
         known.append(audience)
 
-    patch.setattr(Audience, "__init__", noted)
+    patch.setattr(Broadcaster, "__init__", noted)
     return known
 
 
 def chat_heard_elsewhere(patch: pytest.MonkeyPatch) -> None:
     """What is said in one episode is told in all."""
-    audiences, tell_said = all_audiences(patch), Audience.tell_said
+    audiences, tell_said = all_audiences(patch), Broadcaster.tell_said
 
-    def tell_all(_: Audience, event: Said) -> None:
+    def tell_all(_: Broadcaster, event: Said) -> None:
         for audience in audiences:
             tell_said(audience, event)
 
-    patch.setattr(Audience, "tell_said", tell_all)
+    patch.setattr(Broadcaster, "tell_said", tell_all)
 
 
 def deltas_seen_elsewhere(patch: pytest.MonkeyPatch) -> None:
     """A step's delta goes to the members of all episodes."""
-    audiences, tell_step = all_audiences(patch), Audience.tell_step
+    audiences, tell_step = all_audiences(patch), Broadcaster.tell_step
 
-    def tell_all(audience: Audience, event: Stepped) -> None:
+    def tell_all(audience: Broadcaster, event: Stepped) -> None:
         members = audience.members
         audience.members = [session for known in audiences for session in known.members]
         tell_step(audience, event)
         audience.members = members
 
-    patch.setattr(Audience, "tell_step", tell_all)
+    patch.setattr(Broadcaster, "tell_step", tell_all)
 
 
 # A step that is missing
@@ -140,15 +140,15 @@ def deltas_seen_elsewhere(patch: pytest.MonkeyPatch) -> None:
 def delta_not_sent(patch: pytest.MonkeyPatch) -> None:
     """Every fifth step is told nobody. Clients ask for a picture when the next one comes; where
     all wait for it, the game stands still."""
-    tell_step = Audience.tell_step
+    tell_step = Broadcaster.tell_step
 
-    def sparing(audience: Audience, event: Stepped) -> None:
+    def sparing(audience: Broadcaster, event: Stepped) -> None:
         members = audience.members
         audience.members = [] if event.step % 5 == 3 else members
         tell_step(audience, event)
         audience.members = members
 
-    patch.setattr(Audience, "tell_step", sparing)
+    patch.setattr(Broadcaster, "tell_step", sparing)
 
 
 def step_not_recorded(patch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille_server.rooms.recordings.storage import Appender, Condition, Folder
+from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 
 __all__ = ["TroubledFolder"]
 
@@ -33,7 +33,7 @@ class _TroubledFile:
     def read(self) -> bytes:
         return self._file.read()
 
-    def condition(self) -> Condition:
+    def condition(self) -> FileCondition:
         return self._file.condition()
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from websockets.asyncio.client import connect as open_socket
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.rooms.recordings.storage import Storage
-from robotouille_server.rooms.substitutes.bot_worker import InThread, Thinker
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker, ThreadBotWorker
 from robotouille_server.runtime.logs import configure_logs
 from tests.support.thinking import AtOnce
 
@@ -34,7 +34,7 @@ async def serving(
     port: int = 0,
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
-    thinker: Callable[[], Thinker] = lambda: InThread(AtOnce()),
+    thinker: Callable[[], BotWorker] = lambda: ThreadBotWorker(AtOnce()),
     **options: Any,
 ) -> AsyncIterator[Server]:
     """A server on a free port whose ids, codes and timestamps are always the same; stand-ins think

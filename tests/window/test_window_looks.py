@@ -7,7 +7,7 @@ import pytest
 from robotouille import World
 from robotouille.domain.rendering import rendering_of
 from robotouille.world.state import State
-from robotouille_client.window.pictures.appearance import Artist, Stage
+from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
 
 FOODS = [
     ("lettuce1", (), "lettuce.svg"),
@@ -39,7 +39,7 @@ TASKS = {
 
 def stage_of(state: State) -> Stage:
     task = state.world.task
-    return Artist(task.domain, rendering_of(task)).stage(state)
+    return AppearanceResolver(task.domain, rendering_of(task)).stage(state)
 
 
 def with_facts(state: State, *atoms: tuple[str, ...]) -> State:
@@ -119,6 +119,6 @@ def test_the_facts_of_a_kind_without_pictures_are_words(play) -> None:
 
 def test_players_without_pictures_borrow_some() -> None:
     world = World("workshop/02")
-    artist = Artist(world.task.domain, rendering_of(world.task))
+    artist = AppearanceResolver(world.task.domain, rendering_of(world.task))
     assert artist.player("fitter", 0, "left").asset == "robot1_left.svg"
     assert artist.player("fitter", 5, "back").asset == "robot2_back.svg"

@@ -10,7 +10,7 @@ import pytest
 
 from robotouille import GroundAction, State, Timing, World, load_task
 from robotouille_client.window.drawing.window_layout import layout
-from robotouille_client.window.view import Farewell, Pause, View
+from robotouille_client.window.view import FarewellView, PauseView, View
 from robotouille_client.window.window import Window
 
 SIZE = (800, 600)
@@ -164,9 +164,9 @@ def test_escape_forgets_what_was_to_come(window: Window) -> None:
 
 
 INTERRUPTIONS = [
-    {"pause": Pause("bob's connection is lost", "Waiting 23 s.", 22.4, 0.7)},
+    {"pause": PauseView("bob's connection is lost", "Waiting 23 s.", 22.4, 0.7)},
     {"offline": 1.5},
-    {"farewell": Farewell("Out", "Gone.")},
+    {"farewell": FarewellView("Out", "Gone.")},
 ]
 
 

@@ -10,13 +10,13 @@ import pytest
 
 from robotouille import World, task_names
 from robotouille_client.window.drawing.painter import Painter, paint
-from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import layout
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.view import Bubble, Farewell, Pause, SeatView, View
+from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 
 
-def picture(view: View, size=(640, 400), chrome: Chrome | None = None) -> bytes:
+def picture(view: View, size=(640, 400), chrome: UiOverlay | None = None) -> bytes:
     surface = pygame.Surface(size)
     Painter().paint(surface, view, chrome)
     return pygame.image.tobytes(surface, "RGB")
@@ -52,7 +52,7 @@ def test_every_task(name: str) -> None:
 def test_any_size(size: tuple[int, int]) -> None:
     world = World("multi_agent/10")
     shown = picture(
-        full_view(world, 5), size, Chrome((0, 0), ("tip",), "prompt", "hi", (("H", "x"),))
+        full_view(world, 5), size, UiOverlay((0, 0), ("tip",), "prompt", "hi", (("H", "x"),))
     )
     assert len(shown) == size[0] * size[1] * 3
 
@@ -63,7 +63,7 @@ def test_any_size(size: tuple[int, int]) -> None:
         {"step": 6}, {"max_steps": 70}, {"clock": "lockstep"}, {"phase": 0.9}, {"me": None},
         {"bubbles": ()}, {"chat": ()}, {"status": ""}, {"code": ""}, {"outcome": "Goal reached"},
         {"hover": "table1"}, {"seats": ()}, {"notice": "lunch"}, {"offline": 0.5},
-        {"pause": Pause("Paused by the operator")}, {"farewell": Farewell("Out", "Gone.")},
+        {"pause": PauseView("Paused by the operator")}, {"farewell": FarewellView("Out", "Gone.")},
     ],
 )  # fmt: skip
 def test_every_field_is_seen(change) -> None:
@@ -74,7 +74,7 @@ def test_every_field_is_seen(change) -> None:
 def test_a_countdown_moves_between_two_frames_and_its_number_with_it() -> None:
     view = full_view(World("multi_agent/09"), 5)
     shown = [
-        picture(dataclasses.replace(view, pause=Pause("bob is away", "", left, left / 30)))
+        picture(dataclasses.replace(view, pause=PauseView("bob is away", "", left, left / 30)))
         for left in (22.9, 22.8, 21.9)
     ]
     assert len(set(shown)) == 3
@@ -117,8 +117,8 @@ def test_interruptions_fit_any_size(size: tuple[int, int]) -> None:
     shown = []
     for change in (
         {},
-        {"pause": Pause(nasty, nasty, 12345.6), "offline": 99.0, "notice": nasty},
-        {"farewell": Farewell(nasty, nasty)},
+        {"pause": PauseView(nasty, nasty, 12345.6), "offline": 99.0, "notice": nasty},
+        {"farewell": FarewellView(nasty, nasty)},
     ):
         surface = pygame.Surface(size)
         Painter().paint(surface, dataclasses.replace(view, **change))
@@ -133,13 +133,13 @@ def _floor(world: World) -> tuple[int, int]:
 @pytest.mark.parametrize(
     "chrome",
     [
-        Chrome(prompt="E: cut"),
-        Chrome(typing=""),
-        Chrome(help=(("E", "cut"),)),
-        Chrome(pointer=(200, 200), tips=("Move", "there")),
+        UiOverlay(prompt="E: cut"),
+        UiOverlay(typing=""),
+        UiOverlay(help=(("E", "cut"),)),
+        UiOverlay(pointer=(200, 200), tips=("Move", "there")),
     ],
 )
-def test_chrome_is_seen(chrome: Chrome) -> None:
+def test_chrome_is_seen(chrome: UiOverlay) -> None:
     view = full_view(World("multi_agent/09"), 5)
     assert picture(view, chrome=chrome) != picture(view)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille.episode import Hold
+from robotouille.episode import PauseReason
 from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.pause_texts import farewell, outcome_words, pause_words
 
@@ -40,8 +40,8 @@ def test_pauses(
 
 
 def test_every_reason_of_the_protocol_has_words_of_its_own() -> None:
-    titles = {pause_words(hold.value, seats(True, False, True), 5.0)[0] for hold in Hold}
-    assert len(titles) == len(Hold)
+    titles = {pause_words(hold.value, seats(True, False, True), 5.0)[0] for hold in PauseReason}
+    assert len(titles) == len(PauseReason)
     assert "The game stands still" not in titles
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests.support.games import record
 
 from robotouille import World
-from robotouille.episode import Absence, Clock, Episode, Hold, Rules
+from robotouille.episode import Absence, Clock, Episode, PauseReason, Rules
 from robotouille.replay.recording import Recording
 from robotouille_client.window.sources import ReplaySource, notices_at, seats_at
 
@@ -27,9 +27,9 @@ def recording() -> Recording:
     episode.tick(2.0)
     episode.set_present("robot2", True, 2.0)
     episode.tick(3.0)
-    episode.hold(Hold.OPERATOR, 3.0)
+    episode.hold(PauseReason.OPERATOR, 3.0)
     episode.announce("lunch", 4.0)
-    episode.release(Hold.OPERATOR, 10.0)
+    episode.release(PauseReason.OPERATOR, 10.0)
     episode.tick(12.0)
     return Recording(record(episode, episode.events()))
 

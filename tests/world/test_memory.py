@@ -10,7 +10,7 @@ import pytest
 from robotouille import World, load_task
 from robotouille.world import successors, timers
 from robotouille.world.grounding import goal
-from robotouille.world.successors import Node, SuccessorTree
+from robotouille.world.successors import DecisionNode, SuccessorTree
 from tests.world.differential import walk_both
 from tests.world.test_world_equals_reference import WALKS
 
@@ -55,7 +55,7 @@ def transitions(world: World) -> int:
 
 
 def nodes(tree: SuccessorTree) -> int:
-    def below(node: Node) -> int:
+    def below(node: DecisionNode) -> int:
         return 1 + sum(map(below, node.children.values()))
 
     return sum(below(node) for bucket in tree._buckets.values() for node in bucket)

@@ -16,10 +16,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
-from robotouille.certification.certificate import Budget
+from robotouille.certification.certificate import ExpansionBudget
 from robotouille.certification.certifying import BUDGET, certify_dataset
 from robotouille.certification.checking import check_dataset
-from robotouille.certification.dataset import Outcome, Report, Running, Tell
+from robotouille.certification.dataset import CertifyingOutcome, DatasetReport, Running, Tell
 from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.planning import solvers as optimal
 from robotouille.program import printable, tell
@@ -69,7 +69,7 @@ def certify(
                     folder, optimal.solve, sample=sample, seed=seed, seconds=timeout, tell=progress
                 )
             else:
-                budget = Budget(expansions=expansions, states=states, seconds=timeout)
+                budget = ExpansionBudget(expansions=expansions, states=states, seconds=timeout)
                 report = certify_dataset(
                     folder, optimal.solve, budget=budget, jobs=jobs, fresh=fresh, tell=progress
                 )
@@ -99,7 +99,7 @@ def _folder(name: str) -> Path:
 # The end
 
 
-def _class(outcome: Outcome) -> str:
+def _class(outcome: CertifyingOutcome) -> str:
     certificate = outcome.certificate
     if certificate is None:
         return "failed"
@@ -108,19 +108,19 @@ def _class(outcome: Outcome) -> str:
     return "unsolved" if certificate.plan is None else "gaps"
 
 
-def _counts(outcomes: Sequence[Outcome]) -> dict[str, int]:
+def _counts(outcomes: Sequence[CertifyingOutcome]) -> dict[str, int]:
     counts = Counter(map(_class, outcomes))
     return {"instances": len(outcomes), **{name: counts[name] for name in COLUMNS[1:]}}
 
 
-def _json(report: Report) -> dict[str, Any]:
+def _json(report: DatasetReport) -> dict[str, Any]:
     kept = sum(outcome.kept for outcome in report.outcomes)
     return {**_counts(report.outcomes), "kept": kept, "faults": list(report.faults)}
 
 
-def _table(report: Report) -> Table:
+def _table(report: DatasetReport) -> Table:
     """A row for each folder, and one for all."""
-    folders: dict[str, list[Outcome]] = {}
+    folders: dict[str, list[CertifyingOutcome]] = {}
     for outcome in report.outcomes:
         folder = str(PurePosixPath(outcome.instance.file).parent)
         folders.setdefault(folder, []).append(outcome)
@@ -149,7 +149,7 @@ def _shown(doing: str) -> Iterator[Tell | None]:
     job = bar.add_task(doing, total=None)
     with Live(bar, console=console, transient=True, refresh_per_second=4) as live:
 
-        def tell(done: Sequence[Outcome], total: int, running: Sequence[Running]) -> None:
+        def tell(done: Sequence[CertifyingOutcome], total: int, running: Sequence[Running]) -> None:
             bar.update(job, completed=len(done), total=total)
             live.update(Group(bar, *map(_line, running)))
 

@@ -9,7 +9,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille.planning.pddl import Style
+from robotouille.planning.pddl import EncodingStyle
 from robotouille_client.cli.console import explain, fail
 
 __all__ = ["pddl"]
@@ -19,8 +19,8 @@ def pddl(
     task: Annotated[str, typer.Argument(help="Task name or problem file.")],
     out: Annotated[Path, typer.Option(help="Folder for domain.pddl and problem.pddl.")],
     encoding: Annotated[
-        Style, typer.Option(help="steps: exact; durative: PDDL 2.1, without pauses.")
-    ] = Style.STEPS,
+        EncodingStyle, typer.Option(help="steps: exact; durative: PDDL 2.1, without pauses.")
+    ] = EncodingStyle.STEPS,
     seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None,
     created: Annotated[
         int | None, typer.Option(min=1, help="Objects of a kind that can be created.")

@@ -74,8 +74,8 @@ def command(
     Latencies are counted from the moment an action was due by an absolute schedule, whenever it
     could be sent. Ctrl+C ends the test early and reports what was measured so far.
     """
-    from robotouille_client.loadtest.load_test import Conductor
-    from robotouille_client.loadtest.progress import Progress
+    from robotouille_client.loadtest.load_test import LoadTest
+    from robotouille_client.loadtest.progress import ProgressDisplay
     from robotouille_client.loadtest.report.report import make_report
     from robotouille_client.loadtest.report.terminal_summary import print_summary
 
@@ -90,8 +90,8 @@ def command(
         )  # fmt: skip
         _check(plan)
         keep_to_cores(cores)
-        conductor = Conductor(
-            plan, token=token, pid=pid, metrics=metrics, cpus=cores, progress=Progress()
+        conductor = LoadTest(
+            plan, token=token, pid=pid, metrics=metrics, cpus=cores, progress=ProgressDisplay()
         )
         asyncio.run(conductor.run())
         report = make_report(conductor)

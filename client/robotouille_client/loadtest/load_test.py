@@ -12,21 +12,21 @@ from dataclasses import dataclass, field
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille_client.loadtest.open_files import allow_open_files
-from robotouille_client.loadtest.progress import Progress
+from robotouille_client.loadtest.progress import ProgressDisplay
 from robotouille_client.loadtest.server_monitor import (
     Page,
-    Sample,
     ServerProcess,
+    ServerSample,
     fetch_page,
     is_here,
     listener,
 )
 from robotouille_client.loadtest.worker.light_connection import server_address
 from robotouille_client.loadtest.worker.participant import Environment, Participant
-from robotouille_client.loadtest.worker_pool import Fleet
+from robotouille_client.loadtest.worker_pool import WorkerPool
 from robotouille_client.loadtest.workload import LoadPlan
 
-__all__ = ["Conductor", "NothingBegunError", "Observed", "refusals"]
+__all__ = ["LoadObservation", "LoadTest", "NothingBegunError", "refusals"]
 
 SETTLE_SECONDS = 3.0
 RETURN_SECONDS = 60.0
@@ -38,7 +38,7 @@ class NothingBegunError(RobotouilleError):
 
 
 @dataclass
-class Observed:
+class LoadObservation:
     """What a load test has seen of the server and of itself."""
 
     server: str = ""
@@ -47,14 +47,14 @@ class Observed:
     interrupted: bool = False
     before: Page | None = None
     after: Page | None = None
-    samples: list[Sample] = field(default_factory=list)
+    samples: list[ServerSample] = field(default_factory=list)
     memory: dict[str, int] = field(default_factory=dict)
     """Bytes of the server's memory at named moments."""
     storm_at: float | None = None
     storm_over: float | None = None
 
 
-class Conductor:
+class LoadTest:
     """One load test. `observed` and `fleet.totals` hold what there is at any time."""
 
     def __init__(
@@ -65,11 +65,11 @@ class Conductor:
         pid: int | None = None,
         metrics: str | None = None,
         cpus: tuple[int, ...] = (),
-        progress: Progress | None = None,
+        progress: ProgressDisplay | None = None,
     ) -> None:
         self.plan = plan
-        self.fleet = Fleet(plan, token, cpus)
-        self.observed = Observed()
+        self.fleet = WorkerPool(plan, token, cpus)
+        self.observed = LoadObservation()
         self.process: ServerProcess | None = None
         self._token = token
         self._pid = pid
@@ -77,7 +77,7 @@ class Conductor:
         scheme, host = "https" if self._uri.secure else "http", self._uri.host
         where = f"[{host}]" if ":" in host else host
         self._metrics = metrics or f"{scheme}://{where}:{self._uri.port}/metrics"
-        self._progress = progress or Progress(quiet=True)
+        self._progress = progress or ProgressDisplay(quiet=True)
 
     async def run(self) -> None:
         """All phases; an interrupt ends them early and keeps what was measured.

@@ -12,17 +12,17 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from robotouille_client.loadtest.server_monitor import Sample
-from robotouille_client.loadtest.worker_pool import Fleet
+from robotouille_client.loadtest.server_monitor import ServerSample
+from robotouille_client.loadtest.worker_pool import WorkerPool
 
-__all__ = ["Progress"]
+__all__ = ["ProgressDisplay"]
 
 
 LINE_SECONDS = 5.0
 """Between two lines where there is no terminal."""
 
 
-class Progress:
+class ProgressDisplay:
     """A live line with a bar on a terminal; elsewhere a line for each phase, and now and then."""
 
     def __init__(self, quiet: bool = False) -> None:
@@ -55,7 +55,7 @@ class Progress:
             self._console.print(f"{name}{about}", highlight=False)
         self._show()
 
-    def update(self, fleet: Fleet, samples: Sequence[Sample]) -> None:
+    def update(self, fleet: WorkerPool, samples: Sequence[ServerSample]) -> None:
         """What there is to see by now."""
         parts = [f"{sum(fleet.connected):,} connected, {sum(fleet.playing):,} rooms play"]
         if fleet.seconds:

@@ -19,8 +19,8 @@ __all__ = [
     "LATENESS",
     "Buckets",
     "Page",
-    "Sample",
     "ServerProcess",
+    "ServerSample",
     "fetch_page",
     "is_here",
     "listener",
@@ -35,7 +35,7 @@ FETCH_SECONDS = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ServerSample:
     """The server's use of the machine at a time (monotonic seconds)."""
 
     at: float
@@ -63,7 +63,7 @@ class ServerProcess:
         except psutil.Error as error:
             raise RobotouilleError(f"process {pid}: {_psutil_said(error)}") from None
 
-    def sample(self) -> Sample | None:
+    def sample(self) -> ServerSample | None:
         """How it is now; None if it is gone."""
         psutil = self._psutil
         cpu, memory = 0.0, 0
@@ -81,7 +81,7 @@ class ServerProcess:
                 continue
         all_times = psutil.cpu_times()
         idle = all_times.idle + getattr(all_times, "iowait", 0.0)
-        return Sample(time.monotonic(), cpu, memory, sum(all_times) - idle)
+        return ServerSample(time.monotonic(), cpu, memory, sum(all_times) - idle)
 
 
 def listener(port: int) -> int | None:

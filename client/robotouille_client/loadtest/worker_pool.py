@@ -15,7 +15,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.workload import LoadPlan
 
-__all__ = ["Fleet", "Second", "WorkerLostError"]
+__all__ = ["Second", "WorkerLostError", "WorkerPool"]
 
 STOP_SECONDS = 10.0
 
@@ -40,7 +40,7 @@ class Second:
     """Seconds of processor time that all of them took."""
 
 
-class Fleet:
+class WorkerPool:
     """Worker processes that get the same commands. `totals` is what was measured so far."""
 
     def __init__(self, plan: LoadPlan, token: str | None, cpus: tuple[int, ...] = ()) -> None:

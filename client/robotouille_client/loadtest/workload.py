@@ -9,17 +9,17 @@ from pydantic import BaseModel, ConfigDict, Field
 from robotouille.episode.rules import Clock, StepRate
 from robotouille.errors import RobotouilleError
 
-__all__ = ["LoadPlan", "Share", "parse_mix"]
+__all__ = ["LoadPlan", "WorkerShare", "parse_mix"]
 
 Count = Annotated[int, Field(ge=0, le=1_000_000)]
 Seconds = Annotated[float, Field(ge=0, le=30 * 86_400)]
 
 
-class Model(BaseModel):
+class FrozenModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class LoadPlan(Model):
+class LoadPlan(FrozenModel):
     """A load test: how many of whom, for how long. `mix` are the weights of the clocks."""
 
     url: str
@@ -46,11 +46,11 @@ class LoadPlan(Model):
             rooms[clock] += 1
         return rooms
 
-    def shares(self) -> list[Share]:
+    def shares(self) -> list[WorkerShare]:
         """The parts of the processes, as equal as can be."""
         clocks = [clock for clock, count in self.rooms_by_clock().items() for _ in range(count)]
         return [
-            Share(
+            WorkerShare(
                 url=self.url,
                 index=index,
                 processes=self.processes,
@@ -68,7 +68,7 @@ class LoadPlan(Model):
         ]
 
 
-class Share(Model):
+class WorkerShare(FrozenModel):
     """The part of one process; `rooms` are the clocks of its rooms."""
 
     url: str

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from robotouille_client.window.view import Bubble
 
-__all__ = ["Talk"]
+__all__ = ["ChatLog"]
 
 BUBBLE_SECONDS = 3.0
 CHAT_LINES = 6
@@ -15,7 +15,7 @@ READING_SECONDS = 0.06
 """For how much longer an announcement is shown for each of its letters."""
 
 
-class Talk:
+class ChatLog:
     """Keeps words for as long as they are to be seen."""
 
     def __init__(self, now: Callable[[], float]) -> None:

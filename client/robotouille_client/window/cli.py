@@ -24,7 +24,7 @@ from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 __all__ = ["main"]
 
 
-class StandIn(StrEnum):
+class SubstituteKind(StrEnum):
     """Bots that play for somebody who is away."""
 
     PLANNER = "planner"
@@ -136,7 +136,8 @@ def command(
         typer.Option(help="What happens in the episode to open while a participant is away."),
     ] = None,
     stand_in: Annotated[
-        StandIn | None, typer.Option(help="The bot that plays meanwhile, with --absence bot.")
+        SubstituteKind | None,
+        typer.Option(help="The bot that plays meanwhile, with --absence bot."),
     ] = None,
     grace: Annotated[
         float | None, typer.Option(help="Seconds for which an absent one's seat is kept.")

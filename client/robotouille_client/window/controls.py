@@ -23,7 +23,7 @@ __all__ = ["Button", "Controls", "Meaning", "Option", "bindings_of"]
 
 Button = Literal["left", "middle", "right"]
 
-_MOST_ATTEMPTS = 2000
+_MAX_ATTEMPTS = 2000
 _NEAR_MISS = 2
 
 
@@ -48,7 +48,7 @@ class Option:
 
 
 @dataclass(frozen=True, slots=True)
-class _Binding:
+class _KeyBinding:
     """An action and the parameter that the input decides (None: none)."""
 
     schema: ActionSchema
@@ -62,16 +62,16 @@ class Controls:
         self.world = world
         self.bindings = bindings or bindings_of(world.task)
         schemas = {schema.name: schema for schema in world.schemas}
-        self._clicks: dict[str, list[_Binding]] = {}
-        self._keys: dict[str, list[_Binding]] = {}
+        self._clicks: dict[str, list[_KeyBinding]] = {}
+        self._keys: dict[str, list[_KeyBinding]] = {}
         for click in self.bindings.mouse_click_actions:
             how = click.input_instructions
             if click.name in schemas:
-                binding = _Binding(schemas[click.name], how.click_on)
+                binding = _KeyBinding(schemas[click.name], how.click_on)
                 self._clicks.setdefault(how.button, []).append(binding)
         for key in self.bindings.keyboard_actions:
             if key.name in schemas:
-                binding = _Binding(schemas[key.name], key.input_instructions.at)
+                binding = _KeyBinding(schemas[key.name], key.input_instructions.at)
                 name = key.input_instructions.key.casefold()
                 self._keys.setdefault(name, []).append(binding)
 
@@ -117,7 +117,7 @@ class Controls:
         self,
         state: State,
         me: str,
-        bindings: list[_Binding],
+        bindings: list[_KeyBinding],
         meant: list[str],
         placed: dict[str, Placed],
     ) -> Meaning:
@@ -137,7 +137,7 @@ class Controls:
         self,
         state: State,
         me: str,
-        bindings: list[_Binding],
+        bindings: list[_KeyBinding],
         meant: list[str],
         placed: dict[str, Placed],
     ) -> Meaning:
@@ -155,7 +155,7 @@ class Controls:
         return Meaning(best, f"{best.sentence}? Needs: {reason}")
 
     def _candidates(
-        self, binding: _Binding, me: str, meant: list[str], near: list[str]
+        self, binding: _KeyBinding, me: str, meant: list[str], near: list[str]
     ) -> Iterator[GroundAction]:
         """Ways to fill the parameters of an action with what is near."""
         choices: list[Iterable[str]] = []
@@ -165,18 +165,18 @@ class Controls:
                 continue
             pool = meant if name == binding.parameter else near
             choices.append([n for n in pool if self.world.thing(n).type == kind])
-        for arguments in itertools.islice(itertools.product(*choices), _MOST_ATTEMPTS):
+        for arguments in itertools.islice(itertools.product(*choices), _MAX_ATTEMPTS):
             if len(set(arguments)) == len(arguments):
                 yield self.world.action(binding.schema.name, *arguments)
 
 
-def _fits(action: GroundAction, binding: _Binding, meant: list[str]) -> bool:
+def _fits(action: GroundAction, binding: _KeyBinding, meant: list[str]) -> bool:
     if binding.parameter is None:
         return True
     return action.schema.bind(action.arguments).get(binding.parameter) in meant
 
 
-def _names(bindings: list[_Binding]) -> str:
+def _names(bindings: list[_KeyBinding]) -> str:
     return ", ".join(binding.schema.name.replace("-", " ") for binding in bindings)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from math import ceil
 
 from robotouille.protocol.messages import SeatInfo
-from robotouille_client.window.view import Farewell
+from robotouille_client.window.view import FarewellView
 
 __all__ = ["clock_words", "farewell", "outcome_words", "pause_words"]
 
@@ -18,12 +18,14 @@ REASONS = {
 }
 
 FAREWELLS = {
-    "session/elsewhere": Farewell(
+    "session/elsewhere": FarewellView(
         "This seat is now played from another window",
         "Only the newer window plays on.",
     ),
-    "server/stopped": Farewell("The server was stopped", "The game cannot go on here."),
-    "rate/limited": Farewell("The server closed the connection", "It got far too many messages."),
+    "server/stopped": FarewellView("The server was stopped", "The game cannot go on here."),
+    "rate/limited": FarewellView(
+        "The server closed the connection", "It got far too many messages."
+    ),
 }
 
 
@@ -43,7 +45,7 @@ def clock_words(clock: str, rules: Mapping[str, object]) -> str:
     return f"{clock}, {budget:g} s a move" if budget else clock
 
 
-def farewell(code: str, reason: str) -> Farewell:
+def farewell(code: str, reason: str) -> FarewellView:
     """Why the owner of a window is out of a game that may go on without: by the code of the
     server's `bye`, else in the server's own words."""
     known = FAREWELLS.get(code)
@@ -51,7 +53,7 @@ def farewell(code: str, reason: str) -> Farewell:
         return known
     words = reason.strip() or "the connection was closed"
     ending = "" if words[-1] in ".!?" else "."
-    return Farewell("You are out of this game", f"{words[0].upper()}{words[1:]}{ending}")
+    return FarewellView("You are out of this game", f"{words[0].upper()}{words[1:]}{ending}")
 
 
 def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> tuple[str, str]:

@@ -11,10 +11,10 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille_client.events import Announced, Changed, Heard, Over, Refused
 from robotouille_client.game import Game
-from robotouille_client.window.chat_log import Talk
+from robotouille_client.window.chat_log import ChatLog
 from robotouille_client.window.pause_texts import clock_words, farewell, outcome_words, pause_words
 from robotouille_client.window.sources import GLIDE_SECONDS
-from robotouille_client.window.view import Farewell, Pause, SeatView, View
+from robotouille_client.window.view import FarewellView, PauseView, SeatView, View
 
 __all__ = ["RemoteSource"]
 
@@ -55,11 +55,11 @@ class RemoteSource:
         self._game = game
         self._connected = connected
         self._now = now
-        self._talk = Talk(now)
+        self._talk = ChatLog(now)
         self._countdown = _Countdown()
         self._previous: State | None = None
         self._lost_at: float | None = None
-        self._farewell: Farewell | None = None
+        self._farewell: FarewellView | None = None
 
     def view(self) -> View:
         game = self._game
@@ -107,14 +107,14 @@ class RemoteSource:
             seat.player, seat.name, seat.kind, seat.present, seat.applied, seat.rejected, stand_in
         )
 
-    def _pause(self) -> Pause | None:
+    def _pause(self) -> PauseView | None:
         game = self._game
         if game.pause is None or not game.paused or game.ended:
             self._countdown.over()
             return None
         left = self._countdown.left(game.pause, self._now())
         why, detail = pause_words(game.pause.reason, game.seats, left)
-        return Pause(why, detail, left, self._countdown.share(left))
+        return PauseView(why, detail, left, self._countdown.share(left))
 
     def _offline(self) -> float | None:
         """For how many seconds the connection has been away."""

@@ -24,7 +24,7 @@ from robotouille.replay.recording import Recording
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille_client.cli.timeline import interludes
-from robotouille_client.window.chat_log import Talk
+from robotouille_client.window.chat_log import ChatLog
 from robotouille_client.window.pause_texts import clock_words, outcome_words
 from robotouille_client.window.view import SeatView, View
 
@@ -58,7 +58,7 @@ class LocalSource:
         self._me = me
         self._bots = bots
         self._now = now
-        self._talk = Talk(now)
+        self._talk = ChatLog(now)
         self._previous: State | None = None
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()

@@ -10,7 +10,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Bubble", "Farewell", "Pause", "SeatView", "Source", "View"]
+__all__ = ["Bubble", "FarewellView", "PauseView", "SeatView", "Source", "View"]
 
 
 _PLAIN = (
@@ -60,7 +60,7 @@ class SeatView:
 
 
 @dataclass(frozen=True, slots=True)
-class Pause:
+class PauseView:
     """Why the game stands still and what it waits for; `left` are the seconds until that ends by
     itself (None: nobody knows), `share` what they are of the whole wait."""
 
@@ -71,7 +71,7 @@ class Pause:
 
 
 @dataclass(frozen=True, slots=True)
-class Farewell:
+class FarewellView:
     """Why the window's owner is out of the game, in a title and a sentence."""
 
     title: str
@@ -127,9 +127,9 @@ class View:
     outcome: str = ""
     hover: str | None = None
     notice: str = ""
-    pause: Pause | None = None
+    pause: PauseView | None = None
     offline: float | None = None
-    farewell: Farewell | None = None
+    farewell: FarewellView | None = None
     waits_for: tuple[str, ...] = ()
 
     @property

@@ -16,7 +16,7 @@ from robotouille.world.state import State
 from robotouille_client.window.chat_line import ChatLine
 from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
@@ -139,13 +139,13 @@ class Window:
         pygame.display.flip()
         self.frames += 1
 
-    def _chrome(self, view: View, hover: str | None) -> Chrome:
+    def _chrome(self, view: View, hover: str | None) -> UiOverlay:
         interrupted = (view.pause is not None, view.offline is not None, view.frozen)
         key = (view.state, view.me, hover, interrupted)
         if self._advice is None or self._advice[0] != key:
             self._advice = (key, self._tips(view, hover), self._prompt(view))
         _, tips, prompt = self._advice
-        return Chrome(
+        return UiOverlay(
             pointer=self._pointer,
             tips=tips,
             prompt=self._notice if self._clock() < self._notice_until else prompt,

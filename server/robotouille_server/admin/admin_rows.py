@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robotouille.episode import Clock, Episode, Hold, Outcome, Phase, Seat
+from robotouille.episode import Clock, Episode, Outcome, PauseReason, Phase, Seat
 from robotouille_server.admin.models import (
     AudienceRow,
     EpisodeDetail,
@@ -21,7 +21,7 @@ from robotouille_server.app import Server
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 
-__all__ = ["PHASES", "Rows", "phase_of", "recording_name", "shown_code"]
+__all__ = ["PHASES", "RowBuilder", "phase_of", "recording_name", "shown_code"]
 
 DEFAULT_PORT = 8765
 PHASES = ("paused", "running", "waiting", "over")
@@ -40,7 +40,7 @@ def shown_code(code: str) -> str:
     return f"{code[:5]}-{code[5:]}" if len(code) == 10 else code
 
 
-class Rows:
+class RowBuilder:
     """Makes the rows of one server's rooms; remembers counters to tell rates."""
 
     def __init__(self, server: Server) -> None:
@@ -137,7 +137,7 @@ class Rows:
 def _pause(episode: Episode, now: float) -> PauseState | None:
     """Why an episode stands still, or will once it has begun."""
     shown = episode.holds.shown
-    if shown is None or not (episode.paused or Hold.OPERATOR in episode.holds):
+    if shown is None or not (episode.paused or PauseReason.OPERATOR in episode.holds):
         return None
     why, until = shown
     return PauseState(reason=why.value, left=None if until is None else max(0.0, until - now))

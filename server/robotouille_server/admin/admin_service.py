@@ -14,26 +14,26 @@ from robotouille.release import VERSION
 from robotouille.replay.container import unwrap
 from robotouille_server.admin.admin_rows import (
     PHASES,
-    Rows,
+    RowBuilder,
     phase_of,
     recording_name,
     shown_code,
 )
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.models import (
     AlertRow,
     Done,
     EpisodeCounts,
     EpisodeDetail,
-    Fault,
     Overview,
+    RecordingFault,
     RecordingPage,
     ServerInfo,
     Totals,
 )
-from robotouille_server.admin.principal import Caller
+from robotouille_server.admin.principal import Principal
 from robotouille_server.admin.rates import History, by_label, gauge
-from robotouille_server.admin.recording_store import NoRecordings, Readable, Shelf
+from robotouille_server.admin.recording_store import NoRecordings, Readable, RecordingStore
 from robotouille_server.admin.transcript import News, Transcript
 from robotouille_server.app import Server
 from robotouille_server.rooms.recordings.journal import CLOSED
@@ -42,14 +42,14 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import ElsewhereError
 
-__all__ = ["Desk", "Watch"]
+__all__ = ["AdminService", "Watch"]
 
 MAX_UNRESTORED = 20
 READ_BYTES_A_SECOND = 8_000_000
 """So fast is a growing recording read again and again for somebody who watches."""
 
 
-class Desk:
+class AdminService:
     """One server's operator. `now` is the loop's time.
 
     What somebody may see and do is that of `serving` them; a caller whose token is for one
@@ -60,15 +60,15 @@ class Desk:
         self._server = server
         self._now = now
         self._opened = now()
-        self._rows = Rows(server)
+        self._rows = RowBuilder(server)
         self._history = History(server.metrics)
         self._storage: Readable = server.storage or NoRecordings()
-        self._shelf = Shelf(self._storage)
+        self._shelf = RecordingStore(self._storage)
         self._history.sample(self._opened)
-        self._caller = Caller()
+        self._caller = Principal()
         server.sample(self._opened)
 
-    def serving(self, caller: Caller) -> Desk:
+    def serving(self, caller: Principal) -> AdminService:
         """The same desk, for this caller."""
         desk = copy.copy(self)
         desk._caller = caller
@@ -111,19 +111,21 @@ class Desk:
         )
 
     def room(self, name: str) -> Room:
-        """The room of an id or a code; RefusedError if there is none, or the caller may not see
-        it: who looks for others is not told which there are."""
+        """The room of an id or a code; RequestRefusedError if there is none, or the caller may not
+        see it: who looks for others is not told which there are."""
         try:
             room = self._server.lobby.find(name)
             self._caller.check(room.id, room.code)
             return room
         except ProtocolError as error:
             self._caller.check(name)
-            raise RefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", error.message) from None
+            raise RequestRefusedError(
+                HTTPStatus.NOT_FOUND, "episode/unknown", error.message
+            ) from None
         except ElsewhereError as error:
             self._caller.check(name)
             message = f"{name} is with another worker; look at the operator's view of that one"
-            raise RefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", message) from error
+            raise RequestRefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", message) from error
 
     async def recordings(self, search: str, limit: int, offset: int) -> RecordingPage:
         """The list of recordings, the newest first."""
@@ -182,14 +184,14 @@ class Desk:
             dropped=by_label(metrics.dropped),
         )
 
-    def _faults(self, rooms: Iterable[Room]) -> list[Fault]:
+    def _faults(self, rooms: Iterable[Room]) -> list[RecordingFault]:
         """Each problem once, with the first episode that has it."""
         troubled: dict[str, list[Room]] = {}
         for room in rooms:
             if problem := room.problem:
                 troubled.setdefault(problem, []).append(room)
         faults = [
-            Fault(
+            RecordingFault(
                 text=text, episodes=len(those), episode=those[0].id, code=shown_code(those[0].code)
             )
             for text, those in troubled.items()
@@ -197,7 +199,9 @@ class Desk:
         ours = self._only_file() if self._caller.only else ""
         unrestored = [one for one in self._server.lobby.unrestored.items() if ours in one[0]]
         return faults + [
-            Fault(text=f"{name} was not restored: {reason}", episodes=0, episode="", code="")
+            RecordingFault(
+                text=f"{name} was not restored: {reason}", episodes=0, episode="", code=""
+            )
             for name, reason in unrestored[:MAX_UNRESTORED]
         ]
 
@@ -258,7 +262,7 @@ class Desk:
         room = self.room(name)
         if room.episode.phase is Phase.OVER:
             message = f"{shown_code(room.code)} is over"
-            raise RefusedError(HTTPStatus.CONFLICT, "episode/over", message)
+            raise RequestRefusedError(HTTPStatus.CONFLICT, "episode/over", message)
         return room
 
     def _done(self, what: str, room: Room, done: str, **details: str) -> Done:
@@ -289,7 +293,9 @@ class Desk:
 class Watch:
     """One episode as it goes on: its state, and what its recording says happened."""
 
-    def __init__(self, room: Room, storage: Readable, rows: Rows, now: Callable[[], float]) -> None:
+    def __init__(
+        self, room: Room, storage: Readable, rows: RowBuilder, now: Callable[[], float]
+    ) -> None:
         self._room = room
         self._storage = storage
         self._rows = rows
@@ -346,4 +352,4 @@ def _member(room: Room, session_id: str) -> Session:
         if session.id == session_id:
             return session
     message = f"nobody with the session {session_id!r} is in {shown_code(room.code)}"
-    raise RefusedError(HTTPStatus.NOT_FOUND, "session/unknown", message)
+    raise RequestRefusedError(HTTPStatus.NOT_FOUND, "session/unknown", message)

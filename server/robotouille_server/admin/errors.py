@@ -6,7 +6,7 @@ from http import HTTPStatus
 
 from robotouille.errors import RobotouilleError
 
-__all__ = ["CODES", "RefusedError"]
+__all__ = ["CODES", "RequestRefusedError"]
 
 CODES = {
     "host/unknown": "the Host header is not a name of this port (see `allowed hosts`)",
@@ -31,7 +31,7 @@ CODES = {
 """Every code of the API's own, and what it means. A token's check adds its own codes."""
 
 
-class RefusedError(RobotouilleError):
+class RequestRefusedError(RobotouilleError):
     """A request is not honoured; `code` is one of CODES or that of a token's check."""
 
     def __init__(self, status: HTTPStatus, code: str, message: str) -> None:

@@ -15,7 +15,6 @@ __all__ = [
     "EpisodeCounts",
     "EpisodeDetail",
     "EpisodeRow",
-    "Fault",
     "KickRequest",
     "Lateness",
     "Line",
@@ -23,8 +22,9 @@ __all__ = [
     "NoRequest",
     "Overview",
     "PauseState",
-    "Problem",
+    "ProblemDetails",
     "Rates",
+    "RecordingFault",
     "RecordingPage",
     "RecordingRow",
     "RecordingState",
@@ -35,27 +35,27 @@ __all__ = [
 ]
 
 
-class Answer(BaseModel):
+class ResponseModel(BaseModel):
     """Part of an answer."""
 
     model_config = ConfigDict(frozen=True)
 
 
-class Problem(Answer):
+class ProblemDetails(ResponseModel):
     """Why a request was not honoured."""
 
     code: str = Field(description="A stable code.")
     message: str = Field(description="The same for people; its words may change.")
 
 
-class Rates(Answer):
+class Rates(ResponseModel):
     """Messages a second over the last seconds; null until two moments have been seen."""
 
     received: float | None = Field(description="Messages a second from clients.")
     sent: float | None = Field(description="Messages a second to clients.")
 
 
-class AudienceRow(Answer):
+class AudienceRow(ResponseModel):
     """Somebody who watches."""
 
     session: str = Field(description="Names the participant in `kick`.")
@@ -69,7 +69,7 @@ class AudienceRow(Answer):
     address: str | None = Field(description="Null unless the server keeps addresses.")
 
 
-class SeatRow(Answer):
+class SeatRow(ResponseModel):
     """A seat and who plays it."""
 
     player: str
@@ -89,14 +89,14 @@ class SeatRow(Answer):
     rejected: int
 
 
-class PauseState(Answer):
+class PauseState(ResponseModel):
     """Why time stands still, and for how long."""
 
     reason: str = Field(description="`operator`, `absence`, `storage`, `restart` or `deserted`.")
     left: float | None = Field(description="Seconds until it ends by itself; null if never.")
 
 
-class RecordingState(Answer):
+class RecordingState(ResponseModel):
     """The recording of an episode that is open."""
 
     name: str
@@ -104,7 +104,7 @@ class RecordingState(Answer):
     problem: str = Field(description="Why it cannot be written; empty where all is well.")
 
 
-class Result(Answer):
+class Result(ResponseModel):
     """How an episode ended."""
 
     reason: str = Field(description="`goal`, `step_limit`, `abandoned` or `aborted`.")
@@ -113,7 +113,7 @@ class Result(Answer):
     detail: str
 
 
-class EpisodeRow(Answer):
+class EpisodeRow(ResponseModel):
     """One episode."""
 
     episode: str
@@ -134,7 +134,7 @@ class EpisodeRow(Answer):
     watch: str = Field(description="The command that shows it in a window.")
 
 
-class Line(Answer):
+class Line(ResponseModel):
     """One thing that happened, in words."""
 
     step: int = Field(description="The step it came with or after.")
@@ -153,7 +153,7 @@ class EpisodeDetail(EpisodeRow):
     lines: list[Line] = Field(description="The last things that happened, oldest first.")
 
 
-class Lateness(Answer):
+class Lateness(ResponseModel):
     """How late the steps of the last minute were, in milliseconds.
 
     From the histogram's buckets: each value is the upper bound of its bucket, null where it is
@@ -166,7 +166,7 @@ class Lateness(Answer):
     p999: float | None
 
 
-class EpisodeCounts(Answer):
+class EpisodeCounts(ResponseModel):
     """Episodes by phase, and how many seats are taken in all."""
 
     waiting: int
@@ -175,7 +175,7 @@ class EpisodeCounts(Answer):
     over: int
 
 
-class Totals(Answer):
+class Totals(ResponseModel):
     """What the whole server does."""
 
     connections: int
@@ -192,7 +192,7 @@ class Totals(Answer):
     dropped: dict[str, int] = Field(description="Connections dropped by the server, by reason.")
 
 
-class Fault(Answer):
+class RecordingFault(ResponseModel):
     """Something the operator must see."""
 
     text: str
@@ -201,7 +201,7 @@ class Fault(Answer):
     code: str = Field(description="Its code, or empty.")
 
 
-class AlertRow(Answer):
+class AlertRow(ResponseModel):
     """Something that is not wrong yet, or not with one episode."""
 
     kind: str = Field(description="`disk`, `log`, `descriptors`, `participant` or `audit`.")
@@ -209,7 +209,7 @@ class AlertRow(Answer):
     severity: Literal["warning", "critical"]
 
 
-class ServerInfo(Answer):
+class ServerInfo(ResponseModel):
     """Which server this is."""
 
     version: str
@@ -218,18 +218,18 @@ class ServerInfo(Answer):
     only: str = Field(description="The only episode that your token is for; empty for all.")
 
 
-class Overview(Answer):
+class Overview(ResponseModel):
     """Everything the page's first view shows."""
 
     server: ServerInfo
     totals: Totals
     alerts: list[AlertRow] = Field(description="Those that are critical first.")
-    faults: list[Fault]
+    faults: list[RecordingFault]
     found: int = Field(description="How many episodes match.")
     episodes: list[EpisodeRow] = Field(description="Those in trouble first, those over last.")
 
 
-class RecordingRow(Answer):
+class RecordingRow(ResponseModel):
     """A file in the recordings folder."""
 
     name: str
@@ -241,14 +241,14 @@ class RecordingRow(Answer):
     episode: str | None = Field(description="The open episode that writes it.")
 
 
-class RecordingPage(Answer):
+class RecordingPage(ResponseModel):
     """A part of the list of recordings, the newest first."""
 
     found: int
     recordings: list[RecordingRow]
 
 
-class Done(Answer):
+class Done(ResponseModel):
     """A request was carried out."""
 
     done: str = Field(description="What happened, in words.")

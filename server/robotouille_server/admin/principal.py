@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from http import HTTPStatus
 
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.auth.roles import same_episode
 from robotouille_server.auth.tokens import RoleGrant
 
-__all__ = ["LOCAL", "Caller"]
+__all__ = ["LOCAL", "Principal"]
 
 LOCAL = "local"
 """What a program on this machine that needs no token is called in the audit log."""
@@ -21,9 +21,9 @@ def _always() -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Caller:
+class Principal:
     """`grant` is what the token says, None for a program that needs none; `judge` raises
-    RefusedError once the token does not hold any longer."""
+    RequestRefusedError once the token does not hold any longer."""
 
     grant: RoleGrant | None = None
     judge: Callable[[], object] = field(default=_always, repr=False)
@@ -53,7 +53,7 @@ class Caller:
         return not self.only or any(same_episode(self.only, name) for name in names)
 
     def check(self, *names: str) -> None:
-        """RefusedError unless `may_see`."""
+        """RequestRefusedError unless `may_see`."""
         if not self.may_see(*names):
             message = f"your token is for the episode {self.only} only"
-            raise RefusedError(HTTPStatus.FORBIDDEN, "auth/episode", message)
+            raise RequestRefusedError(HTTPStatus.FORBIDDEN, "auth/episode", message)

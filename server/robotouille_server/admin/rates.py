@@ -20,7 +20,7 @@ FORGOTTEN_AFTER = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class RateSample:
     """The counters at one moment; `late` are steps by how late they were, bucket by bucket."""
 
     at: float
@@ -35,20 +35,22 @@ class History:
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
-        self._samples: deque[Sample] = deque(maxlen=KEPT_SECONDS + 1)
+        self._samples: deque[RateSample] = deque(maxlen=KEPT_SECONDS + 1)
 
     def sample(self, now: float) -> None:
         """To be called about once a second."""
         metrics = self._metrics
         late = tuple(metrics.lateness.counts)
-        self._samples.append(Sample(now, metrics.steps, metrics.sent_bytes, metrics.received, late))
+        self._samples.append(
+            RateSample(now, metrics.steps, metrics.sent_bytes, metrics.received, late)
+        )
 
-    def rate(self, of: Callable[[Sample], float]) -> float:
+    def rate(self, of: Callable[[RateSample], float]) -> float:
         """A counter's growth a second over the last few seconds."""
         recent = list(self._samples)[-SMOOTHED_SECONDS - 1 :]
         return round(_growth(recent[0], recent[-1], of), 1) if len(recent) > 1 else 0.0
 
-    def seconds(self, of: Callable[[Sample], float]) -> list[float]:
+    def seconds(self, of: Callable[[RateSample], float]) -> list[float]:
         """A counter's growth in each of the last seconds, oldest first."""
         return [round(_growth(a, b, of), 1) for a, b in pairwise(self._samples)]
 
@@ -114,5 +116,5 @@ def gauge(value: Gauge) -> int:
     return int(next(sample.value for family in value.collect() for sample in family.samples))
 
 
-def _growth(first: Sample, last: Sample, of: Callable[[Sample], float]) -> float:
+def _growth(first: RateSample, last: RateSample, of: Callable[[RateSample], float]) -> float:
     return (of(last) - of(first)) / max(last.at - first.at, 1e-9)

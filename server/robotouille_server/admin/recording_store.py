@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 from robotouille.errors import RecordingError
 from robotouille.replay.container import MAGIC, frame_ends, frame_value, intact, is_closed, unwrap
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.models import RecordingPage, RecordingRow
 
-__all__ = ["NoRecordings", "Readable", "Shelf"]
+__all__ = ["NoRecordings", "Readable", "RecordingStore"]
 
 NAME = re.compile(r"[A-Za-z0-9_.-]+\.rbt(\.part)?")
 MAX_SUMMARISED = 32 * 1024 * 1024
@@ -53,7 +53,7 @@ class Summary:
     steps: int | None = None
 
 
-class Shelf:
+class RecordingStore:
     """The recordings of one storage. What closed ones say is read once."""
 
     def __init__(self, storage: Readable) -> None:
@@ -74,7 +74,7 @@ class Shelf:
         """A recording to download; one that is still written ends with its last whole frame."""
         if name not in self._names():
             message = f"there is no recording {name!r}; it may have been finished or moved"
-            raise RefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
+            raise RequestRefusedError(HTTPStatus.NOT_FOUND, "recording/unknown", message)
         content = self._read(name)
         if is_closed(content):
             return content
@@ -121,9 +121,9 @@ class Shelf:
         return summary
 
 
-def _unreadable(what: str, error: OSError) -> RefusedError:
+def _unreadable(what: str, error: OSError) -> RequestRefusedError:
     message = f"{what} cannot be read: {error.strerror or error}"
-    return RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "recording/unreadable", message)
+    return RequestRefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "recording/unreadable", message)
 
 
 def _summarised(content: bytes) -> Summary:

@@ -16,15 +16,15 @@ from urllib.parse import urlsplit
 from websockets.datastructures import Headers
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.token_bucket import TokenBucket
 
 __all__ = [
     "AccessSettingError",
-    "Caller",
-    "Doorkeeper",
+    "CodeGuessLimiter",
+    "ConnectionLimiter",
+    "CountedConnection",
     "NoPlaceError",
     "Visitor",
-    "WrongCodes",
     "counted_as",
     "origin_refusal",
     "parse_origins",
@@ -206,7 +206,7 @@ def counted_as(who: Visitor, subject: str) -> Visitor:
 
 
 @dataclass(eq=False, slots=True)
-class Caller:
+class CountedConnection:
     """A connection at the door. `send_away` ends it; `place` is the group of which it has taken
     a place, None while it is on probation."""
 
@@ -215,7 +215,7 @@ class Caller:
     place: str | None = None
 
 
-class Doorkeeper:
+class ConnectionLimiter:
     """Counts connections; programs on this machine are not limited.
 
     A connection is on probation until it has said who it is: `limit` of each address are, and one
@@ -225,10 +225,10 @@ class Doorkeeper:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._waiting: dict[str, dict[Caller, None]] = {}
+        self._waiting: dict[str, dict[CountedConnection, None]] = {}
         self._places: Counter[str] = Counter()
 
-    def arrive(self, caller: Caller) -> None:
+    def arrive(self, caller: CountedConnection) -> None:
         """One more connection, on probation; the oldest of the address may have to go for it."""
         if caller.who.local:
             return
@@ -239,7 +239,9 @@ class Doorkeeper:
             del waiting[oldest]
             oldest.send_away()
 
-    def admit(self, caller: Caller, who: Visitor, instead_of: Caller | None = None) -> None:
+    def admit(
+        self, caller: CountedConnection, who: Visitor, instead_of: CountedConnection | None = None
+    ) -> None:
         """Give a connection one of the places of `who`, or that of the connection which it
         replaces; NoPlaceError if all are taken."""
         if who.local:
@@ -253,7 +255,7 @@ class Doorkeeper:
         self._places[who.group] += 1
         caller.place = who.group
 
-    def release(self, caller: Caller) -> None:
+    def release(self, caller: CountedConnection) -> None:
         """A connection is over, or has been replaced."""
         self._leave_probation(caller)
         group, caller.place = caller.place, None
@@ -262,7 +264,7 @@ class Doorkeeper:
             if self._places[group] <= 0:
                 del self._places[group]
 
-    def _leave_probation(self, caller: Caller) -> None:
+    def _leave_probation(self, caller: CountedConnection) -> None:
         waiting = self._waiting.get(caller.who.group)
         if waiting is not None:
             waiting.pop(caller, None)
@@ -275,7 +277,7 @@ class Doorkeeper:
         return len(self._waiting) + len(self._places)
 
 
-class WrongCodes:
+class CodeGuessLimiter:
     """Join codes cannot be guessed by trying: each group (of addresses, or the bearers of a
     subject's tokens) has `burst` wrong ones, and gets one back every `60 / burst` seconds.
 
@@ -286,7 +288,7 @@ class WrongCodes:
     def __init__(self, burst: int = WRONG_CODES_A_MINUTE, capacity: int = 10_000) -> None:
         self._burst = burst
         self._capacity = capacity
-        self._budgets: OrderedDict[str, Budget] = OrderedDict()
+        self._budgets: OrderedDict[str, TokenBucket] = OrderedDict()
 
     def check(self, who: Visitor, now: float) -> None:
         """Before a code is looked up: ProtocolError `rate/codes` if too many were wrong."""
@@ -301,7 +303,7 @@ class WrongCodes:
             return
         budget = self._budgets.pop(who.group, None)
         if budget is None:
-            budget = Budget(self._burst / 60, now, self._burst)
+            budget = TokenBucket(self._burst / 60, now, self._burst)
         budget.take(now)
         self._budgets[who.group] = budget
         self._forget(now)

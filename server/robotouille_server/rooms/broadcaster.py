@@ -10,7 +10,15 @@ from typing import Any
 import msgpack
 from pydantic import BaseModel
 
-from robotouille.episode import Answer, Episode, Outcome, QuotaReached, Rejected, Said, Stepped
+from robotouille.episode import (
+    ActionAnswer,
+    Episode,
+    Outcome,
+    QuotaReached,
+    Rejected,
+    Said,
+    Stepped,
+)
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
 from robotouille.protocol.states import StateWriter, unmet_rows
@@ -22,14 +30,14 @@ from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport.connection import frame_of
 from robotouille_server.transport.peer import Peer
 
-__all__ = ["Audience"]
+__all__ = ["Broadcaster"]
 
 KEPT_DELTAS = 64
 """Deltas kept for those who come back; with more missed, a snapshot is shorter."""
 KEPT_SAID, KEPT_NOTICES = 200, 20
 
 
-class Audience:
+class Broadcaster:
     """The sessions in a room. Each message is made and encoded once for all of them.
 
     `paint` sends somebody who has caught up a picture, when the room may show one; `waits_for`
@@ -337,7 +345,7 @@ class Audience:
     def _observation(
         self, player: str | None, state: State, step: int, turn: str | None, phase: str
     ) -> messages.Observation:
-        answer = self._episode.seats[player].answer if player else Answer(0, 0)
+        answer = self._episode.seats[player].answer if player else ActionAnswer(0, 0)
         return messages.Observation(
             episode=self._id,
             step=step,
@@ -366,9 +374,9 @@ class Audience:
     def _seq(self, session: Session) -> int:
         return self._episode.seats[session.player].seq if session.player else 0
 
-    def answer(self, session: Session) -> Answer:
+    def answer(self, session: Session) -> ActionAnswer:
         """What became of the last of a session's actions that was decided."""
-        return self._episode.seats[session.player].answer if session.player else Answer(0, 0)
+        return self._episode.seats[session.player].answer if session.player else ActionAnswer(0, 0)
 
     def seats(self) -> list[messages.SeatInfo]:
         return [

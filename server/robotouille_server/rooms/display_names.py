@@ -7,12 +7,12 @@ from collections import Counter
 from robotouille.episode import Episode
 from robotouille.episode.participant_names import distinct_name, likeness
 
-__all__ = ["Names"]
+__all__ = ["DisplayNames"]
 
 MANY = 200
 
 
-class Names:
+class DisplayNames:
     """Makes names that nobody else in an episode has, whether they play or watch, and are there
     or away. The seats know their own names, from the recording, too."""
 

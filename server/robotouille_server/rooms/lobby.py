@@ -14,21 +14,21 @@ from robotouille.errors import FileError, ProtocolError, UnknownTaskError
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.broadcaster import Audience
-from robotouille_server.rooms.recordings.archive import Found
+from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.recordings.archive import ArchivedEpisode
 from robotouille_server.rooms.recordings.inspection import Inspection
 from robotouille_server.rooms.recordings.journal import Journal, file_name
 from robotouille_server.rooms.recordings.recovery import Recovery
 from robotouille_server.rooms.recordings.storage import Storage
 from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.substitutes.bot_worker import Thinker
-from robotouille_server.rooms.substitutes.deadline_scheduler import Thoughts
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker
+from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.runtime.timer_queue import Agenda
-from robotouille_server.runtime.workers import CODE_LETTERS, Worker, plain_code
+from robotouille_server.runtime.timer_queue import TimerQueue
+from robotouille_server.runtime.workers import CODE_LETTERS, WorkerSlot, plain_code
 
 __all__ = ["CODE_LENGTH", "Lobby"]
 
@@ -47,11 +47,11 @@ class Lobby:
         timestamp: Callable[[], str],
         *,
         storage: Storage | None,
-        worker: Worker,
+        worker: WorkerSlot,
         resume_token: Callable[[Session], str],
         vacated: Callable[[Session], None],
         sent_out: Callable[[Session], None],
-        thinker: Callable[[], Thinker],
+        thinker: Callable[[], BotWorker],
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self._draining = False
@@ -66,9 +66,9 @@ class Lobby:
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._thoughts = Thoughts(thinker)
+        self._thoughts = BotScheduler(thinker)
         self._host = RoomHost(
-            metrics, resume_token, vacated, sent_out, self._closed, Agenda(), self._thoughts
+            metrics, resume_token, vacated, sent_out, self._closed, TimerQueue(), self._thoughts
         )
         self._inspection = Inspection(self._live)
         self._recovery = None
@@ -135,7 +135,7 @@ class Lobby:
         journal: Journal | None,
     ) -> Room:
         now = self._host.agenda.time
-        audience = Audience(episode_id, code, episode, recorder.writer, self._metrics, now)
+        audience = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
         room = Room(
             episode_id,
             code,
@@ -187,7 +187,7 @@ class Lobby:
             return {}
         return {**self._recovery.unrestored, **self._recovery.problems}
 
-    def _adopt(self, found: Found) -> Room:
+    def _adopt(self, found: ArchivedEpisode) -> Room:
         """A room for an episode that began in another process."""
         head = found.head
         room = self._room(

@@ -14,9 +14,9 @@ from robotouille.episode import (
     Ended,
     Episode,
     Event,
-    Hold,
     Moderated,
     Paused,
+    PauseReason,
     Phase,
     QuotaReached,
     Rejected,
@@ -31,17 +31,17 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.action_requests import ground, in_words
-from robotouille_server.rooms.broadcaster import Audience
-from robotouille_server.rooms.display_names import Names
+from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.display_names import DisplayNames
 from robotouille_server.rooms.recordings.journal import Journal
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.slow_seats import Patience
-from robotouille_server.rooms.substitutes.deadline_scheduler import Thoughts
-from robotouille_server.rooms.substitutes.substitute_bot import StandIn
+from robotouille_server.rooms.slow_seats import SlowSeats
+from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
+from robotouille_server.rooms.substitutes.substitute_bot import SubstituteBot
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
-from robotouille_server.runtime.timer_queue import Agenda, Appointment
-from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
+from robotouille_server.runtime.token_bucket import TokenBucket
 
 __all__ = ["Room", "RoomHost"]
 
@@ -69,8 +69,8 @@ class RoomHost:
     vacated: Callable[[Session], None]
     sent_out: Callable[[Session], None]
     closed: Callable[[Room], None]
-    agenda: Agenda
-    thoughts: Thoughts
+    agenda: TimerQueue
+    thoughts: BotScheduler
 
 
 class Room:
@@ -108,7 +108,7 @@ class Room:
         episode: Episode,
         *,
         journal: Journal | None,
-        audience: Audience,
+        audience: Broadcaster,
         host: RoomHost,
         owner: str = "",
     ) -> None:
@@ -121,27 +121,27 @@ class Room:
         self.audience = audience
         self.recording = ""
         self._host = host
-        self._names = Names(episode)
+        self._names = DisplayNames(episode)
         self._metrics = host.metrics
         self._loop = asyncio.get_running_loop()
         self._now = host.agenda.time
         self._turnover = {
-            player: Budget(SEAT_CHANGES / 60, self._now(), SEAT_CHANGES_AT_ONCE)
+            player: TokenBucket(SEAT_CHANGES / 60, self._now(), SEAT_CHANGES_AT_ONCE)
             for player in self.world.players
         }
-        self._timer: Appointment | None = None
-        self._patience = Patience(episode, host.agenda, self._now, audience.tell_roster)
+        self._timer: TimerHandle | None = None
+        self._patience = SlowSeats(episode, host.agenda, self._now, audience.tell_roster)
         self._retry: asyncio.TimerHandle | None = None
         self._untold: list[Event] = []
         self._unpainted: dict[Session, list[Callable[[], None]]] = {}
-        self._stand_ins: dict[str, StandIn] = {}
+        self._stand_ins: dict[str, SubstituteBot] = {}
         self._failing = False
         self._open = True
         audience.paint = self.send_picture
         audience.waits_for = lambda: self._patience.still
         if episode.rules.absence is Absence.BOT:
             self._stand_ins = {
-                player: StandIn(episode, player, host.thoughts, self._substitute)
+                player: SubstituteBot(episode, player, host.thoughts, self._substitute)
                 for player in self.world.players
             }
 
@@ -421,11 +421,11 @@ class Room:
 
     def pause(self) -> None:
         """Let time stand still until `resume`."""
-        self.episode.hold(Hold.OPERATOR, self._now())
+        self.episode.hold(PauseReason.OPERATOR, self._now())
         self.flush()
 
     def resume(self) -> None:
-        self.episode.release(Hold.OPERATOR, self._now())
+        self.episode.release(PauseReason.OPERATOR, self._now())
         self.flush()
 
     def announce(self, text: str) -> None:
@@ -513,8 +513,8 @@ class Room:
             if self._failing:
                 self._failing = False
                 self._metrics.failing.dec()
-            if Hold.STORAGE in self.episode.holds:
-                self.episode.release(Hold.STORAGE, self._now())
+            if PauseReason.STORAGE in self.episode.holds:
+                self.episode.release(PauseReason.STORAGE, self._now())
                 self._gather()
                 return self._written()
             return True
@@ -523,8 +523,8 @@ class Room:
         if not self._failing:
             self._failing = True
             self._metrics.failing.inc()
-        if Hold.STORAGE not in self.episode.holds and self.episode.phase is not Phase.OVER:
-            self.episode.hold(Hold.STORAGE, self._now())
+        if PauseReason.STORAGE not in self.episode.holds and self.episode.phase is not Phase.OVER:
+            self.episode.hold(PauseReason.STORAGE, self._now())
             self._gather()
             self.audience.tell_roster()
         return False

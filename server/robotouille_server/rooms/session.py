@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from robotouille_server.auth.roles import Role
-from robotouille_server.auth.visitors import Caller, Visitor
+from robotouille_server.auth.visitors import CountedConnection, Visitor
 from robotouille_server.transport.peer import Peer
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Session:
         self.role_expires = role_expires
         self.token_id = token_id
         self.once = once
-        self.caller: Caller | None = None
+        self.caller: CountedConnection | None = None
         self.generation = 0
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None

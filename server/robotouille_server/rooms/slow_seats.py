@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from robotouille.episode import Episode
-from robotouille_server.runtime.timer_queue import Agenda, Appointment
+from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
 
-__all__ = ["WAITING_SECONDS", "Patience"]
+__all__ = ["WAITING_SECONDS", "SlowSeats"]
 
 WAITING_SECONDS = 2.0
 """For how long a step waits before everybody is told for whom; nothing is told of those that take
 less."""
 
 
-class Patience:
+class SlowSeats:
     """Looks at an episode every now and then, not at each of its steps; `tell` tells everybody
     whom it waits for. `waits_for` are those of whom that was told, empty while nobody waits long.
     """
@@ -22,7 +22,11 @@ class Patience:
     __slots__ = ("_agenda", "_episode", "_look", "_now", "_since", "_tell", "waits_for")
 
     def __init__(
-        self, episode: Episode, agenda: Agenda, now: Callable[[], float], tell: Callable[[], None]
+        self,
+        episode: Episode,
+        agenda: TimerQueue,
+        now: Callable[[], float],
+        tell: Callable[[], None],
     ) -> None:
         self.waits_for: tuple[str, ...] = ()
         self._episode = episode
@@ -30,7 +34,7 @@ class Patience:
         self._now = now
         self._tell = tell
         self._since = 0.0
-        self._look: Appointment | None = None
+        self._look: TimerHandle | None = None
 
     @property
     def still(self) -> tuple[str, ...]:

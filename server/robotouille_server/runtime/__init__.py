@@ -1,1 +1,1 @@
-"""What a server process needs whatever it serves: settings, logs, metrics, time, other processes."""
+"""What a server process needs whatever it serves: settings, logs, metrics, time, workers."""

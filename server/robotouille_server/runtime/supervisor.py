@@ -18,7 +18,7 @@ from types import FrameType
 from robotouille.errors import RobotouilleError
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.runtime.workers import Worker
+from robotouille_server.runtime.workers import WorkerSlot
 
 __all__ = ["supervise", "this_worker"]
 
@@ -29,13 +29,13 @@ LOOK_SECONDS = 0.05
 HEALTHY_SECONDS = 10.0
 
 
-def this_worker(settings: ServerSettings) -> Worker | None:
+def this_worker(settings: ServerSettings) -> WorkerSlot | None:
     """Which worker this process is; None if it is not one."""
     index = os.environ.get(INDEX)
     if index is None or settings.workers == 1:
         return None
     _stop_with_parent(int(os.environ[PARENT]))
-    return Worker(
+    return WorkerSlot(
         index=int(index),
         count=settings.workers,
         first_port=settings.port + 1,

@@ -16,7 +16,7 @@ from itertools import count
 
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["BEAT", "LATE", "Agenda", "Appointment"]
+__all__ = ["BEAT", "LATE", "TimerHandle", "TimerQueue"]
 
 AT_ONCE = 50
 """Calls after which what has come from the network has its turn."""
@@ -28,7 +28,7 @@ LATE = 3.0
 """Seconds by which that is late at least when the process has stood still."""
 
 
-class Appointment:
+class TimerHandle:
     """A call that is due; it is called with the time at which it was due."""
 
     __slots__ = ("call", "due")
@@ -38,7 +38,7 @@ class Appointment:
         self.call: Callable[[float], None] | None = call
 
 
-class Agenda:
+class TimerQueue:
     """Calls at given times of its own clock, each at most once. `lost` are the seconds for which
     the process has stood still so far."""
 
@@ -47,7 +47,7 @@ class Agenda:
         self._loop = asyncio.get_running_loop()
         self._loop_time = self._loop.time
         self._seen = self._loop_time()
-        self._heap: list[tuple[float, int, Appointment]] = []
+        self._heap: list[tuple[float, int, TimerHandle]] = []
         self._numbers = count()
         self._cancelled = 0
         self._timer: asyncio.TimerHandle | None = None
@@ -65,15 +65,15 @@ class Agenda:
         self.lost += seconds
         get_logger().warning("the server stood still", seconds=round(seconds, 1))
 
-    def call_at(self, due: float, call: Callable[[float], None]) -> Appointment:
+    def call_at(self, due: float, call: Callable[[float], None]) -> TimerHandle:
         """Call `call(due)` at the time `due`, or soon if that has passed."""
-        appointment = Appointment(due, call)
+        appointment = TimerHandle(due, call)
         heappush(self._heap, (due, next(self._numbers), appointment))
         if not self._running and (self._timer is None or due + self.lost < self._timer.when()):
             self._arm()
         return appointment
 
-    def cancel(self, appointment: Appointment) -> None:
+    def cancel(self, appointment: TimerHandle) -> None:
         if appointment.call is None:
             return
         appointment.call = None

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-__all__ = ["Budget"]
+__all__ = ["TokenBucket"]
 
 
-class Budget:
+class TokenBucket:
     """How much of something may still be had: a bucket that refills with time.
 
     It holds `burst` at most (twice the rate if left out) and gains `per_second`; with what is owed

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from robotouille.protocol import messages
 
-__all__ = ["CODE_LETTERS", "ElsewhereError", "Worker", "plain_code"]
+__all__ = ["CODE_LETTERS", "ElsewhereError", "WorkerSlot", "plain_code"]
 
 
 def plain_code(code: str) -> str:
@@ -35,7 +35,7 @@ class ElsewhereError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Worker:
+class WorkerSlot:
     """The `index`th of `count` workers; `first_port` is the first one's own port, `url` a
     template of a worker's address with `{worker}` in it, or empty."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from robotouille_server.runtime.metrics import Metrics
 
-__all__ = ["AT_THE_DOOR", "Entrance", "Handshakes", "Turns"]
+__all__ = ["AT_THE_DOOR", "Admission", "Handshakes", "LoopBudget"]
 
 TURN = 96.0
 """Frames that all connections together have dealt with in one turn of the event loop; what takes
@@ -22,7 +22,7 @@ FAIR_SECONDS = 1.0
 """After which a handshake makes room, if others wait."""
 
 
-class Turns:
+class LoopBudget:
     """Who has sent something and when it is looked at: so much in each turn of the event loop,
     and those who wait one after the other. In between steps are taken."""
 
@@ -140,7 +140,7 @@ class Handshakes:
             self._looking = self._loop.call_at(max(due, now + 0.1), self._look)
 
 
-class Entrance:
+class Admission:
     """Those who are connected, whether they have said anything or not. `most` may be; with `tls`
     they have so many seconds for its handshake."""
 
@@ -150,7 +150,7 @@ class Entrance:
         self.most = most
         self.tls: ssl.SSLContext | None = None
         self.handshake_seconds = handshake_seconds
-        self.turns = Turns(loop)
+        self.turns = LoopBudget(loop)
         self.handshakes = Handshakes(loop)
         self.inside = 0
 

@@ -18,8 +18,8 @@ from websockets.protocol import State
 
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
 from robotouille_server.runtime.descriptors import few_left
-from robotouille_server.runtime.token_bucket import Budget
-from robotouille_server.transport.admission import Entrance
+from robotouille_server.runtime.token_bucket import TokenBucket
+from robotouille_server.transport.admission import Admission
 
 try:
     from websockets.speedups import apply_mask
@@ -79,7 +79,7 @@ def frame_of(payload: bytes | str) -> bytes:
 class Connection(ServerConnection):
     """The library's connection, with messages going straight to `receiver`."""
 
-    def __init__(self, *arguments: Any, entrance: Entrance, **options: Any) -> None:
+    def __init__(self, *arguments: Any, entrance: Admission, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._entrance = entrance
         self._turns = entrance.turns
@@ -93,7 +93,7 @@ class Connection(ServerConnection):
         self._request_size = 0
         self._request_end = b""
         self._requested = False
-        self._frames = Budget(FRAMES_A_SECOND, self.loop.time(), FRAMES_BURST)
+        self._frames = TokenBucket(FRAMES_A_SECOND, self.loop.time(), FRAMES_BURST)
         self._excess = 0
         self._paused: set[str] = set()
 

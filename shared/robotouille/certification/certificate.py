@@ -25,17 +25,17 @@ from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.planning.plan import Plan, read_plan, write_plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.planning.validation import replay
 from robotouille.world.state import State
 from robotouille.world.world import World
 
 __all__ = [
-    "Budget",
     "Certificate",
     "ContentHash",
     "Count",
     "Deadline",
+    "ExpansionBudget",
     "Flag",
     "Solver",
     "certificate_path",
@@ -64,7 +64,7 @@ class Solver(Protocol):
         *,
         limits: Limits = UNLIMITED,
         watch: Watch | None = None,
-    ) -> Answer: ...
+    ) -> SearchResult: ...
 
 
 class Deadline:
@@ -85,7 +85,7 @@ class Deadline:
         self.struck = True
 
 
-class Budget(Schema):
+class ExpansionBudget(Schema):
     """What a search may spend: expansions, states in memory, seconds; None is without limit.
 
     In a certificate, `seconds` is None unless the clock ended the search.
@@ -100,7 +100,7 @@ class Budget(Schema):
         stop = None if self.seconds is None else Deadline(self.seconds)
         return Limits(self.expansions, self.states, stop)
 
-    def for_seats(self, seats: int) -> Budget:
+    def for_seats(self, seats: int) -> ExpansionBudget:
         """The expansions of a team, whose every step has many more successors: a 50th of them for
         each player but the first."""
         if self.expansions is None:
@@ -109,13 +109,13 @@ class Budget(Schema):
         return self.model_copy(update={"expansions": -(-self.expansions // spread)})
 
     @classmethod
-    def of(cls, limits: Limits) -> Budget:
+    def of(cls, limits: Limits) -> ExpansionBudget:
         """What a search with these limits was allowed, once it is over."""
         stop = limits.stop
         seconds = stop.seconds if isinstance(stop, Deadline) and stop.struck else None
         return cls(expansions=limits.expansions, states=limits.states, seconds=seconds)
 
-    def covered_by(self, spent: Budget) -> bool:
+    def covered_by(self, spent: ExpansionBudget) -> bool:
         """Whether a search under this budget would give no more than a past one that spent so."""
         unlimited = spent.expansions is None
         enough = unlimited or (self.expansions or math.inf) <= (spent.expansions or 0)
@@ -145,7 +145,7 @@ class Certificate(Schema):
     unsolvable: Flag
     planner: str
     expansions: Count
-    limits: Budget
+    limits: ExpansionBudget
     plan: tuple[str, ...] | None
     digest: ContentHash
 
@@ -191,7 +191,7 @@ def certify(
     return certificate
 
 
-def _state(answer: Answer, world: World, limits: Limits, start: State | None) -> Certificate:
+def _state(answer: SearchResult, world: World, limits: Limits, start: State | None) -> Certificate:
     task, plan = world.task, answer.plan
     draft = Certificate(
         format="robotouille-certificate/1",
@@ -207,7 +207,7 @@ def _state(answer: Answer, world: World, limits: Limits, start: State | None) ->
         unsolvable=answer.unsolvable,
         planner=answer.planner,
         expansions=answer.expansions,
-        limits=Budget.of(limits),
+        limits=ExpansionBudget.of(limits),
         plan=None if plan is None else _lines(plan, world),
         digest="0" * 32,
     )

@@ -1,6 +1,7 @@
 """Certify a dataset, in several processes, taking up where an earlier run was interrupted.
 
-report = certify_dataset(Path("problems"), solve, budget=Budget(expansions=100_000), jobs=4)
+budget = ExpansionBudget(expansions=100_000)
+report = certify_dataset(Path("problems"), solve, budget=budget, jobs=4)
 
 What is written depends on the problems, the planner and the budget alone: not on the number of
 processes, the machine or the time, unless the budget has seconds.
@@ -22,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.certification.certificate import (
-    Budget,
     Certificate,
+    ExpansionBudget,
     Solver,
     certify,
     check,
@@ -33,10 +34,10 @@ from robotouille.certification.certificate import (
 )
 from robotouille.certification.dataset import (
     MANIFEST,
+    CertifyingOutcome,
     Dataset,
-    Instance,
-    Outcome,
-    Report,
+    DatasetEntry,
+    DatasetReport,
     Running,
     Tell,
     manifest_of,
@@ -51,21 +52,21 @@ from robotouille.world.world import World
 
 __all__ = ["BUDGET", "certify_dataset"]
 
-BUDGET = Budget(expansions=2_000_000, states=6_000_000)
+BUDGET = ExpansionBudget(expansions=2_000_000, states=6_000_000)
 """What an instance may cost by default; the states bound the memory of a process."""
 
-Outcomes = Generator[Outcome, None, None]
+Outcomes = Generator[CertifyingOutcome, None, None]
 
 
 def certify_dataset(
     folder: Path,
     solver: Solver,
     *,
-    budget: Budget = BUDGET,
+    budget: ExpansionBudget = BUDGET,
     jobs: int = 1,
     fresh: bool = False,
     tell: Tell | None = None,
-) -> Report:
+) -> DatasetReport:
     """Certify every instance of a folder, then write its manifest.
 
     A valid certificate by the same planner under the same budget is kept, unless `fresh`. With
@@ -76,7 +77,7 @@ def certify_dataset(
     dataset = read_dataset(folder)
     _require_writable(dataset)
     job = _Job(dataset, solver, budget, fresh)
-    outcomes: list[Outcome] = []
+    outcomes: list[CertifyingOutcome] = []
     context = multiprocessing.get_context("spawn")
     cells = context.RawArray("q", 3 * len(dataset.instances))
 
@@ -108,10 +109,10 @@ def _require_writable(dataset: Dataset) -> None:
 class _Job:
     dataset: Dataset
     solver: Solver
-    budget: Budget
+    budget: ExpansionBudget
     fresh: bool
 
-    def settle(self, instance: Instance, watch: Watch) -> Outcome:
+    def settle(self, instance: DatasetEntry, watch: Watch) -> CertifyingOutcome:
         watch(0, 0, None)
         try:
             task = self.dataset.task(instance)
@@ -119,14 +120,16 @@ class _Job:
             found = kept or self._certify(task, watch)
         except (RobotouilleError, MemoryError) as error:
             reason = str(error) or "out of memory: fewer states may be kept"
-            return Outcome(instance, None, f"{self.dataset.folder / instance.file}: {reason}")
-        return Outcome(instance, found, kept=kept is not None)
+            return CertifyingOutcome(
+                instance, None, f"{self.dataset.folder / instance.file}: {reason}"
+            )
+        return CertifyingOutcome(instance, found, kept=kept is not None)
 
     def _certify(self, task: Task, watch: Watch) -> Certificate:
         limits = self.budget.for_seats(task.seats).limits()
         return certify(task, self.solver, limits, watch, known=plan_beside(World(task)))
 
-    def _kept(self, instance: Instance, task: Task) -> Certificate | None:
+    def _kept(self, instance: DatasetEntry, task: Task) -> Certificate | None:
         """The certificate that lies there, if this job would write the same."""
         try:
             found = self.dataset.certificate(instance)
@@ -157,7 +160,7 @@ def _noting(cells: Any, number: int, pulse: Callable[[], None] = lambda: None) -
     return watch
 
 
-def _running(dataset: Dataset, cells: Any, outcomes: Sequence[Outcome]) -> list[Running]:
+def _running(dataset: Dataset, cells: Any, outcomes: Sequence[CertifyingOutcome]) -> list[Running]:
     over = {outcome.instance for outcome in outcomes}
     return [
         Running(instance, cells[i] - 1, cells[i + 1], cells[i + 2] if cells[i + 2] >= 0 else None)
@@ -214,6 +217,6 @@ def _enlist(lifeline: Connection, job: _Job, cells: Any) -> None:
     _enlisted.append((job, cells))
 
 
-def _work(number: int) -> Outcome:
+def _work(number: int) -> CertifyingOutcome:
     job, cells = _enlisted[-1]
     return job.settle(job.dataset.instances[number], _noting(cells, number))

@@ -9,11 +9,11 @@ from robotouille.certification.certificate import Certificate, Solver, check, js
 from robotouille.certification.dataset import (
     MANIFEST,
     SUFFIX,
+    CertifyingOutcome,
     Dataset,
-    Instance,
+    DatasetEntry,
+    DatasetReport,
     Manifest,
-    Outcome,
-    Report,
     Row,
     Tell,
     manifest_of,
@@ -34,14 +34,14 @@ def check_dataset(
     seed: int = 0,
     seconds: float | None = None,
     tell: Tell | None = None,
-) -> Report:
+) -> DatasetReport:
     """Check every certificate of a folder and its manifest: hashes, plans, claims.
 
     As many bounds as `sample` says, chosen by `seed`, are proven again under the budgets of their
     certificates, in at most so many seconds each. Raises FileError where there is nothing to check.
     """
     dataset = read_dataset(folder)
-    outcomes: list[Outcome] = []
+    outcomes: list[CertifyingOutcome] = []
     for instance in dataset.instances:
         outcomes.append(_checked(dataset, instance))
         if tell is not None:
@@ -56,16 +56,18 @@ def check_dataset(
     return report_of(dataset, outcomes, *faults)
 
 
-def _checked(dataset: Dataset, instance: Instance) -> Outcome:
+def _checked(dataset: Dataset, instance: DatasetEntry) -> CertifyingOutcome:
     path = dataset.folder / instance.certificate
     try:
         certificate = dataset.certificate(instance)
         problems = check(certificate, dataset.task(instance))
     except RobotouilleError as error:
-        return Outcome(instance, None, str(error))
+        return CertifyingOutcome(instance, None, str(error))
     if problems:
-        return Outcome(instance, None, "\n".join(f"{path}: {problem}" for problem in problems))
-    return Outcome(instance, certificate, kept=True)
+        return CertifyingOutcome(
+            instance, None, "\n".join(f"{path}: {problem}" for problem in problems)
+        )
+    return CertifyingOutcome(instance, certificate, kept=True)
 
 
 def _stray_faults(dataset: Dataset) -> list[str]:
@@ -74,7 +76,7 @@ def _stray_faults(dataset: Dataset) -> list[str]:
     return [f"{path}: belongs to no problem file" for path in sorted(found - known)]
 
 
-def _manifest_faults(dataset: Dataset, valid: dict[Instance, Certificate]) -> list[str]:
+def _manifest_faults(dataset: Dataset, valid: dict[DatasetEntry, Certificate]) -> list[str]:
     path = dataset.folder / MANIFEST
     try:
         text = path.read_text(encoding="utf-8")

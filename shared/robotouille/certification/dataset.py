@@ -27,11 +27,11 @@ from robotouille.planning.search_result import Proof
 __all__ = [
     "MANIFEST",
     "SUFFIX",
+    "CertifyingOutcome",
     "Dataset",
-    "Instance",
+    "DatasetEntry",
+    "DatasetReport",
     "Manifest",
-    "Outcome",
-    "Report",
     "Row",
     "Running",
     "Tell",
@@ -45,7 +45,7 @@ SUFFIX = ".certificate.json"
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Instance:
+class DatasetEntry:
     """A problem file with a number of seats; paths are relative to the dataset's folder."""
 
     file: str
@@ -61,14 +61,14 @@ class Dataset:
     """The instances in a folder, sorted, and what is wrong with files that are none."""
 
     folder: Path
-    instances: tuple[Instance, ...]
+    instances: tuple[DatasetEntry, ...]
     faults: tuple[str, ...]
 
-    def task(self, instance: Instance) -> Task:
+    def task(self, instance: DatasetEntry) -> Task:
         """The task of an instance; FileError or UnknownTaskError."""
         return load_task(str(self.folder / instance.file), seats=instance.seats)
 
-    def certificate(self, instance: Instance) -> Certificate:
+    def certificate(self, instance: DatasetEntry) -> Certificate:
         """What the certificate's file says, unchecked; FileError, also where it is missing."""
         path = self.folder / instance.certificate
         certificate = read_certificate(path)
@@ -84,7 +84,7 @@ def read_dataset(folder: Path) -> Dataset:
     """
     if not folder.is_dir():
         raise FileError(str(folder), [Fault("", "is not a folder")])
-    instances: list[Instance] = []
+    instances: list[DatasetEntry] = []
     faults: list[str] = []
     for path in sorted(folder.rglob("*.json")):
         try:
@@ -96,7 +96,7 @@ def read_dataset(folder: Path) -> Dataset:
     return Dataset(folder, tuple(sorted(instances)), tuple(faults))
 
 
-def _instances(path: Path, folder: Path) -> Iterator[Instance]:
+def _instances(path: Path, folder: Path) -> Iterator[DatasetEntry]:
     if path.name == MANIFEST or path.name.endswith(SUFFIX):
         return
     raw = read_json(path)
@@ -108,7 +108,7 @@ def _instances(path: Path, folder: Path) -> Iterator[Instance]:
     for seats in task.problem.seats or (task.seats,):
         name = certificate_path(path, load_task(str(path), seats=seats))
         relative = [p.relative_to(folder).as_posix() for p in (path, name)]
-        yield Instance(relative[0], seats, relative[1])
+        yield DatasetEntry(relative[0], seats, relative[1])
 
 
 class Row(Schema):
@@ -133,7 +133,7 @@ class Manifest(Schema):
     instances: tuple[Row, ...]
 
 
-def _row(dataset: Dataset, instance: Instance, certificate: Certificate) -> Row:
+def _row(dataset: Dataset, instance: DatasetEntry, certificate: Certificate) -> Row:
     return Row(
         file=instance.file,
         seats=instance.seats,
@@ -148,16 +148,16 @@ def _row(dataset: Dataset, instance: Instance, certificate: Certificate) -> Row:
     )
 
 
-def manifest_of(dataset: Dataset, certificates: dict[Instance, Certificate]) -> Manifest:
+def manifest_of(dataset: Dataset, certificates: dict[DatasetEntry, Certificate]) -> Manifest:
     rows = tuple(_row(dataset, i, certificates[i]) for i in sorted(certificates))
     return Manifest(format="robotouille-dataset/1", instances=rows)
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CertifyingOutcome:
     """What became of an instance: a certificate (`kept`, if it lay there), or what failed."""
 
-    instance: Instance
+    instance: DatasetEntry
     certificate: Certificate | None
     fault: str = ""
     kept: bool = False
@@ -167,29 +167,31 @@ class Outcome:
 class Running:
     """An instance that is being solved: expansions, bound, and length of the best plan so far."""
 
-    instance: Instance
+    instance: DatasetEntry
     expansions: int
     bound: int
     length: int | None
 
 
-Tell = Callable[[Sequence[Outcome], int, Sequence[Running]], None]
+Tell = Callable[[Sequence[CertifyingOutcome], int, Sequence[Running]], None]
 """Called now and then: what is done, the number of instances, and what is being solved."""
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class DatasetReport:
     """The outcomes of all instances, sorted, and everything that was wrong."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CertifyingOutcome, ...]
     faults: tuple[str, ...]
 
     @property
-    def certificates(self) -> dict[Instance, Certificate]:
+    def certificates(self) -> dict[DatasetEntry, Certificate]:
         return {o.instance: o.certificate for o in self.outcomes if o.certificate is not None}
 
 
-def report_of(dataset: Dataset, outcomes: Sequence[Outcome], *faults: str) -> Report:
+def report_of(
+    dataset: Dataset, outcomes: Sequence[CertifyingOutcome], *faults: str
+) -> DatasetReport:
     ordered = tuple(sorted(outcomes, key=lambda outcome: outcome.instance))
     failed = tuple(outcome.fault for outcome in ordered if outcome.fault)
-    return Report(ordered, (*dataset.faults, *failed, *faults))
+    return DatasetReport(ordered, (*dataset.faults, *failed, *faults))

@@ -20,24 +20,24 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
-from robotouille.episode.pauses import Hold
+from robotouille.episode.pauses import PauseReason
 from robotouille.episode.rules import Absence, Clock, Rules
-from robotouille.episode.seats import Answer, Controller, Departure, Seat
+from robotouille.episode.seats import ActionAnswer, Controller, Departure, Seat
 
 __all__ = [
     "Absence",
+    "ActionAnswer",
     "Announced",
-    "Answer",
     "Clock",
     "Controller",
     "Departure",
     "Ended",
     "Episode",
     "Event",
-    "Hold",
     "Moderated",
     "Move",
     "Outcome",
+    "PauseReason",
     "Paused",
     "Phase",
     "QuotaReached",

@@ -30,7 +30,7 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
-from robotouille.episode.pauses import Hold
+from robotouille.episode.pauses import PauseReason
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
@@ -40,7 +40,7 @@ from robotouille.episode.quota import (
     size_of_rejection,
 )
 from robotouille.episode.rules import Absence, Clock, Rules
-from robotouille.episode.seats import Answer, Controller, Departure, Pending, Seat
+from robotouille.episode.seats import ActionAnswer, Controller, Departure, Pending, Seat
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
@@ -262,13 +262,13 @@ class Episode:
         self._presence.watch(now, running=self._running)
         self._reckon(now)
 
-    def hold(self, why: Hold, now: float, until: float | None = None) -> None:
+    def hold(self, why: PauseReason, now: float, until: float | None = None) -> None:
         """Let time stand still, until it is released or the time `until` has come."""
         if self.phase is not Phase.OVER and why not in self.holds:
             self.holds.until[why] = until
             self._reckon(now)
 
-    def release(self, why: Hold, now: float) -> None:
+    def release(self, why: PauseReason, now: float) -> None:
         """Let time run again, as far as this reason goes."""
         if why in self.holds:
             self._presence.lift(why, now, running=self._running)
@@ -401,7 +401,7 @@ class Episode:
     def _reject(self, seat: Seat, refused: Pending, reasons: tuple[str, ...], now: float) -> None:
         action, seq = refused.action, refused.seq
         sentence = action.sentence if action is not None else "nothing"
-        seat.answer = Answer(seq, self.step, reasons)
+        seat.answer = ActionAnswer(seq, self.step, reasons)
         seat.tally.rejected += 1
         time, reached = self._elapsed(now), seat.words.reached
         recorded = seat.words.take(size_of_rejection(sentence, reasons))
@@ -457,7 +457,7 @@ class Episode:
     def _tick_absence(self, now: float) -> None:
         """Give up what has been waited for long enough."""
         for why in self.holds.expired(now):
-            if why in (Hold.DESERTED, Hold.ABSENCE):
+            if why in (PauseReason.DESERTED, PauseReason.ABSENCE):
                 self._end(Reason.ABANDONED, now, self._presence.missing())
                 return
             self.release(why, now)
@@ -551,7 +551,7 @@ class Episode:
             acted[move.player] = attempt.applied
             if move.seq > 0:
                 reasons = () if attempt.applied else attempt.unmet
-                self.seats[move.player].answer = Answer(move.seq, self.step, reasons)
+                self.seats[move.player].answer = ActionAnswer(move.seq, self.step, reasons)
         self._count(acted)
         self._turn = (self._turn + 1) % len(self.world.players)
         turn = self.on_turn
@@ -568,7 +568,7 @@ class Episode:
             if pending is not None and pending.due_step <= self.step:
                 seat.pending = None
                 if pending.seq > 0:
-                    seat.answer = Answer(pending.seq, self.step + 1)
+                    seat.answer = ActionAnswer(pending.seq, self.step + 1)
                     if pending.action is None:
                         idle.append((seat.player, pending.seq))
                 if pending.action is not None:
@@ -627,7 +627,7 @@ class Episode:
             seat = self.seats[player]
             seat.seq = max(seat.seq, seq)
         for player, seq in idle:
-            self.seats[player].answer = Answer(seq, self.step + 1)
+            self.seats[player].answer = ActionAnswer(seq, self.step + 1)
         self._transition(moves, tuple(idle), 0.0)
         self._events.clear()
 
@@ -669,7 +669,7 @@ class Episode:
             waited = {seat.player for seat in present} | set(expected)
             self._presence.expect(waited, now + patience)
         if held:
-            self.holds.until[Hold.OPERATOR] = None
+            self.holds.until[PauseReason.OPERATOR] = None
         self._presence.watch(now, running=begun)
         if begun and self._finished(now):
             return
@@ -677,8 +677,8 @@ class Episode:
 
     def await_anew(self, now: float, patience: float) -> None:
         """Whoever is waited for after a restart has its whole time from now on."""
-        if Hold.RESTART in self.holds:
-            self.holds.until[Hold.RESTART] = now + patience
+        if PauseReason.RESTART in self.holds:
+            self.holds.until[PauseReason.RESTART] = now + patience
         if not self.holds.outer:
             self._presence.grant_grace(now, running=self._running)
 

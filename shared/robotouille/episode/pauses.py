@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-__all__ = ["Hold", "Holds"]
+__all__ = ["PauseReason", "PauseReasons"]
 
 
-class Hold(StrEnum):
+class PauseReason(StrEnum):
     """A reason for which time stands still."""
 
     OPERATOR = "operator"
@@ -18,20 +18,20 @@ class Hold(StrEnum):
     DESERTED = "deserted"
 
 
-OUTER = (Hold.OPERATOR, Hold.STORAGE, Hold.RESTART)
+OUTER = (PauseReason.OPERATOR, PauseReason.STORAGE, PauseReason.RESTART)
 """Reasons that are nobody's absence; while one holds, no absence counts."""
 
 
 @dataclass(slots=True)
-class Holds:
+class PauseReasons:
     """The reasons that hold at present, each with the time at which it ends (None: open)."""
 
-    until: dict[Hold, float | None] = field(default_factory=dict)
+    until: dict[PauseReason, float | None] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return bool(self.until)
 
-    def __contains__(self, why: Hold) -> bool:
+    def __contains__(self, why: PauseReason) -> bool:
         return why in self.until
 
     @property
@@ -39,9 +39,9 @@ class Holds:
         return any(why in self.until for why in OUTER)
 
     @property
-    def shown(self) -> tuple[Hold, float | None] | None:
+    def shown(self) -> tuple[PauseReason, float | None] | None:
         """The reason to tell first, and when it ends."""
-        for why in Hold:
+        for why in PauseReason:
             if why in self.until:
                 return why, self.until[why]
         return None
@@ -51,7 +51,7 @@ class Holds:
         ends = [end for why, end in self.until.items() if end is not None and self._counts(why)]
         return min(ends, default=None)
 
-    def expired(self, now: float) -> list[Hold]:
+    def expired(self, now: float) -> list[PauseReason]:
         """Those that have come to their end."""
         return [
             why
@@ -59,5 +59,5 @@ class Holds:
             if end is not None and end <= now and self._counts(why)
         ]
 
-    def _counts(self, why: Hold) -> bool:
+    def _counts(self, why: PauseReason) -> bool:
         return why in OUTER or not self.outer

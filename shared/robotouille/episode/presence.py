@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from robotouille.episode.pauses import Hold, Holds
+from robotouille.episode.pauses import PauseReason, PauseReasons
 from robotouille.episode.rules import Absence, Rules
 from robotouille.episode.seats import Seat
 
@@ -21,7 +21,7 @@ class Presence:
     """
 
     def __init__(self, seats: Mapping[str, Seat], rules: Rules) -> None:
-        self.holds = Holds()
+        self.holds = PauseReasons()
         self.complete = False
         self._seats = seats
         self._rules = rules
@@ -33,14 +33,14 @@ class Presence:
         self.complete = all(here)
         grace = self._rules.grace
         patience = grace if running else max(grace, LOBBY_SECONDS)
-        self._set(Hold.DESERTED, not any(here), now + patience)
+        self._set(PauseReason.DESERTED, not any(here), now + patience)
         pausing = running and self._rules.absence is Absence.PAUSE
-        self._set(Hold.ABSENCE, pausing and not self.complete, now + grace)
+        self._set(PauseReason.ABSENCE, pausing and not self.complete, now + grace)
         self._expected = {p for p in self._expected if not self._seats[p].present}
-        if not self._expected and Hold.RESTART in self.holds:
-            self.lift(Hold.RESTART, now, running=running)
+        if not self._expected and PauseReason.RESTART in self.holds:
+            self.lift(PauseReason.RESTART, now, running=running)
 
-    def _set(self, why: Hold, holds: bool, until: float) -> None:
+    def _set(self, why: PauseReason, holds: bool, until: float) -> None:
         if not holds:
             self.holds.until.pop(why, None)
         elif why not in self.holds:
@@ -50,19 +50,19 @@ class Presence:
         """After a restart: let time stand still until these are back, or that time has come."""
         self._expected = set(players)
         if self._expected:
-            self.holds.until[Hold.RESTART] = until
+            self.holds.until[PauseReason.RESTART] = until
 
-    def lift(self, why: Hold, now: float, *, running: bool) -> None:
+    def lift(self, why: PauseReason, now: float, *, running: bool) -> None:
         """A reason does not hold any more; whoever is absent has its whole grace before it."""
         self.holds.until.pop(why, None)
-        if why is Hold.RESTART:
+        if why is PauseReason.RESTART:
             self._expected.clear()
         if not self.holds.outer:
             self.grant_grace(now, running=running)
 
     def grant_grace(self, now: float, *, running: bool) -> None:
         """Whoever is absent has its whole grace from now on."""
-        for absence in (Hold.DESERTED, Hold.ABSENCE):
+        for absence in (PauseReason.DESERTED, PauseReason.ABSENCE):
             self.holds.until.pop(absence, None)
         for seat in self._seats.values():
             if not seat.present:
@@ -88,13 +88,13 @@ class Presence:
         ]
 
     def _may_lose(self, seat: Seat, running: bool) -> bool:
-        if seat.present or not seat.taken or Hold.DESERTED in self.holds or self.holds.outer:
+        if seat.present or not seat.taken or PauseReason.DESERTED in self.holds or self.holds.outer:
             return False
         return not running or self._rules.absence in (Absence.WAIT, Absence.END)
 
     def missing(self) -> str:
         """Whom we miss, in words."""
-        if Hold.DESERTED in self.holds:
+        if PauseReason.DESERTED in self.holds:
             return "everybody left"
         names = [seat.name or seat.player for seat in self._seats.values() if not seat.present]
         return f"{' and '.join(names)} did not come back"

@@ -13,7 +13,6 @@ from robotouille.errors import ProtocolError
 __all__ = [
     "MAX_AUDIENCE_BYTES",
     "MAX_SEAT_BYTES",
-    "MOST_SEAT_BYTES",
     "NEWCOMER_BYTES",
     "NOTE_BYTES",
     "Quota",
@@ -27,7 +26,7 @@ MAX_AUDIENCE_BYTES = 1024 * 1024
 """Of all that spectators say in an episode."""
 NEWCOMER_BYTES = 512 * 1024
 """That somebody who takes a seat may write at least, whatever was written there before…"""
-MOST_SEAT_BYTES = 11 * 1024 * 1024
+MAX_SEAT_BYTES = 11 * 1024 * 1024
 """… up to this, of all who have had the seat."""
 NOTE_BYTES = 100
 """What a note takes beside its words."""
@@ -53,7 +52,7 @@ class Quota:
 
     def renew(self) -> None:
         """Somebody else begins to write."""
-        least = min(self.used + NEWCOMER_BYTES, MOST_SEAT_BYTES)
+        least = min(self.used + NEWCOMER_BYTES, MAX_SEAT_BYTES)
         if least > self.limit:
             self.limit, self.reached = least, False
         elif self.used < self.limit - NOTE_BYTES:

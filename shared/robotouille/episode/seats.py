@@ -10,7 +10,7 @@ from robotouille.episode.events import SeatTally
 from robotouille.episode.quota import MAX_SEAT_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
 
-__all__ = ["Answer", "Controller", "Departure", "Pending", "Seat"]
+__all__ = ["ActionAnswer", "Controller", "Departure", "Pending", "Seat"]
 
 
 class Controller(StrEnum):
@@ -45,7 +45,7 @@ class Pending:
     reasoning: str = ""
 
 
-class Answer(NamedTuple):
+class ActionAnswer(NamedTuple):
     """What became of a seat's action: taken in `step`, or rejected for some reasons."""
 
     seq: int
@@ -77,7 +77,7 @@ class Seat:
     asked: float = 0.0
     away: float = 0.0
     pending: Pending | None = None
-    answer: Answer = field(default_factory=lambda: Answer(0, 0))
+    answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
     words: Quota = field(default_factory=lambda: Quota(MAX_SEAT_BYTES))
 
@@ -93,7 +93,7 @@ class Seat:
         self.taken = self.present = True
         self.words.renew()
         self.asked = now
-        self.seq, self.pending, self.answer = 0, None, Answer(0, 0)
+        self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
     def free(self) -> None:
         """Nobody's seat any more."""

@@ -16,7 +16,7 @@ from robotouille.domain.schema import Provenance
 from robotouille.domain.task import Task, Timing
 from robotouille.generation.instance import Instance, seat_counts, write_instance
 from robotouille.generation.layout.arrangement import arrange
-from robotouille.generation.layout.decomposition import Kitchen
+from robotouille.generation.layout.decomposition import ProblemParts
 from robotouille.generation.layout.floorplan import lay_out, size_for
 from robotouille.generation.layout.stock import Stock
 from robotouille.generation.layout.type_roles import Roles
@@ -35,9 +35,9 @@ from robotouille.generation.proof import (
     solved,
     working,
 )
-from robotouille.generation.rng import Chance
+from robotouille.generation.rng import SeededRng
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import Answer
+from robotouille.planning.search_result import SearchResult
 from robotouille.world.world import World
 
 __all__ = ["ATTEMPTS", "GENERATOR", "Generator", "generate"]
@@ -92,7 +92,7 @@ class Generator:
         self._solver = solver
         self._plans = plans or {}
         self._roles = Roles.of(task.domain)
-        self._kitchen = Kitchen(self.task, self._roles)
+        self._kitchen = ProblemParts(self.task, self._roles)
         self._stock = Stock(self.task, self._roles)
 
     def instance(self, seed: int) -> Instance:
@@ -111,7 +111,7 @@ class Generator:
 
     def draw(self, seed: int, attempt: int = 1) -> Instance:
         """What an attempt gives, solvable or not; AttemptError where things do not fit."""
-        chance = Chance(f"{self.kind} {seed} {attempt}")
+        chance = SeededRng(f"{self.kind} {seed} {attempt}")
         arrangement = arrange(self._kitchen, self._stock, self.kind, self.parameters, chance)
         stations = [t.key for t in arrangement.things if t.type in self._roles.stations]
         problem = self.task.problem
@@ -127,7 +127,7 @@ class Generator:
         )
         return write_instance(self.task, arrangement, floorplan, provenance)
 
-    def _answers(self, instance: Instance) -> dict[int, Answer]:
+    def _answers(self, instance: Instance) -> dict[int, SearchResult]:
         """A proof for each number of players; AttemptError where one is missing."""
         answers = {}
         for seats in seat_counts(self.task):

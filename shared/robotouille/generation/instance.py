@@ -15,7 +15,7 @@ from robotouille.generation.layout.floorplan import Floorplan
 from robotouille.generation.renaming import Renaming
 from robotouille.generation.writing import object_json, write_problem
 from robotouille.planning.plan import Plan, write_plan
-from robotouille.planning.search_result import Answer
+from robotouille.planning.search_result import SearchResult
 from robotouille.world.world import World
 
 __all__ = ["Instance", "seat_counts", "write_instance"]
@@ -39,7 +39,7 @@ class Instance:
     task: Task
     original: Task
     provenance: Provenance
-    answers: Mapping[int, Answer] = field(default_factory=dict)
+    answers: Mapping[int, SearchResult] = field(default_factory=dict)
 
     def world(self, seats: int | None = None) -> World:
         """The world for a number of players (the usual one if None)."""

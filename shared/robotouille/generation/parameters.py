@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 from enum import StrEnum
 
 from robotouille.errors import RobotouilleError
-from robotouille.generation.rng import Chance
+from robotouille.generation.rng import SeededRng
 
 __all__ = ["DEFAULT", "Amounts", "AttemptError", "GenerationError", "Kind", "Parameters"]
 
@@ -107,7 +107,7 @@ class Amounts:
     items: int
 
     @staticmethod
-    def of(parameters: Parameters, kind: Kind, chance: Chance) -> Amounts:
+    def of(parameters: Parameters, kind: Kind, chance: SeededRng) -> Amounts:
         """What was asked for; the rest is drawn, in a noisy instance a station for each item."""
         stations, items = chance.between(*USUAL), chance.between(*USUAL)
         if parameters.stations is not None:

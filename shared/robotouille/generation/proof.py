@@ -8,27 +8,27 @@ from dataclasses import replace
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import AttemptError, Parameters
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import Answer, Limits, Proof
+from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
 from robotouille.world.world import World
 
 __all__ = ["Solver", "carried", "check_band", "shortest", "solved", "working"]
 
-Solver = Callable[[World], Answer]
+Solver = Callable[[World], SearchResult]
 """Finds a plan for all players of a world from its initial state."""
 
 EXPANSIONS = (20_000, 1_000, 50, 2)
 """How long the usual solver searches, by the number of players: the same on every machine."""
 
 
-def shortest(world: World) -> Answer:
+def shortest(world: World) -> SearchResult:
     """The usual solver: a shortest plan, or a good one and a bound."""
     players = min(len(world.players), len(EXPANSIONS))
     return solve(world, limits=Limits(expansions=EXPANSIONS[players - 1]))
 
 
-def solved(world: World, solver: Solver) -> Answer:
+def solved(world: World, solver: Solver) -> SearchResult:
     """A solver's answer, its plan replayed; AttemptError if there is none or it does not work."""
     if world.initial.goal_reached:
         raise AttemptError("seed", "the goal holds at the start")
@@ -40,11 +40,11 @@ def solved(world: World, solver: Solver) -> Answer:
     return replace(answer, plan=working(answer.plan, world))
 
 
-def carried(plan: Plan, instance: Instance, seats: int) -> Answer:
+def carried(plan: Plan, instance: Instance, seats: int) -> SearchResult:
     """A plan for the original, carried over to an instance and replayed there."""
     world = instance.world(seats)
     there = working(instance.renaming(seats).carry(plan, world), world)
-    return Answer(there, 0, Proof.NONE, "carried over", 0)
+    return SearchResult(there, 0, Proof.NONE, "carried over", 0)
 
 
 def working(plan: Plan, world: World) -> Plan:
@@ -59,7 +59,7 @@ def working(plan: Plan, world: World) -> Plan:
     return Plan(plan.steps[: report.reached_at])
 
 
-def check_band(answer: Answer, parameters: Parameters) -> None:
+def check_band(answer: SearchResult, parameters: Parameters) -> None:
     """Reject an answer unless the optimal number of steps is surely as asked for."""
     low, high = answer.bound, len(answer.plan or ())
     found = str(high) if low >= high else f"between {low} and {high} (not proven)"

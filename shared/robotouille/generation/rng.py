@@ -10,12 +10,12 @@ import random
 from collections.abc import Sequence
 from typing import TypeVar
 
-__all__ = ["Chance"]
+__all__ = ["SeededRng"]
 
 T = TypeVar("T")
 
 
-class Chance:
+class SeededRng:
     """A stream of choices; equal seeds, equal streams."""
 
     def __init__(self, seed: str) -> None:

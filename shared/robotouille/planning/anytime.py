@@ -31,11 +31,11 @@ from robotouille.planners.kitchen.kitchen_search import (
     pop,
     push,
 )
-from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, Run, kitchen_search
+from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, SolverRun, kitchen_search
 from robotouille.planners.kitchen.transitions import act, options, running, spot, tick, unpack
 from robotouille.planning.beam.planner import EXPANSIONS, Planner, Solution
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof
+from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.planning.validation import replay
 from robotouille.world.state import State
 from robotouille.world.world import World
@@ -50,7 +50,7 @@ DEEPEST = 2_000
 KEPT = 256
 """Plans by beam search that are kept: whoever asks the same again is answered at once."""
 
-MOST_PLAYERS = 2
+MAX_PLAYERS = 2
 """Larger teams have too many joint actions for a search that tries all of them."""
 
 NEAR = 1.05
@@ -98,7 +98,7 @@ class Anytime:
 
     def first(
         self, state: State, limits: Limits = UNLIMITED, *, team: Sequence[str] = (), seed: int = 0
-    ) -> Answer:
+    ) -> SearchResult:
         """The first plan: at once, and seldom the shortest."""
         return next(self.answers(state, limits, team=team, seed=seed))
 
@@ -110,7 +110,7 @@ class Anytime:
         team: Sequence[str] = (),
         seed: int = 0,
         beam: int = EXPANSIONS,
-    ) -> Iterator[Answer]:
+    ) -> Iterator[SearchResult]:
         """Plans for the players of `team` (all, if empty), the others doing nothing.
 
         Each is shorter than the one before, or more is proven about it. A player who is alone in
@@ -141,17 +141,17 @@ class Anytime:
 
     def _kitchen(self, start: State, team: Sequence[str]) -> KitchenSearch | None:
         players = self.model.players
-        if len(players) > MOST_PLAYERS or (team and not set(team).issuperset(players)):
+        if len(players) > MAX_PLAYERS or (team and not set(team).issuperset(players)):
             return None
         try:
             return kitchen_search(self.model, start)
         except TooManyChoicesError:
             return None
 
-    def _beam(self, start: State, team: Sequence[str], seed: int, beam: int) -> Answer:
+    def _beam(self, start: State, team: Sequence[str], seed: int, beam: int) -> SearchResult:
         found = self._beam_search(start, team, seed, beam)
         plan = found.plan if found.reached else None
-        return Answer(plan, 0, Proof.NONE, BEAM, found.expansions)
+        return SearchResult(plan, 0, Proof.NONE, BEAM, found.expansions)
 
     def _beam_search(self, start: State, team: Sequence[str], seed: int, beam: int) -> Solution:
         asked = (start, tuple(sorted(team)), seed, beam)
@@ -166,7 +166,7 @@ class Anytime:
         return found
 
 
-def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> Answer:
+def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> SearchResult:
     """A plan for a player who is alone, by always going on from the best successor.
 
     The first successor that gives nothing away is good enough, so most are never looked at. Where
@@ -177,7 +177,7 @@ def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> Answer:
     if x.notes[PROMISE] == PROMISES and x.notes[GOAL] < 0:
         nothing = x.notes[CUT] == PROMISES
         proof = Proof.EXHAUSTED if nothing else Proof.NONE
-        return Answer(None, 0, proof, PLANNER, 0, unsolvable=bool(nothing))
+        return SearchResult(None, 0, proof, PLANNER, 0, unsolvable=bool(nothing))
     bound = 0 if x.notes[GOAL] >= 0 else int(x.notes[PROMISE])
     most = DEEPEST if limits.expansions is None else min(limits.expansions, DEEPEST)
     node, spent = pop(x), 0
@@ -189,7 +189,7 @@ def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> Answer:
         if node < 0:
             node = pop(x)
     plan = _to_the_goal(search, _path(x)) if x.notes[GOAL] >= 0 else None
-    return Answer(plan, bound, Proof.HEURISTIC, PLANNER, spent)
+    return SearchResult(plan, bound, Proof.HEURISTIC, PLANNER, spent)
 
 
 def _to_the_goal(search: KitchenSearch, path: list[list[int]]) -> Plan:
@@ -259,22 +259,22 @@ def _path(x: Nodes) -> list[list[int]]:
     return actions[::-1]
 
 
-def _bold(search: KitchenSearch, known: Plan | None, limits: Limits) -> Answer:
+def _bold(search: KitchenSearch, known: Plan | None, limits: Limits) -> SearchResult:
     """Another plan for a team, unless a known one is near to what an estimate proves.
 
     What does not promise to better that one is not left out: then the search would look in many
     more places, and find less.
     """
-    run = Run(search, BOLD, limits, None)
+    run = SolverRun(search, BOLD, limits, None)
     bound = min(run.nodes.estimate[: run.nodes.notes[COUNT]], default=0)
     plan = None
     if known is None or len(known) > NEAR * bound:
         run.go(None)
         plan = search.plan(run.path()) if run.best is not None else None
-    return Answer(plan, int(bound), Proof.HEURISTIC, PLANNER, run.expansions)
+    return SearchResult(plan, int(bound), Proof.HEURISTIC, PLANNER, run.expansions)
 
 
-def _joined(old: Answer, new: Answer) -> Answer:
+def _joined(old: SearchResult, new: SearchResult) -> SearchResult:
     """What two answers to one question say together."""
     plans = [a.plan for a in (old, new) if a.plan is not None]
     shortest = min(plans, key=len, default=None)

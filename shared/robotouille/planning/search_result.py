@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from robotouille.planning.plan import Plan
 
-__all__ = ["UNLIMITED", "Answer", "Limits", "Proof", "Watch"]
+__all__ = ["UNLIMITED", "Limits", "Proof", "SearchResult", "Watch"]
 
 
 class Proof(StrEnum):
@@ -42,7 +42,7 @@ UNLIMITED = Limits()
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class SearchResult:
     """The best plan found (None if none), and a bound that every plan's length reaches.
 
     `unsolvable` says that it is proven that there is no plan at all. `planner` names the planner

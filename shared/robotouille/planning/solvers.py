@@ -7,7 +7,7 @@ from robotouille.planners.kitchen.solver import kitchen_search
 from robotouille.planning.beam.planner import Planner
 from robotouille.planning.optimal.astar import solve as solve_generally
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Watch
+from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.world import World
 
@@ -23,7 +23,7 @@ def solve(
     *,
     limits: Limits = UNLIMITED,
     watch: Watch | None = None,
-) -> Answer:
+) -> SearchResult:
     """The shortest plan from a state (the initial one if None), as far as the limits allow.
 
     All players of the world act together. One input, one answer, unless `limits.stop` intervenes.

@@ -18,7 +18,7 @@ from robotouille.domain.task import Timing
 from robotouille.planning import solvers as optimal
 from robotouille.planning.anytime import Anytime
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits
+from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 from robotouille.world.state import State
 from robotouille.world.world import World
 
@@ -115,7 +115,7 @@ class StepsToGo:
             if left.exact:
                 return
 
-    def _take(self, state: State, answer: Answer) -> StepsLeft:
+    def _take(self, state: State, answer: SearchResult) -> StepsLeft:
         """Keep what an answer says about a state, and about those along its plan."""
         if answer.unsolvable:
             return self._note(state, DEAD)

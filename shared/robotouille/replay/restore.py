@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from robotouille.domain.task import Task
-from robotouille.episode import Answer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
+from robotouille.episode import ActionAnswer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Comparison, Recording
@@ -148,7 +148,7 @@ class _Retraced:
             case "rejected":
                 seat = self._seat(note)
                 seat.seq = max(seat.seq, note["seq"])
-                seat.answer = Answer(note["seq"], self.episode.step, tuple(note["reasons"]))
+                seat.answer = ActionAnswer(note["seq"], self.episode.step, tuple(note["reasons"]))
                 seat.tally.rejected += 1
                 seat.words.take(size_of_rejection(note["action"], note["reasons"]))
                 seat.words.take(len(note.get("reasoning", "").encode()))

@@ -31,7 +31,7 @@ class Partial(NamedTuple):
     open: tuple[Condition, ...]
 
 
-class Node:
+class DecisionNode:
     """Tests `mask`; a leaf (mask 0) lists the actions that apply."""
 
     __slots__ = ("actions", "children", "mask", "partials")
@@ -42,7 +42,7 @@ class Node:
         self.mask = mask
         self.partials = partials
         self.actions = actions
-        self.children: dict[int, Node] = {}
+        self.children: dict[int, DecisionNode] = {}
 
 
 class SuccessorTree:
@@ -69,7 +69,7 @@ class SuccessorTree:
         self._root_mask = 0
         for partial in self._start:
             self._root_mask |= self._test(partial)
-        self._buckets: dict[int, tuple[Node, ...]] = {}
+        self._buckets: dict[int, tuple[DecisionNode, ...]] = {}
 
     def actions(self, facts: int) -> tuple[GroundAction, ...]:
         """The actions that apply, as the domain orders them."""
@@ -90,18 +90,18 @@ class SuccessorTree:
         self._buckets.clear()
         self._size = 0
 
-    def _new_bucket(self, facts: int) -> tuple[Node, ...]:
+    def _new_bucket(self, facts: int) -> tuple[DecisionNode, ...]:
         partials = [p for start in self._start for p in self._advance(start, facts)]
         bucket = tuple(self._node(tuple(group)) for group in self._groups(partials))
         self._buckets[facts & self._root_mask] = bucket
         return bucket
 
-    def _new_child(self, node: Node, facts: int) -> Node:
+    def _new_child(self, node: DecisionNode, facts: int) -> DecisionNode:
         advanced = tuple(p for partial in node.partials for p in self._advance(partial, facts))
         child = node.children[facts & node.mask] = self._node(advanced)
         return child
 
-    def _node(self, partials: tuple[Partial, ...]) -> Node:
+    def _node(self, partials: tuple[Partial, ...]) -> DecisionNode:
         if self._size >= MAX_NODES:
             self.forget()
         self._size += 1
@@ -115,9 +115,9 @@ class SuccessorTree:
         for partial in partials:
             mask |= self._test(partial)
         if mask:
-            return Node(mask, partials, ())
+            return DecisionNode(mask, partials, ())
         actions = [self._ground_action(partial) for partial in partials]
-        return Node(0, (), tuple(sorted(actions, key=lambda a: a.key)))
+        return DecisionNode(0, (), tuple(sorted(actions, key=lambda a: a.key)))
 
     def _ground_action(self, partial: Partial) -> GroundAction:
         names = (name for name, _ in partial.schema.parameters)

@@ -11,7 +11,7 @@ from robotouille.planning.optimal.admissible import BLIND, CriticalPath, Landmar
 from robotouille.planning.optimal.astar import solve
 from robotouille.planning.optimal.symmetry import interchangeable
 from robotouille.planning.optimal.unsolvable import unreachable_goal
-from robotouille.planning.search_result import Answer, Limits, Proof
+from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.planning.validation import replay
 from tests.world.kitchens import act, kitchen
 
@@ -37,7 +37,7 @@ def team_kitchen(timing: str = "benchmark") -> World:
     )
 
 
-def check(world: World, answer: Answer, length: int) -> None:
+def check(world: World, answer: SearchResult, length: int) -> None:
     assert answer.optimal
     assert answer.plan is not None
     assert len(answer.plan) == length

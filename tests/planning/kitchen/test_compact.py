@@ -31,7 +31,7 @@ from robotouille.planners.kitchen.compact_state import (
 from robotouille.planners.kitchen.decode import decode
 from robotouille.planners.kitchen.goal_assignments import goals_of
 from robotouille.planners.kitchen.kernels import Ints, ints, zeros
-from robotouille.planners.kitchen.model import Model, model_of
+from robotouille.planners.kitchen.model import KitchenModel, model_of
 from robotouille.planners.kitchen.recognition import recognise
 from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planners.kitchen.transitions import act, options, pack, spot, tick, unpack
@@ -112,7 +112,7 @@ def possible(search: KitchenSearch, row: int) -> Iterator[tuple[int, bool]]:
             yield int(out[i]), here
 
 
-def same_kitchen(model: Model, state: State) -> Model:
+def same_kitchen(model: KitchenModel, state: State) -> KitchenModel:
     """The model of an earlier state, with names for the meals made since."""
     return replace(model, meals=[o.name for o in state.objects if o.type == "meal"])
 

@@ -11,7 +11,7 @@ from robotouille.domain.files import read_model
 from robotouille.domain.schema import DomainFile
 from robotouille.planners.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.plan import write_plan
-from robotouille.planning.search_result import Answer, Limits, Proof
+from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
 from tests.world.kitchens import kitchen
@@ -46,7 +46,7 @@ LARGE = "asynchronous/10"
 """A kitchen that takes some hundreds of expansions."""
 
 
-def check(world: World, answer: Answer, length: int | None) -> None:
+def check(world: World, answer: SearchResult, length: int | None) -> None:
     assert answer.optimal
     assert answer.plan is not None
     assert answer.planner == PLANNER
@@ -90,7 +90,7 @@ def test_a_limit_of_states(most: int) -> None:
     check_within_limits(world, solve(world, limits=Limits(states=most)))
 
 
-def check_within_limits(world: World, answer: Answer) -> None:
+def check_within_limits(world: World, answer: SearchResult) -> None:
     length = SHIPPED[world.task.name]
     assert answer.bound <= length
     assert not answer.unsolvable

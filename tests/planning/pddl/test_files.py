@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from robotouille import FileError, World, load_task
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
-from robotouille.planning.pddl import PddlError, Style, encode, read_pddl_plan
+from robotouille.planning.pddl import EncodingStyle, PddlError, encode, read_pddl_plan
 from robotouille.planning.plan import read_plan
 from robotouille_client.cli.main import app
 from tests.docs.pages import blocks
@@ -23,8 +23,8 @@ TINY = ("tiny_kitchen", "tiny_lamps")
 
 
 @pytest.mark.parametrize("task", TINY)
-@pytest.mark.parametrize("style", Style)
-def test_golden_files(task: str, style: Style) -> None:
+@pytest.mark.parametrize("style", EncodingStyle)
+def test_golden_files(task: str, style: EncodingStyle) -> None:
     """To renew: `robotouille pddl golden/TASK.json --encoding STYLE --out golden/TASK-STYLE`."""
     encoding = encode(World(load_task(str(GOLDEN / f"{task}.json"))), style)
     folder = GOLDEN / f"{task}-{style.value}"
@@ -34,7 +34,7 @@ def test_golden_files(task: str, style: Style) -> None:
 
 @pytest.mark.parametrize("task", ["asynchronous/06_potato_soup", "workshop/02_two_workers"])
 def test_durative_files_are_well_formed(task: str) -> None:
-    encoding = encode(World(load_task(task)), Style.DURATIVE)
+    encoding = encode(World(load_task(task)), EncodingStyle.DURATIVE)
     blocks = parse(encoding.domain)[0]
     assert {b[0] for b in blocks[2:]} >= {":durative-action", ":functions", ":predicates"}
     assert parse(encoding.problem)[0][-1] == [":metric", "minimize", ["total-time"]]
@@ -126,7 +126,7 @@ def test_timing_for_people_is_refused() -> None:
 def test_durative_actions_cannot_say_delays_in_delays() -> None:
     nested = {**LATER, "sfx": [{**LATER, "fx": [CUT]}]}
     with pytest.raises(PddlError, match="'cut' has an effect of another shape"):
-        encode(world_of(nested), Style.DURATIVE)
+        encode(world_of(nested), EncodingStyle.DURATIVE)
     encode(world_of(nested))
 
 

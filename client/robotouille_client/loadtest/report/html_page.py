@@ -8,7 +8,7 @@ from string import Template
 
 from robotouille.errors import MissingExtraError
 from robotouille_client.loadtest.report.plots import Plot, plots
-from robotouille_client.loadtest.report.report import DURATIONS, Report
+from robotouille_client.loadtest.report.report import DURATIONS, LoadReport
 from robotouille_client.loadtest.report.terminal_summary import facts, milliseconds
 
 __all__ = ["need_matplotlib", "render_page"]
@@ -89,7 +89,7 @@ def need_matplotlib() -> None:
         raise MissingExtraError("--html", "load")
 
 
-def render_page(report: Report) -> str:
+def render_page(report: LoadReport) -> str:
     """The page's HTML."""
     figures = report.figures
     machine = figures["machine"]
@@ -112,7 +112,7 @@ def render_page(report: Report) -> str:
     )
 
 
-def _cards(report: Report) -> list[tuple[str, str]]:
+def _cards(report: LoadReport) -> list[tuple[str, str]]:
     figures, cards = report.figures, []
     steps, durations = figures["steps"], figures["durations"]
     cards.append(("rooms played", f"{figures['rooms playing']:,}"))
@@ -144,7 +144,7 @@ def _notes(notes: list[str]) -> str:
     return f'<ul class="notes">{"".join(f"<li>{escape(note)}</li>" for note in notes)}</ul>'
 
 
-def _durations(report: Report) -> str:
+def _durations(report: LoadReport) -> str:
     rows = []
     for name, title in DURATIONS.items():
         row = report.figures["durations"].get(name)

@@ -10,7 +10,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robotouille_client.loadtest.histogram import Histogram
-from robotouille_client.loadtest.report.report import DURATIONS, Report
+from robotouille_client.loadtest.report.report import DURATIONS, LoadReport
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,7 @@ class Plot(NamedTuple):
     wide: bool = False
 
 
-def plots(report: Report) -> list[Plot]:
+def plots(report: LoadReport) -> list[Plot]:
     """All plots for which there are figures."""
     import matplotlib
 
@@ -64,7 +64,7 @@ def plots(report: Report) -> list[Plot]:
     return drawn
 
 
-def _wanted(report: Report) -> list[tuple[str, Callable[[Axes], None], bool]]:
+def _wanted(report: LoadReport) -> list[tuple[str, Callable[[Axes], None], bool]]:
     server = report.figures["steps"].get("by the server")
     returned = report.measured.duration("return")
     samples = len(report.observed.samples) > 1
@@ -100,7 +100,7 @@ def _svg(draw: Callable[[Axes], None], number: int, size: tuple[float, float]) -
     return re.sub(r'(id="|url\(#|href="#)', rf"\g<1>p{number}-", svg)
 
 
-def _spectra(axes: Axes, report: Report) -> None:
+def _spectra(axes: Axes, report: LoadReport) -> None:
     """Each distribution over the number of nines, as HdrHistogram draws it."""
     least = lowest = 1.0
     for colour, name in zip(COLOURS, SPECTRA, strict=False):
@@ -131,7 +131,7 @@ def _in_milliseconds(axes: Axes) -> None:
     axes.set_ylabel("milliseconds")
 
 
-def _ages(axes: Axes, report: Report) -> None:
+def _ages(axes: Axes, report: LoadReport) -> None:
     rows = [row for row in report.series if "delta age" in row]
     times = [row["at"] for row in rows]
     for colour, key, label in zip(
@@ -145,7 +145,7 @@ def _ages(axes: Axes, report: Report) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, borderaxespad=0)
 
 
-def _steps(axes: Axes, report: Report) -> None:
+def _steps(axes: Axes, report: LoadReport) -> None:
     whole = [row for row in report.series if row["seconds"] > 0.5]
     times = [row["at"] for row in whole]
     axes.plot(times, [row["steps"] / row["seconds"] for row in whole], color=COLOURS[0],
@@ -158,7 +158,7 @@ def _steps(axes: Axes, report: Report) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderaxespad=0)
 
 
-def _over_time(axes: Axes, report: Report) -> None:
+def _over_time(axes: Axes, report: LoadReport) -> None:
     """Seconds since the measuring began; before that is the ramp."""
     observed = report.observed
     axes.set_xlabel("seconds")
@@ -191,7 +191,7 @@ def _percent(share: float) -> str:
     return "" if share == 0 else f"{share:.1f}" if share >= 0.1 else f"{share:.2g}"
 
 
-def _cores(axes: Axes, report: Report) -> None:
+def _cores(axes: Axes, report: LoadReport) -> None:
     base = report.observed.begun or report.observed.ended
     samples = report.observed.samples
     pairs = list(pairwise(samples))
@@ -207,7 +207,7 @@ def _cores(axes: Axes, report: Report) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderaxespad=0)
 
 
-def _memory(axes: Axes, report: Report) -> None:
+def _memory(axes: Axes, report: LoadReport) -> None:
     base = report.observed.begun or report.observed.ended
     samples: Sequence[Any] = report.observed.samples
     axes.plot([s.at - base for s in samples], [s.memory / 2**20 for s in samples], color=COLOURS[2])

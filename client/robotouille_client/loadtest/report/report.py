@@ -10,11 +10,11 @@ from typing import Any
 
 from robotouille.release import RELEASE
 from robotouille_client.loadtest.histogram import Histogram, Measurements
-from robotouille_client.loadtest.load_test import Conductor, Observed, refusals
-from robotouille_client.loadtest.server_monitor import DELTA_AGE, LATENESS, Buckets, Sample
+from robotouille_client.loadtest.load_test import LoadObservation, LoadTest, refusals
+from robotouille_client.loadtest.server_monitor import DELTA_AGE, LATENESS, Buckets, ServerSample
 from robotouille_client.loadtest.workload import LoadPlan
 
-__all__ = ["DURATIONS", "Report", "make_report"]
+__all__ = ["DURATIONS", "LoadReport", "make_report"]
 
 PERCENTILES = (50.0, 90.0, 99.0, 99.9, 99.99)
 LATE = (0.005, 0.02, 0.05, 0.1)
@@ -37,11 +37,11 @@ DURATIONS = {
 
 
 @dataclass(frozen=True)
-class Report:
+class LoadReport:
     """Figures by section, and what limits their worth. Times in seconds, sizes in bytes."""
 
     plan: LoadPlan
-    observed: Observed
+    observed: LoadObservation
     measured: Measurements
     figures: dict[str, Any]
     series: list[dict[str, Any]]
@@ -59,7 +59,7 @@ class Report:
         }
 
 
-def make_report(conductor: Conductor) -> Report:
+def make_report(conductor: LoadTest) -> LoadReport:
     """The report of a load test that is over, by itself or by an interrupt."""
     plan, observed, fleet = conductor.plan, conductor.observed, conductor.fleet
     measured = Measurements()
@@ -85,7 +85,7 @@ def make_report(conductor: Conductor) -> Report:
         "clients": _clients(conductor),
     }
     series = _series(conductor)
-    return Report(plan, observed, measured, figures, series, _notes(conductor, figures))
+    return LoadReport(plan, observed, measured, figures, series, _notes(conductor, figures))
 
 
 def _machine() -> dict[str, Any]:
@@ -104,7 +104,7 @@ def _summary(histogram: Histogram) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _steps(measured: Measurements, observed: Observed) -> dict[str, Any]:
+def _steps(measured: Measurements, observed: LoadObservation) -> dict[str, Any]:
     age = measured.duration("delta age")
     due, seen = measured.counts.get("steps due", 0.0), measured.counts.get("steps", 0.0)
     steps: dict[str, Any] = {
@@ -125,7 +125,7 @@ def _steps(measured: Measurements, observed: Observed) -> dict[str, Any]:
     return steps
 
 
-def _of_the_server(observed: Observed, name: str) -> Buckets | None:
+def _of_the_server(observed: LoadObservation, name: str) -> Buckets | None:
     """A histogram that the server keeps itself, of the measured time."""
     if observed.before is None or observed.after is None:
         return None
@@ -152,7 +152,7 @@ def _counts(measured: Measurements, ramp: Measurements) -> dict[str, float]:
     return dict(sorted(counts.items()))
 
 
-def _process(observed: Observed) -> dict[str, Any] | None:
+def _process(observed: LoadObservation) -> dict[str, Any] | None:
     inside = _inside(observed)
     if len(inside) < 2:
         return None
@@ -169,7 +169,7 @@ def _process(observed: Observed) -> dict[str, Any] | None:
     return figures
 
 
-def _inside(observed: Observed) -> list[Sample]:
+def _inside(observed: LoadObservation) -> list[ServerSample]:
     """The samples of the measured time."""
     if not observed.begun:
         return []
@@ -184,7 +184,7 @@ def memory_each(plan: LoadPlan, memory: dict[str, int]) -> float | None:
 
 
 def _storm(
-    plan: LoadPlan, observed: Observed, measured: Measurements, cut: int
+    plan: LoadPlan, observed: LoadObservation, measured: Measurements, cut: int
 ) -> dict[str, Any] | None:
     if observed.storm_at is None:
         return None
@@ -198,7 +198,7 @@ def _storm(
     }
 
 
-def _clients(conductor: Conductor) -> dict[str, float]:
+def _clients(conductor: LoadTest) -> dict[str, float]:
     """Cores that the busiest process of the load tester used, and all of them."""
     seconds = [second for second in conductor.fleet.seconds.values() if second.measured]
     count = max(1, len(seconds))
@@ -208,7 +208,7 @@ def _clients(conductor: Conductor) -> dict[str, float]:
     }
 
 
-def _series(conductor: Conductor) -> list[dict[str, Any]]:
+def _series(conductor: LoadTest) -> list[dict[str, Any]]:
     """A row for each second, its time since the measuring began."""
     base = conductor.observed.begun or conductor.observed.ended
     rows = []
@@ -234,7 +234,7 @@ def _series(conductor: Conductor) -> list[dict[str, Any]]:
     return rows
 
 
-def _notes(conductor: Conductor, figures: dict[str, Any]) -> list[str]:
+def _notes(conductor: LoadTest, figures: dict[str, Any]) -> list[str]:
     """What a reader has to know before believing the figures."""
     notes = []
     plan, observed = conductor.plan, conductor.observed

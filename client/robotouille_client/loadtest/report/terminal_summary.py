@@ -10,19 +10,19 @@ from rich.table import Table
 from rich.text import Text
 
 from robotouille.program import printable
-from robotouille_client.loadtest.report.report import DURATIONS, Report, memory_each
+from robotouille_client.loadtest.report.report import DURATIONS, LoadReport, memory_each
 
 __all__ = ["facts", "milliseconds", "print_summary"]
 
 COLUMNS = ("p50", "p90", "p99", "p99.9", "max")
 
 
-def print_summary(report: Report, console: Console) -> None:
+def print_summary(report: LoadReport, console: Console) -> None:
     """Print everything that matters in one screen."""
     console.print(Group(*_parts(report)))
 
 
-def _parts(report: Report) -> Iterator[RenderableType]:
+def _parts(report: LoadReport) -> Iterator[RenderableType]:
     plan, figures = report.plan, report.figures
     yield Text(f"{printable(figures['server']) or 'a server'} at {plan.url}", style="bold")
     facts_table = Table.grid(padding=(0, 2))
@@ -35,7 +35,7 @@ def _parts(report: Report) -> Iterator[RenderableType]:
         yield Text(printable(f"! {note}"), style="yellow")
 
 
-def _durations(report: Report) -> Table:
+def _durations(report: LoadReport) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("milliseconds")
     for column in (*COLUMNS, "count"):
@@ -48,7 +48,7 @@ def _durations(report: Report) -> Table:
     return table
 
 
-def facts(report: Report) -> list[tuple[str, str]]:
+def facts(report: LoadReport) -> list[tuple[str, str]]:
     """The figures that are no distributions, by name."""
     plan, figures = report.plan, report.figures
     mix = ", ".join(f"{n:,} {clock}" for clock, n in plan.rooms_by_clock().items())
@@ -101,7 +101,7 @@ def _flows(traffic: dict[str, float]) -> Iterator[str]:
         yield f"{messages:,.0f} messages/s, {size:,.0f} KiB/s {title}"
 
 
-def _process_facts(report: Report) -> list[tuple[str, str]]:
+def _process_facts(report: LoadReport) -> list[tuple[str, str]]:
     process = report.figures["server process"]
     if process is None:
         return []

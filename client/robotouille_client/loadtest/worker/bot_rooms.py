@@ -12,14 +12,14 @@ from robotouille_client.loadtest.worker.participant import Environment, Message,
 from robotouille_client.loadtest.worker.players import Actor, Partner, Player
 from robotouille_client.loadtest.worker.walk import to_and_fro
 
-__all__ = ["Pinger", "Room", "SlowReader", "Spectator"]
+__all__ = ["BotRoom", "Pinger", "SlowReader", "Spectator"]
 
 MANY_STEPS = 1_000_000
 RESYNC_SECONDS = 0.05
 PING_SECONDS = 0.05
 
 
-class Room:
+class BotRoom:
     """An episode with all its seats taken by bots; when it is over, another one."""
 
     def __init__(

@@ -24,7 +24,14 @@ from websockets.utils import apply_mask
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
 
-__all__ = ["Link", "RefusedError", "Traffic", "UnreachableError", "open_link", "server_address"]
+__all__ = [
+    "HandshakeRefusedError",
+    "LightConnection",
+    "Traffic",
+    "UnreachableError",
+    "open_link",
+    "server_address",
+]
 
 READ_SIZE = 64 * 1024
 """Bytes to ask the network for at a time. The event loop's own 256 KiB are got from the system and
@@ -38,7 +45,7 @@ class UnreachableError(RobotouilleError):
     """Nobody answers at the server's address."""
 
 
-class RefusedError(RobotouilleError):
+class HandshakeRefusedError(RobotouilleError):
     """The server does not take this connection."""
 
 
@@ -52,7 +59,7 @@ class Traffic:
         self.messages_out = 0
 
 
-class Link(asyncio.Protocol):
+class LightConnection(asyncio.Protocol):
     """One connection. `receive` gets each message's payload, `lost` is called once at its end."""
 
     def __init__(self, uri: WebSocketURI, traffic: Traffic) -> None:
@@ -118,7 +125,7 @@ class Link(asyncio.Protocol):
             self.opened.set_result(None)
 
     def _refuse(self, reason: str) -> None:
-        self.opened.set_exception(RefusedError(reason))
+        self.opened.set_exception(HandshakeRefusedError(reason))
         self.abort()
 
     # Frames
@@ -212,16 +219,17 @@ def server_address(url: str) -> WebSocketURI:
         raise RobotouilleError(f"{url!r} is no WebSocket URL like ws://host:8765") from error
 
 
-async def open_link(uri: WebSocketURI, traffic: Traffic, seconds: float) -> Link:
-    """A connection after its handshake; UnreachableError or RefusedError says why there is none."""
+async def open_link(uri: WebSocketURI, traffic: Traffic, seconds: float) -> LightConnection:
+    """A connection after its handshake; UnreachableError or HandshakeRefusedError says
+    why there is none."""
     loop = asyncio.get_running_loop()
     context = ssl.create_default_context() if uri.secure else None
     where = f"{uri.host}:{uri.port}"
-    link: Link | None = None
+    link: LightConnection | None = None
     try:
         async with asyncio.timeout(seconds):
             _, link = await loop.create_connection(
-                lambda: Link(uri, traffic), uri.host, uri.port, ssl=context
+                lambda: LightConnection(uri, traffic), uri.host, uri.port, ssl=context
             )
             await link.opened
     except TimeoutError:
@@ -231,7 +239,7 @@ async def open_link(uri: WebSocketURI, traffic: Traffic, seconds: float) -> Link
     except OSError as error:
         raise UnreachableError(f"no server at {where}: {error.strerror or error}") from None
     except WebSocketException as error:
-        raise RefusedError(f"{where}: {error}") from None
+        raise HandshakeRefusedError(f"{where}: {error}") from None
     except RobotouilleError as error:
         raise type(error)(f"{where}: {error}") from None
     return link

@@ -21,14 +21,14 @@ from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille_client.loadtest.cores import keep_to_cores
 from robotouille_client.loadtest.histogram import Measurements
-from robotouille_client.loadtest.worker.bot_rooms import Pinger, Room, SlowReader, Spectator
+from robotouille_client.loadtest.worker.bot_rooms import BotRoom, Pinger, SlowReader, Spectator
 from robotouille_client.loadtest.worker.light_connection import server_address
 from robotouille_client.loadtest.worker.participant import Environment, Participant
 from robotouille_client.loadtest.worker.players import Player
 from robotouille_client.loadtest.worker.punctual_loop import precise_loop
-from robotouille_client.loadtest.workload import Share
+from robotouille_client.loadtest.workload import WorkerShare
 
-__all__ = ["Worker", "main"]
+__all__ = ["LoadWorker", "main"]
 
 INTERVAL = 1.0
 TICK = 0.02
@@ -40,18 +40,18 @@ QUIET_RATE = 0.1
 Opening = Callable[[], Coroutine[Any, Any, None]]
 
 
-class Worker:
+class LoadWorker:
     """A share of the bots. `report` gets plain values to be told to the parent."""
 
     def __init__(
-        self, share: Share, report: Callable[[dict[str, Any]], None], token: str | None = None
+        self, share: WorkerShare, report: Callable[[dict[str, Any]], None], token: str | None = None
     ) -> None:
         self.share = share
         self.environment = Environment(
             server_address(share.url), token=token, chance=random.Random(share.seed)
         )
-        self.rooms: list[Room] = []
-        self.quiet: list[Room] = []
+        self.rooms: list[BotRoom] = []
+        self.quiet: list[BotRoom] = []
         self.watching: list[Participant] = []
         self._report = report
         self._measuring = False
@@ -73,7 +73,7 @@ class Worker:
         await self._begun(pinger.start)
         share = self.share
         self.rooms = [
-            Room(self.environment, f"b{share.index}-{n}", share.task, clock, share.rate)
+            BotRoom(self.environment, f"b{share.index}-{n}", share.task, clock, share.rate)
             for n, clock in enumerate(share.rooms)
         ]
         await self._spread([room.open for room in self.rooms])
@@ -92,7 +92,7 @@ class Worker:
         share = self.share
         count = -(-share.spectators // share.spectators_per_room)
         self.quiet = [
-            Room(self.environment, f"q{share.index}-{n}", share.task, Clock.LOCKSTEP, QUIET_RATE)
+            BotRoom(self.environment, f"q{share.index}-{n}", share.task, Clock.LOCKSTEP, QUIET_RATE)
             for n in range(count)
         ]
         await self._spread([room.open for room in self.quiet])
@@ -126,7 +126,7 @@ class Worker:
             for player in room.players
             if player.link is not None and player.seat is not None
         ]
-        chosen: list[tuple[Room, Player]] = self.environment.chance.sample(
+        chosen: list[tuple[BotRoom, Player]] = self.environment.chance.sample(
             seated, min(self.share.storm, len(seated))
         )
         now = self._loop.time()
@@ -219,8 +219,8 @@ class Worker:
 
 
 async def _run(lines: asyncio.StreamReader) -> None:
-    share = Share.model_validate_json(await lines.readline())
-    worker = Worker(share, _print, os.environ.get("ROBOTOUILLE_TOKEN"))
+    share = WorkerShare.model_validate_json(await lines.readline())
+    worker = LoadWorker(share, _print, os.environ.get("ROBOTOUILLE_TOKEN"))
     tasks = []
     while command := (await lines.readline()).decode().strip():
         if command == "stop":
@@ -232,7 +232,7 @@ async def _run(lines: asyncio.StreamReader) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _obey(worker: Worker, command: str) -> None:
+async def _obey(worker: LoadWorker, command: str) -> None:
     cut = 0
     if command == "open":
         await worker.open()

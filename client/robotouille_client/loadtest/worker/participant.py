@@ -17,7 +17,7 @@ from robotouille_client.addresses import moved_url
 from robotouille_client.backoff import pauses
 from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.worker.light_connection import (
-    Link,
+    LightConnection,
     Traffic,
     open_link,
     server_address,
@@ -54,7 +54,7 @@ class Participant:
     def __init__(self, environment: Environment, name: str) -> None:
         self.environment = environment
         self.name = name
-        self.link: Link | None = None
+        self.link: LightConnection | None = None
         self.seat: str | None = None
         self.closing = False
         self._uri = environment.uri

@@ -10,7 +10,7 @@ from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import DIAL_STEPS, box, dial, ellipse
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, INK, PANEL, PAPER, Colour, mixed
-from robotouille_client.window.view import Farewell, Pause, View
+from robotouille_client.window.view import FarewellView, PauseView, View
 
 __all__ = ["Interruptions"]
 
@@ -70,12 +70,12 @@ class Interruptions:
             target.blit(drawn, drawn.get_rect(midtop=(area.centerx, area.y + pad + i * step)))
         return area.bottom + pad
 
-    def _pause(self, target: pygame.Surface, layout: Layout, pause: Pause) -> None:
+    def _pause(self, target: pygame.Surface, layout: Layout, pause: PauseView) -> None:
         side = round(layout.text * 4.6)
         face = self._clock(pause, side, layout)
         self._card(target, layout, face, pause.why, pause.detail)
 
-    def _clock(self, pause: Pause, side: int, layout: Layout) -> pygame.Surface:
+    def _clock(self, pause: PauseView, side: int, layout: Layout) -> pygame.Surface:
         """A dial that runs out with the seconds in it, or two bars where nobody knows how long."""
         if pause.left is None:
             face = ellipse((side, side), ACCENT).copy()
@@ -90,7 +90,7 @@ class Interruptions:
         face.blit(number, number.get_rect(center=(side // 2, side // 2 + 1)))
         return face
 
-    def _farewell(self, target: pygame.Surface, layout: Layout, farewell: Farewell) -> None:
+    def _farewell(self, target: pygame.Surface, layout: Layout, farewell: FarewellView) -> None:
         text = f"{farewell.text} You can close this window."
         self._card(target, layout, None, farewell.title, text)
 

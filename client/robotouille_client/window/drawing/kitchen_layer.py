@@ -11,12 +11,17 @@ from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.appearance import Artist, Look, Piece, Stage
+from robotouille_client.window.pictures.appearance import (
+    AppearanceResolver,
+    Look,
+    SpritePiece,
+    Stage,
+)
 from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.theme import BACKGROUND, INK, SEATS
 
-__all__ = ["RAISED", "Kitchen"]
+__all__ = ["RAISED", "KitchenLayer"]
 
 RAISED = 0.12
 """How much higher than its tile a player is drawn, in tiles."""
@@ -31,14 +36,14 @@ _HELD = {
 _MINI = 0.3
 
 
-class Kitchen:
+class KitchenLayer:
     """Draws one world's stages; what never moves is drawn once for each size."""
 
     def __init__(self, world: World, rendering: RenderingFile, sprites: Sprites) -> None:
         self._world = world
         self._rendering = rendering
         self._sprites = sprites
-        self._artist = Artist(world.task.domain, rendering)
+        self._artist = AppearanceResolver(world.task.domain, rendering)
         self._background: pygame.Surface | None = None
         self._background_of: tuple[Layout, dict[str, Look]] | None = None
 
@@ -127,7 +132,7 @@ class Kitchen:
     def _pile(
         self,
         target: pygame.Surface,
-        pieces: tuple[Piece, ...],
+        pieces: tuple[SpritePiece, ...],
         middle: tuple[float, float],
         tile: float,
     ) -> None:
@@ -139,7 +144,7 @@ class Kitchen:
             self._contents(target, top, x, y - top.rise * tile, tile)
 
     def _contents(
-        self, target: pygame.Surface, piece: Piece, x: float, y: float, tile: float
+        self, target: pygame.Surface, piece: SpritePiece, x: float, y: float, tile: float
     ) -> None:
         """Small pictures of what is in a pot, along its lower edge."""
         looks = piece.contents[:4]

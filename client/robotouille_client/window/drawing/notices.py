@@ -5,7 +5,7 @@ from __future__ import annotations
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import box, ellipse, pill
 from robotouille_client.window.pictures.sprites import Sprites
@@ -24,7 +24,7 @@ class Notices:
         self._sprites = sprites
         self._text = text
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View, chrome: Chrome) -> None:
+    def draw(self, target: pygame.Surface, layout: Layout, view: View, chrome: UiOverlay) -> None:
         """The notices of a view that has any."""
         if view.outcome:
             self._outcome(target, layout, view.outcome)

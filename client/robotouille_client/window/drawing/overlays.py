@@ -11,7 +11,7 @@ from robotouille.world.scene import Placed
 from robotouille.world.state import Progress, State
 from robotouille_client.window.drawing.kitchen_layer import RAISED
 from robotouille_client.window.drawing.motion import Pose
-from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Stage
 from robotouille_client.window.pictures.shapes import RING_STEPS, box, pill, ring, speech
@@ -52,7 +52,7 @@ class Overlays:
         stage: Stage,
         poses: dict[str, Pose],
         *,
-        chrome: Chrome,
+        chrome: UiOverlay,
     ) -> None:
         """All of it, the more urgent over the less."""
         self._highlight(target, layout, stage, view.hover)

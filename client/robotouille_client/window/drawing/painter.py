@@ -8,12 +8,12 @@ from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.state import State
 from robotouille.world.world import World
 from robotouille_client.window.drawing.interruptions import Interruptions
-from robotouille_client.window.drawing.kitchen_layer import Kitchen
+from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
 from robotouille_client.window.drawing.motion import Motion
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel import Panel
-from robotouille_client.window.drawing.ui_overlay import Chrome
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import Stage
 from robotouille_client.window.pictures.sprites import Sprites
@@ -36,9 +36,9 @@ class Painter:
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
 
-    def paint(self, surface: pygame.Surface, view: View, chrome: Chrome | None = None) -> None:
+    def paint(self, surface: pygame.Surface, view: View, chrome: UiOverlay | None = None) -> None:
         """Draw a view, and what a window's owner sees over it, on all of a surface."""
-        chrome = chrome or Chrome()
+        chrome = chrome or UiOverlay()
         self._prepare(view.world)
         place = self.layout(surface.get_size(), view.world)
         stage = self.stage(view.state)
@@ -78,7 +78,7 @@ class Painter:
         self._stages = []
         self._art = self._rendering or rendering_of(world.task)
         self._sprites = Sprites(world.task.companion("assets", self._art.assets), self._text)
-        self._kitchen = Kitchen(world, self._art, self._sprites)
+        self._kitchen = KitchenLayer(world, self._art, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
         self._panel = Panel(self._art, self._sprites, self._text)

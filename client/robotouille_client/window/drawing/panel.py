@@ -6,7 +6,7 @@ import pygame
 
 from robotouille.domain.rendering import RenderingFile
 from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.appearance import Artist
+from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.shapes import bar, box, ellipse, pill
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -223,7 +223,7 @@ class Panel:
     def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
         if seat.player not in view.world.players:
             return None
-        artist = Artist(view.world.task.domain, self._rendering)
+        artist = AppearanceResolver(view.world.task.domain, self._rendering)
         look = artist.player(view.world.thing(seat.player).kind, index, "front")
         if not seat.connected and look.asset:
             return self._sprites.faded(look.asset, side)

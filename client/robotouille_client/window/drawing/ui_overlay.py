@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Chrome"]
+__all__ = ["UiOverlay"]
 
 
 @dataclass(frozen=True, slots=True)
-class Chrome:
+class UiOverlay:
     """What only the owner of a window sees.
 
     `tips` are lines beside the mouse, `prompt` a line under the kitchen, `typing` the chat line

@@ -14,7 +14,7 @@ from robotouille.domain.schema import DomainFile
 from robotouille.world.scene import Placed, scene
 from robotouille.world.state import State
 
-__all__ = ["Artist", "Look", "Piece", "Stage"]
+__all__ = ["AppearanceResolver", "Look", "SpritePiece", "Stage"]
 
 Role = Literal["station", "item", "container", "player"]
 
@@ -35,7 +35,7 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class SpritePiece:
     """One thing of a pile: its look and its height above the pile's base, in tiles."""
 
     name: str
@@ -55,11 +55,11 @@ class Stage:
 
     placed: dict[str, Placed]
     stations: dict[str, Look]
-    piles: dict[str, tuple[Piece, ...]]
+    piles: dict[str, tuple[SpritePiece, ...]]
     bases: dict[str, float]
 
 
-class Artist:
+class AppearanceResolver:
     """Chooses looks by a domain's rendering file."""
 
     def __init__(self, domain: DomainFile, rendering: RenderingFile) -> None:
@@ -118,14 +118,14 @@ class Artist:
 
     def _pile(
         self, things: list[Placed], placed: dict[str, Placed], related: dict[str, list[Fact]]
-    ) -> tuple[Piece, ...]:
+    ) -> tuple[SpritePiece, ...]:
         pieces, rise = [], 0.0
         for thing in things:
             name = thing.thing.name
             scale = self._constant(thing, "scale", _SCALES[self._role(thing)])
             contents = [self.look(placed[n], placed, related) for n in _contents(name, placed)]
             look = self.look(thing, placed, related)
-            pieces.append(Piece(name, look, scale, rise, tuple(contents)))
+            pieces.append(SpritePiece(name, look, scale, rise, tuple(contents)))
             rise += self._constant(thing, "stack_offset", _HEIGHT)
         return tuple(pieces)
 

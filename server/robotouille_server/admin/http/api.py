@@ -12,8 +12,8 @@ from fastapi.responses import JSONResponse, Response, StreamingResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from robotouille_server.admin.admin_service import Desk
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.admin_service import AdminService
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.http.assets import page_routes
 from robotouille_server.admin.http.event_streams import Streams
 from robotouille_server.admin.http.guard import SAFE
@@ -26,10 +26,10 @@ from robotouille_server.admin.models import (
     MuteRequest,
     NoRequest,
     Overview,
-    Problem,
+    ProblemDetails,
     RecordingPage,
 )
-from robotouille_server.admin.principal import Caller
+from robotouille_server.admin.principal import Principal
 from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["application", "document"]
@@ -37,7 +37,7 @@ __all__ = ["application", "document"]
 API_VERSION = "1"
 DESCRIPTION = (
     "A token is needed where the server asks for one: on every address that is not loopback, with "
-    "`--require-token`, and behind a proxy. Every error is a `Problem`."
+    "`--require-token`, and behind a proxy. Every error is a `ProblemDetails`."
 )
 CHANGE = {
     "name": "X-Robotouille-Operator",
@@ -49,17 +49,17 @@ CHANGE = {
 OVERVIEW_SECONDS = 1.0
 WATCH_SECONDS = 0.25
 
-router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
+router = APIRouter(prefix="/api", responses={"default": {"model": ProblemDetails}})
 
 
-async def _caller(request: Request) -> Caller:
-    caller: Caller = request.state.caller
+async def _caller(request: Request) -> Principal:
+    caller: Principal = request.state.caller
     return caller
 
 
-async def _desk(request: Request) -> Desk:
+async def _desk(request: Request) -> AdminService:
     """The desk as the caller may use it."""
-    desk: Desk = request.app.state.desk
+    desk: AdminService = request.app.state.desk
     return desk.serving(request.state.caller)
 
 
@@ -68,8 +68,8 @@ async def _streams(request: Request) -> Streams:
     return streams
 
 
-TheCaller = Annotated[Caller, Depends(_caller)]
-TheDesk = Annotated[Desk, Depends(_desk)]
+TheCaller = Annotated[Principal, Depends(_caller)]
+TheDesk = Annotated[AdminService, Depends(_desk)]
 TheStreams = Annotated[Streams, Depends(_streams)]
 AnyPhase = Literal["", "waiting", "running", "paused", "over"]
 PhaseParameter = Annotated[AnyPhase, Query(description="Only episodes in this phase.")]
@@ -198,10 +198,10 @@ def _events(events: AsyncIterator[str]) -> StreamingResponse:
 
 
 async def _refused(request: Request, error: Exception) -> Response:
-    if not isinstance(error, RefusedError):
+    if not isinstance(error, RequestRefusedError):
         raise error
     if request.method not in SAFE or error.status is HTTPStatus.FORBIDDEN:
-        desk: Desk = request.app.state.desk.serving(request.state.caller)
+        desk: AdminService = request.app.state.desk.serving(request.state.caller)
         what = request.scope["route"].name.replace("_", " ")
         desk.refused(what, request.path_params.get("episode", ""), error.code)
     return _problem(error.status, error.code, error.message)
@@ -233,7 +233,7 @@ async def _failed(request: Request, error: Exception) -> Response:
 
 
 def _problem(status: HTTPStatus, code: str, message: str) -> Response:
-    return JSONResponse(Problem(code=code, message=message).model_dump(), status)
+    return JSONResponse(ProblemDetails(code=code, message=message).model_dump(), status)
 
 
 class OperatorApi(FastAPI):
@@ -251,7 +251,7 @@ class OperatorApi(FastAPI):
         return described
 
 
-def application(desk: Desk | None, streams: Streams | None) -> FastAPI:
+def application(desk: AdminService | None, streams: Streams | None) -> FastAPI:
     """The API of a desk; without one it can only be described."""
     app = OperatorApi(
         title="Robotouille: the operator's view",
@@ -267,7 +267,7 @@ def application(desk: Desk | None, streams: Streams | None) -> FastAPI:
     app.state.streams = streams
     app.include_router(router)
     app.router.routes.extend(page_routes())
-    app.add_exception_handler(RefusedError, _refused)
+    app.add_exception_handler(RequestRefusedError, _refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _no_such_path)
     app.add_exception_handler(Exception, _failed)

@@ -16,10 +16,17 @@ from itertools import count
 
 from websockets.datastructures import Headers
 
-from robotouille_server.admin.errors import RefusedError
+from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.auth.visitors import visitor
 
-__all__ = ["MAX_CONNECTIONS", "MAX_PER_ADDRESS", "MAX_PER_SUBJECT", "Place", "Places", "Standing"]
+__all__ = [
+    "MAX_CONNECTIONS",
+    "MAX_PER_ADDRESS",
+    "MAX_PER_SUBJECT",
+    "ConnectionSlot",
+    "ConnectionSlots",
+    "Standing",
+]
 
 MAX_CONNECTIONS = 128
 MAX_PER_ADDRESS = 32
@@ -41,14 +48,14 @@ class Standing(IntEnum):
     """Its last request came with a valid token."""
 
 
-class Place:
+class ConnectionSlot:
     """One connection. `cut` ends it at once; `group` is what its address counts as, empty for
     this machine's; `since` orders those of equal standing."""
 
     __slots__ = ("_places", "address", "cut", "group", "since", "standing", "subject")
 
     def __init__(
-        self, places: Places, address: str, group: str, since: int, cut: Callable[[], None]
+        self, places: ConnectionSlots, address: str, group: str, since: int, cut: Callable[[], None]
     ) -> None:
         self._places = places
         self.address = address
@@ -69,12 +76,12 @@ class Place:
             self.stand(Standing.IDLE)
 
     def know(self, subject: str) -> None:
-        """Its request came with a valid token of this subject; RefusedError if that has too many
-        connections already."""
+        """Its request came with a valid token of this subject; RequestRefusedError if
+        that has too many connections already."""
         others = self._places.known(subject, other_than=self)
         if others >= MAX_PER_SUBJECT:
             message = f"{MAX_PER_SUBJECT} connections have your token already; close one"
-            raise RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "operator/busy", message)
+            raise RequestRefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "operator/busy", message)
         self.subject = subject
         self.stand(Standing.KNOWN)
 
@@ -83,17 +90,17 @@ class Place:
         self._places.forget(self)
 
 
-class Places:
+class ConnectionSlots:
     """All connections of the port."""
 
     def __init__(self) -> None:
-        self._taken: set[Place] = set()
+        self._taken: set[ConnectionSlot] = set()
         self._moments = count()
 
     def __len__(self) -> int:
         return len(self._taken)
 
-    def take(self, peer: object, cut: Callable[[], None]) -> Place | None:
+    def take(self, peer: object, cut: Callable[[], None]) -> ConnectionSlot | None:
         """A place for a newcomer with this socket address; None if nobody makes room."""
         who = visitor(peer, Headers())
         group = "" if who.local else who.group
@@ -106,11 +113,11 @@ class Places:
             if not unknown:
                 return None
             self._displace(unknown)
-        place = Place(self, who.address, group, self.moment(), cut)
+        place = ConnectionSlot(self, who.address, group, self.moment(), cut)
         self._taken.add(place)
         return place
 
-    def known(self, subject: str, other_than: Place) -> int:
+    def known(self, subject: str, other_than: ConnectionSlot) -> int:
         """How many other connections have tokens of a subject."""
         return sum(
             place.subject == subject and place.standing is Standing.KNOWN
@@ -122,7 +129,7 @@ class Places:
         """A number that grows each time."""
         return next(self._moments)
 
-    def forget(self, place: Place) -> None:
+    def forget(self, place: ConnectionSlot) -> None:
         """A connection is over."""
         self._taken.discard(place)
 
@@ -132,10 +139,10 @@ class Places:
             place.cut()
         self._taken.clear()
 
-    def _unknown(self) -> list[Place]:
+    def _unknown(self) -> list[ConnectionSlot]:
         return [place for place in self._taken if place.standing is not Standing.KNOWN]
 
-    def _displace(self, some: list[Place]) -> None:
+    def _displace(self, some: list[ConnectionSlot]) -> None:
         last = min(some, key=lambda place: (place.standing, place.since))
         self.forget(last)
         last.cut()

@@ -9,9 +9,9 @@ from http import HTTPStatus
 
 from pydantic import BaseModel
 
-from robotouille_server.admin.errors import RefusedError
-from robotouille_server.admin.models import Problem
-from robotouille_server.admin.principal import Caller
+from robotouille_server.admin.errors import RequestRefusedError
+from robotouille_server.admin.models import ProblemDetails
+from robotouille_server.admin.principal import Principal
 
 __all__ = ["MAX_STREAMS", "MAX_STREAMS_PER_SUBJECT", "Streams"]
 
@@ -30,13 +30,13 @@ class Stream:
 
     __slots__ = ("caller", "end", "judged")
 
-    def __init__(self, caller: Caller) -> None:
+    def __init__(self, caller: Principal) -> None:
         self.caller = caller
-        self.end: RefusedError | None = None
+        self.end: RequestRefusedError | None = None
         self.judged = 0.0
 
     def judge(self, seconds: float) -> None:
-        """Look at the token again where that was long ago; RefusedError if it is over."""
+        """Look at the token again where that was long ago; RequestRefusedError if it is over."""
         self.judged += seconds
         if self.judged >= JUDGE_SECONDS:
             self.judged = 0.0
@@ -56,23 +56,24 @@ class Streams:
         """End every stream, and whatever else waits for its next tick."""
         self._stopping.set()
 
-    def events(self, look: Look, seconds: float, caller: Caller) -> AsyncIterator[str]:
+    def events(self, look: Look, seconds: float, caller: Principal) -> AsyncIterator[str]:
         """`data:` events, at most one in so many seconds, and comments while nothing changes.
 
         The last event is `refused` where the caller's token does not hold any longer, or where
-        somebody with a token needs the place. RefusedError if too many streams are open already.
+        somebody with a token needs the place. RequestRefusedError if too many streams are
+        open already.
         """
         self._make_room(caller)
         return self._events(look, seconds, caller)
 
-    async def _events(self, look: Look, seconds: float, caller: Caller) -> AsyncIterator[str]:
+    async def _events(self, look: Look, seconds: float, caller: Principal) -> AsyncIterator[str]:
         told, silent, waited = "", 0.0, 0.0
         with self._opened(caller) as stream:
             while True:
                 try:
                     stream.judge(waited)
                     shown = (await look()).model_dump_json()
-                except RefusedError as error:
+                except RequestRefusedError as error:
                     yield _refused(error)
                     return
                 silent += seconds
@@ -87,7 +88,7 @@ class Streams:
                 waited = seconds
 
     @contextlib.contextmanager
-    def _opened(self, caller: Caller) -> Iterator[Stream]:
+    def _opened(self, caller: Principal) -> Iterator[Stream]:
         stream = Stream(caller)
         self._open[stream] = None
         try:
@@ -95,7 +96,7 @@ class Streams:
         finally:
             self._open.pop(stream, None)
 
-    def _make_room(self, caller: Caller) -> None:
+    def _make_room(self, caller: Principal) -> None:
         """Who has shown a token takes the place of the oldest stream without one."""
         if caller.grant is not None:
             same = sum(one.caller.token_subject == caller.token_subject for one in self._open)
@@ -119,10 +120,10 @@ class Streams:
         return True
 
 
-def _busy(why: str) -> RefusedError:
-    return RefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "operator/busy", f"{why}; close one")
+def _busy(why: str) -> RequestRefusedError:
+    return RequestRefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "operator/busy", f"{why}; close one")
 
 
-def _refused(error: RefusedError) -> str:
-    problem = Problem(code=error.code, message=error.message)
+def _refused(error: RequestRefusedError) -> str:
+    problem = ProblemDetails(code=error.code, message=error.message)
     return f"event: refused\ndata: {problem.model_dump_json()}\n\n"

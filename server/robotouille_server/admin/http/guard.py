@@ -17,10 +17,10 @@ from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import ProtocolError
-from robotouille_server.admin.errors import RefusedError
-from robotouille_server.admin.http.connection_slots import Place
-from robotouille_server.admin.http.logins import Logins
-from robotouille_server.admin.principal import Caller
+from robotouille_server.admin.errors import RequestRefusedError
+from robotouille_server.admin.http.connection_slots import ConnectionSlot
+from robotouille_server.admin.http.logins import LoginAudit
+from robotouille_server.admin.principal import Principal
 from robotouille_server.auth.tokens import RoleGrant
 from robotouille_server.auth.visitors import PROXY_HEADERS
 
@@ -68,15 +68,15 @@ class Access:
     hosts: frozenset[str] = frozenset()
     public: frozenset[str] = frozenset()
 
-    def check(self, scope: Scope) -> Caller:
-        """Who makes a request; RefusedError says why it goes no further."""
+    def check(self, scope: Scope) -> Principal:
+        """Who makes a request; RequestRefusedError says why it goes no further."""
         headers = _headers(scope)
         self._check_host(scope, headers.get("host", []))
         _check_length(headers)
         if scope["method"] not in SAFE:
             _check_change(headers)
         if scope["path"] in self.public:
-            return Caller()
+            return Principal()
         return self._caller(headers)
 
     def _check_host(self, scope: Scope, hosts: list[str]) -> None:
@@ -85,34 +85,34 @@ class Access:
         if len(names) == 1 and (is_loopback(names[0]) or names[0] == own or names[0] in self.hosts):
             return
         message = f"{', '.join(hosts) or 'no host'} is not a name of this page"
-        raise RefusedError(HTTPStatus.MISDIRECTED_REQUEST, "host/unknown", message)
+        raise RequestRefusedError(HTTPStatus.MISDIRECTED_REQUEST, "host/unknown", message)
 
-    def _caller(self, headers: dict[str, list[str]]) -> Caller:
+    def _caller(self, headers: dict[str, list[str]]) -> Principal:
         """Where no token is needed one that is given counts, too, and must be good."""
         forwarded = any(name.lower() in headers for name in PROXY_HEADERS)
         needed = self.always or forwarded
         given = "authorization" in headers
         if self.authorize is None:
             if not needed:
-                return Caller()
+                return Principal()
             message = "requests through a proxy need a token, and this server checks none"
-            raise RefusedError(HTTPStatus.FORBIDDEN, "auth/forwarded", message)
+            raise RequestRefusedError(HTTPStatus.FORBIDDEN, "auth/forwarded", message)
         if not (needed or given):
-            return Caller()
+            return Principal()
         scheme, _, token = " ".join(headers.get("authorization", [])).partition(" ")
         if scheme.lower() != "bearer" or not token.strip():
             message = "give an operator's token: Authorization: Bearer TOKEN"
-            raise RefusedError(HTTPStatus.UNAUTHORIZED, "auth/needed", message)
+            raise RequestRefusedError(HTTPStatus.UNAUTHORIZED, "auth/needed", message)
         judge = partial(_judged, self.authorize, token.strip())
-        return Caller(judge(), judge)
+        return Principal(judge(), judge)
 
 
 def _judged(authorize: Callable[[str], RoleGrant], token: str) -> RoleGrant:
-    """What a token grants at this moment; RefusedError if nothing (any longer)."""
+    """What a token grants at this moment; RequestRefusedError if nothing (any longer)."""
     try:
         return authorize(token)
     except ProtocolError as error:
-        raise RefusedError(HTTPStatus.UNAUTHORIZED, error.code, error.message) from None
+        raise RequestRefusedError(HTTPStatus.UNAUTHORIZED, error.code, error.message) from None
 
 
 def _check_length(headers: dict[str, list[str]]) -> None:
@@ -122,9 +122,9 @@ def _check_length(headers: dict[str, list[str]]) -> None:
         raise _too_large()
 
 
-def _too_large() -> RefusedError:
+def _too_large() -> RequestRefusedError:
     message = f"send a body of at most {MAX_BODY} bytes with its Content-Length, not in chunks"
-    return RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "request/size", message)
+    return RequestRefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "request/size", message)
 
 
 def _check_change(headers: dict[str, list[str]]) -> None:
@@ -132,16 +132,16 @@ def _check_change(headers: dict[str, list[str]]) -> None:
     origin = headers.get("origin")
     host = "".join(headers["host"])
     if origin is not None and origin not in ([f"http://{host}"], [f"https://{host}"]):
-        raise RefusedError(
+        raise RequestRefusedError(
             HTTPStatus.FORBIDDEN, "request/origin", f"{', '.join(origin)} may not do this"
         )
     if HEADER not in headers:
-        raise RefusedError(
+        raise RequestRefusedError(
             HTTPStatus.FORBIDDEN, "request/header", "send the header X-Robotouille-Operator: 1"
         )
     kind = "".join(headers.get("content-type", [])).partition(";")[0].strip().lower()
     if kind != "application/json":
-        raise RefusedError(
+        raise RequestRefusedError(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "request/type", "send Content-Type: application/json"
         )
     if "content-length" not in headers:
@@ -165,7 +165,7 @@ def _host_name(host: str) -> str:
 class Gate:
     """The checks around an ASGI application."""
 
-    def __init__(self, app: ASGIApp, access: Access, logins: Logins) -> None:
+    def __init__(self, app: ASGIApp, access: Access, logins: LoginAudit) -> None:
         self._app = app
         self._access = access
         self._logins = logins
@@ -181,7 +181,7 @@ class Gate:
 
         try:
             self._let_in(scope)
-        except RefusedError as error:
+        except RequestRefusedError as error:
             await _refuse(send_guarded, error)
         else:
             await self._app(scope, receive, send_guarded)
@@ -189,10 +189,10 @@ class Gate:
     def _let_in(self, scope: Scope) -> None:
         """Leave the caller in the request's state; a valid token keeps the connection's place."""
         state = scope.setdefault("state", {})
-        place: Place | None = state.get("place")
+        place: ConnectionSlot | None = state.get("place")
         try:
             caller = self._access.check(scope)
-        except RefusedError as error:
+        except RequestRefusedError as error:
             if error.status is HTTPStatus.UNAUTHORIZED and error.code != "auth/needed":
                 self._logins.refused(error.code, "" if place is None else place.address)
             raise
@@ -210,7 +210,7 @@ def _missing(message: Any) -> Iterable[tuple[bytes, bytes]]:
             yield name.encode(), value.encode()
 
 
-async def _refuse(send: Send, error: RefusedError) -> None:
+async def _refuse(send: Send, error: RequestRefusedError) -> None:
     body = json.dumps({"code": error.code, "message": error.message}).encode()
     headers = [(b"content-type", b"application/json"), (b"content-length", b"%d" % len(body))]
     if error.status is HTTPStatus.UNAUTHORIZED:

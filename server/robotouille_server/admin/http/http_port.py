@@ -15,13 +15,13 @@ from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
-from robotouille_server.admin.http.connection_slots import Place, Places, Standing
+from robotouille_server.admin.http.connection_slots import ConnectionSlot, ConnectionSlots, Standing
 from robotouille_server.admin.http.timeouts import REQUEST_SECONDS, STALL_SECONDS
 
-__all__ = ["Door"]
+__all__ = ["HttpPort"]
 
 
-class Door(asyncio.Protocol):
+class HttpPort(asyncio.Protocol):
     """A connection from the moment it is accepted: it takes a place, encrypts where that is
     asked for, and hands on to HTTP. What comes before that is kept."""
 
@@ -29,7 +29,7 @@ class Door(asyncio.Protocol):
         self,
         config: Config,
         state: ServerState,
-        places: Places,
+        places: ConnectionSlots,
         tls: ssl.SSLContext | None,
         opening: set[asyncio.Task[None]],
     ) -> None:
@@ -39,7 +39,7 @@ class Door(asyncio.Protocol):
         self._tls = tls
         self._opening = opening
         self._early = b""
-        self._place: Place | None = None
+        self._place: ConnectionSlot | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         raw = cast("asyncio.Transport", transport)
@@ -64,7 +64,9 @@ class Door(asyncio.Protocol):
             self._place.leave()
             self._place = None
 
-    async def _encrypt(self, place: Place, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
+    async def _encrypt(
+        self, place: ConnectionSlot, raw: asyncio.Transport, tls: ssl.SSLContext
+    ) -> None:
         try:
             encrypted = await asyncio.get_running_loop().start_tls(
                 raw, self, tls, server_side=True, ssl_handshake_timeout=REQUEST_SECONDS
@@ -77,7 +79,9 @@ class Door(asyncio.Protocol):
             return
         self._hand_on(place, encrypted, raw)
 
-    def _hand_on(self, place: Place, transport: asyncio.Transport, raw: asyncio.Transport) -> None:
+    def _hand_on(
+        self, place: ConnectionSlot, transport: asyncio.Transport, raw: asyncio.Transport
+    ) -> None:
         http = PortProtocol(self._config, self._state, place, raw)
         transport.set_protocol(http)
         http.connection_made(transport)
@@ -89,7 +93,7 @@ class PortProtocol(H11Protocol):
     """Gives up on a client that does not send what it has begun, or does not read its answer."""
 
     def __init__(
-        self, config: Config, state: ServerState, place: Place, raw: asyncio.Transport
+        self, config: Config, state: ServerState, place: ConnectionSlot, raw: asyncio.Transport
     ) -> None:
         super().__init__(config, state, {"place": place})
         self._place = place

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from robotouille_server.auth.tokens import RoleGrant
 from robotouille_server.runtime.audit_log import AuditLog, Details
-from robotouille_server.runtime.token_bucket import Budget
+from robotouille_server.runtime.token_bucket import TokenBucket
 
-__all__ = ["REFUSED_A_MINUTE", "Logins"]
+__all__ = ["REFUSED_A_MINUTE", "LoginAudit"]
 
 REFUSED_A_MINUTE = 20
 """Lines about refused tokens; what is beyond them is counted in the next line."""
@@ -18,7 +18,7 @@ FORGOTTEN_AFTER = 1800.0
 """Seconds after which a token that was not used is a new login."""
 
 
-class Logins:
+class LoginAudit:
     """Writes one line for a token that is used, and not too many for tokens that are refused.
 
     `now` is the loop's time. Addresses are written only where `addresses` says so.
@@ -29,7 +29,7 @@ class Logins:
         self._now = now
         self._addresses = addresses
         self._seen: OrderedDict[RoleGrant, float] = OrderedDict()
-        self._lines = Budget(REFUSED_A_MINUTE / 60, now(), REFUSED_A_MINUTE)
+        self._lines = TokenBucket(REFUSED_A_MINUTE / 60, now(), REFUSED_A_MINUTE)
         self._left_out = 0
 
     def good(self, grant: RoleGrant, address: str) -> None:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille_server.admin.http.connection_slots import Places
+from robotouille_server.admin.http.connection_slots import ConnectionSlots
 from robotouille_server.admin.http.guard import Access, Gate, is_loopback
-from robotouille_server.admin.http.logins import Logins
+from robotouille_server.admin.http.logins import LoginAudit
 from robotouille_server.admin.http.timeouts import KEEP_ALIVE_SECONDS
 from robotouille_server.app import CannotListenError, Server
 from robotouille_server.auth.tokens import RoleGrant
@@ -135,13 +135,13 @@ def _listen(host: str, port: int) -> socket.socket:
 async def _served(
     server: Server, access: Access, listening: socket.socket, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
-    from robotouille_server.admin.admin_service import Desk
+    from robotouille_server.admin.admin_service import AdminService
     from robotouille_server.admin.http.api import application
     from robotouille_server.admin.http.event_streams import Streams
 
     now = asyncio.get_running_loop().time
-    desk, streams = Desk(server, now), Streams()
-    logins = Logins(server.audit, now, addresses=server.settings.record_addresses)
+    desk, streams = AdminService(server, now), Streams()
+    logins = LoginAudit(server.audit, now, addresses=server.settings.record_addresses)
     http = _http_server(Gate(application(desk, streams), access, logins))
     ticks = (desk.tick, logins.tick)
     tasks = [
@@ -170,12 +170,12 @@ async def _accepting(
 ) -> AsyncIterator[asyncio.Server]:
     """Hand all that connects to the HTTP server: it accepts nobody by itself, since it would
     neither count nor time connections before their first request."""
-    from robotouille_server.admin.http.http_port import Door
+    from robotouille_server.admin.http.http_port import HttpPort
 
-    places, opening = Places(), set[asyncio.Task[None]]()
+    places, opening = ConnectionSlots(), set[asyncio.Task[None]]()
 
     def door() -> asyncio.Protocol:
-        return Door(http.config, http.server_state, places, tls, opening)
+        return HttpPort(http.config, http.server_state, places, tls, opening)
 
     loop = asyncio.get_running_loop()
     accepting = await loop.create_server(door, sock=listening, backlog=BACKLOG)

@@ -18,7 +18,7 @@ from robotouille_server.rooms.recordings.storage import Storage
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["Archive", "Found", "episode_of"]
+__all__ = ["Archive", "ArchivedEpisode", "episode_of"]
 
 MAX_BYTES = 8 * 1024 * 1024
 """Of a recording, uncompressed, from which an end is shown."""
@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class ArchivedEpisode:
     """An episode and its recording; `journal` is None if it is over."""
 
     head: dict[str, Any]
@@ -58,7 +58,7 @@ class Archive:
     recording at a time, and none again that was refused.
     """
 
-    def __init__(self, storage: Storage, adopt: Callable[[Found], Room]) -> None:
+    def __init__(self, storage: Storage, adopt: Callable[[ArchivedEpisode], Room]) -> None:
         self._storage = storage
         self._adopt = adopt
         self._names: dict[str, list[str]] = {}
@@ -137,7 +137,7 @@ class Archive:
         except OSError as error:
             get_logger().error("recordings not listed", error=str(error))
 
-    async def _readable(self, name: str) -> Found | None:
+    async def _readable(self, name: str) -> ArchivedEpisode | None:
         """What a file holds; None if it cannot be read, ProtocolError if it is too long."""
         refused = self._refused.get(name)
         if refused is None:
@@ -163,7 +163,7 @@ class Archive:
             del self._refused[next(iter(self._refused))]
         self._refused[name] = why
 
-    async def _found(self, name: str) -> Found:
+    async def _found(self, name: str) -> ArchivedEpisode:
         loop = asyncio.get_running_loop()
         content = await loop.run_in_executor(None, self._content, name)
         recording = await _in_turns(_opening(content, name))
@@ -172,7 +172,7 @@ class Archive:
             raise RecordingError(f"a copy of {its_own}")
         restored = await _in_turns(restoring(recording, loop.time(), 0.0, shared_world))
         recorder = Recorder(restored.episode.world, recording.version)
-        return Found(recording.header, restored, recorder, None)
+        return ArchivedEpisode(recording.header, restored, recorder, None)
 
     def _content(self, name: str) -> bytes:
         content = self._storage.read(name)

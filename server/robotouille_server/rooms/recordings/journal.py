@@ -11,7 +11,7 @@ from robotouille.episode import Event
 from robotouille.errors import RecordingError
 from robotouille.replay.container import MAGIC, compress, frame_ends, frame_value
 from robotouille.replay.recorder import Recorder
-from robotouille_server.rooms.recordings.storage import Appender, Condition, Storage
+from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Storage
 from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["CLOSED", "OPEN", "Journal", "close_recording", "file_name", "name_in"]
@@ -119,10 +119,10 @@ class Journal:
         except OSError as error:
             self._say_damaged(f"the recording is out of reach: {error.strerror or error}")
             return False
-        if condition is Condition.REMOVED:
+        if condition is FileCondition.REMOVED:
             self._write_anew(self._file)
             return True
-        if condition is Condition.CUT_SHORT:
+        if condition is FileCondition.CUT_SHORT:
             self._say_damaged("somebody has cut the recording short; what is gone is lost")
         else:
             self._damage = ""

@@ -11,12 +11,12 @@ from robotouille.replay.recorder import Recorder
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.recordings.archive import Archive, Found, episode_of
+from robotouille_server.rooms.recordings.archive import Archive, ArchivedEpisode, episode_of
 from robotouille_server.rooms.recordings.journal import OPEN, Journal, close_recording, name_in
 from robotouille_server.rooms.recordings.storage import Appender, Storage
 from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
-from robotouille_server.runtime.workers import Worker, plain_code
+from robotouille_server.runtime.workers import WorkerSlot, plain_code
 
 __all__ = ["Recovery"]
 
@@ -34,9 +34,9 @@ class Recovery:
     def __init__(
         self,
         storage: Storage,
-        worker: Worker,
+        worker: WorkerSlot,
         patience: float,
-        adopt: Callable[[Found], Room],
+        adopt: Callable[[ArchivedEpisode], Room],
         now: Callable[[], float],
     ) -> None:
         self.unrestored: dict[str, str] = {}
@@ -166,7 +166,7 @@ class Recovery:
             return False
         recorder = Recorder(restored.episode.world, recording.version)
         journal = Journal(self._storage, name, recorder, found=file, size=size)
-        room = self._adopt(Found(recording.header, restored, recorder, journal))
+        room = self._adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():
             if seat.taken:
                 self._seated[seat.session] = room

@@ -16,7 +16,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Protocol
 
-__all__ = ["Appender", "Condition", "Folder", "Storage"]
+__all__ = ["Appender", "FileCondition", "Folder", "Storage"]
 
 
 MODE = 0o640
@@ -25,7 +25,7 @@ PLAIN = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0)
 NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | PLAIN
 
 
-class Condition(Enum):
+class FileCondition(Enum):
     """What has become of a file that is open for appending."""
 
     WHOLE = "whole"
@@ -47,7 +47,7 @@ class Appender(Protocol):
     def read(self) -> bytes:
         """What was appended, also where the file has lost its name; less where it was cut."""
 
-    def condition(self) -> Condition:
+    def condition(self) -> FileCondition:
         """What others have done to the file; takes a microsecond or two."""
 
     def close(self) -> None:
@@ -170,12 +170,12 @@ class _File:
             left -= len(piece)
         return b"".join(pieces)
 
-    def condition(self) -> Condition:
+    def condition(self) -> FileCondition:
         found = os.fstat(self._descriptor)
         self._notice_cut(found)
         if self._cut_short:
-            return Condition.CUT_SHORT
-        return Condition.WHOLE if found.st_nlink else Condition.REMOVED
+            return FileCondition.CUT_SHORT
+        return FileCondition.WHOLE if found.st_nlink else FileCondition.REMOVED
 
     def close(self) -> None:
         if self._descriptor >= 0:

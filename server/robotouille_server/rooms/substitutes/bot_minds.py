@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from robotouille.planning.anytime import Anytime
     from robotouille.planning.policies.policy import Policy
 
-__all__ = ["EXPANSIONS", "Answer", "Deed", "Kitchen", "Minds", "Question"]
+__all__ = ["EXPANSIONS", "BotAnswer", "BotWorld", "Bots", "Deed", "Question"]
 
 EXPANSIONS = 200
 """Of the search for a first plan: some hundredths of a second, so that the next step has it."""
-MOST_KITCHENS = 24
+MAX_KITCHENS = 24
 """Tasks that are known at a time: what is learnt of one takes 5 to 20 MB."""
-MOST_SEARCHES = 1_000
+MAX_SEARCHES = 1_000
 """Plans after which a kitchen is learnt anew: each leaves up to 0.1 MB behind."""
-MOST_MINDS = 2_000
+MAX_BOTS = 2_000
 """Stand-ins that are remembered; one that is forgotten plans anew."""
 SEED = 0
 """The same for all, so that what happens alike in two games is thought about once."""
@@ -35,7 +35,7 @@ SEED = 0
 Deed: TypeAlias = "tuple[str, str, tuple[str, ...], bool]"
 """What somebody did in a step: player, the action's name and arguments, whether it was applied."""
 Rows: TypeAlias = "tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]"
-Answer: TypeAlias = "tuple[str, ...] | None"
+BotAnswer: TypeAlias = "tuple[str, ...] | None"
 """An action's name and arguments; None to do nothing."""
 
 
@@ -56,7 +56,7 @@ class Question:
     observed: tuple[tuple[Deed, ...], ...] = ()
 
 
-class Kitchen:
+class BotWorld:
     """A task's world and planner; `learnt` are the seats for which it is known already."""
 
     def __init__(self, task: Task) -> None:
@@ -87,7 +87,7 @@ class Kitchen:
 
     def tidy(self) -> None:
         """Do not remember too much."""
-        if self._anytime is not None and self._anytime.searches >= MOST_SEARCHES:
+        if self._anytime is not None and self._anytime.searches >= MAX_SEARCHES:
             self.forget()
 
     def forget(self) -> None:
@@ -98,20 +98,20 @@ class Kitchen:
 
 
 @dataclass(slots=True)
-class _Mind:
+class _Bot:
     """One stand-in: the kitchen it is in, and the policy that it follows."""
 
-    kitchen: Kitchen
+    kitchen: BotWorld
     policy: Policy
 
 
-class Minds:
+class Bots:
     """The minds of all stand-ins, in whatever process they think. The same questions in the same
     order have the same answers, whatever is known of `kitchens` (by digest) already."""
 
-    def __init__(self, kitchens: OrderedDict[str, Kitchen] | None = None) -> None:
+    def __init__(self, kitchens: OrderedDict[str, BotWorld] | None = None) -> None:
         self._kitchens = OrderedDict() if kitchens is None else kitchens
-        self._minds: OrderedDict[int, _Mind] = OrderedDict()
+        self._minds: OrderedDict[int, _Bot] = OrderedDict()
 
     def knows(self, digest: str) -> bool:
         """Whether a task was shown, and is remembered."""
@@ -120,36 +120,36 @@ class Minds:
     def show(self, task: Task) -> None:
         """Get to know a task."""
         if task.digest not in self._kitchens:
-            self._kitchens[task.digest] = Kitchen(task)
-            if len(self._kitchens) > MOST_KITCHENS:
+            self._kitchens[task.digest] = BotWorld(task)
+            if len(self._kitchens) > MAX_KITCHENS:
                 self._kitchens.popitem(last=False)
 
     def learn(self, digest: str, player: str) -> None:
         """Get ready to play a seat of a task."""
         self._kitchen(digest).learn(player)
 
-    def think(self, digest: str, question: Question) -> Answer:
+    def think(self, digest: str, question: Question) -> BotAnswer:
         """The answer to a question about a task that is known."""
         kitchen = self._kitchen(digest)
         mind = self._minds.pop(question.mind, None)
         if mind is None or mind.kitchen is not kitchen:
-            mind = _Mind(kitchen, _policy(kitchen, question))
+            mind = _Bot(kitchen, _policy(kitchen, question))
         else:
             _observe(mind, question)
         state = kitchen.world.restore(question.facts, question.timers, question.busy)
         action = mind.policy.act(state)
         kitchen.tidy()
         self._minds[question.mind] = mind  # One that has failed is not remembered.
-        if len(self._minds) > MOST_MINDS:
+        if len(self._minds) > MAX_BOTS:
             self._minds.popitem(last=False)
         return None if action is None else (action.name, *action.arguments)
 
-    def _kitchen(self, digest: str) -> Kitchen:
+    def _kitchen(self, digest: str) -> BotWorld:
         self._kitchens.move_to_end(digest)
         return self._kitchens[digest]
 
 
-def _observe(mind: _Mind, question: Question) -> None:
+def _observe(mind: _Bot, question: Question) -> None:
     world = mind.kitchen.world
     for step in question.observed:
         world.admit(argument for _, _, arguments, _ in step for argument in arguments)
@@ -158,7 +158,7 @@ def _observe(mind: _Mind, question: Question) -> None:
         )
 
 
-def _policy(kitchen: Kitchen, question: Question) -> Policy:
+def _policy(kitchen: BotWorld, question: Question) -> Policy:
     if question.kind == "random":
         from robotouille.planning.policies.policy import RandomPolicy
 

@@ -13,36 +13,36 @@ from heapq import heappop, heappush
 from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
-from robotouille_server.rooms.substitutes.bot_minds import Answer, Question
-from robotouille_server.rooms.substitutes.bot_worker import Thinker, ThoughtLostError
+from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Question
+from robotouille_server.rooms.substitutes.bot_worker import BotWorker, BotWorkerLostError
 from robotouille_server.runtime.logs import get_logger
 
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
 
-__all__ = ["Asker", "Thoughts"]
+__all__ = ["BotClient", "BotScheduler"]
 
 AT_ONCE = 8
 """Questions that are on their way: enough that the answers are not waited for between them."""
 
 
-class Asker(Protocol):
+class BotClient(Protocol):
     """Somebody who waits to ask."""
 
     def question(self) -> tuple[Task, Question] | None:
         """The question, now that it is its turn; None if nothing has to be decided any more."""
 
-    def answered(self, answer: Answer) -> None:
+    def answered(self, answer: BotAnswer) -> None:
         """What the answer is: nothing, where there is none."""
 
 
-class Thoughts:
+class BotScheduler:
     """The stand-ins of a server that wait for their turn with a thinker."""
 
-    def __init__(self, make: Callable[[], Thinker]) -> None:
+    def __init__(self, make: Callable[[], BotWorker]) -> None:
         self._make = make
-        self._thinker: Thinker | None = None
-        self._waiting: list[tuple[float, int, Asker]] = []
+        self._thinker: BotWorker | None = None
+        self._waiting: list[tuple[float, int, BotClient]] = []
         self._order = count()
         self._minds = count(1)
         self._lessons: dict[tuple[str, str], Task] = {}
@@ -58,7 +58,7 @@ class Thoughts:
         self._lessons.setdefault((task.digest, player), task)
         self._go_on()
 
-    def want(self, asker: Asker, deadline: float) -> None:
+    def want(self, asker: BotClient, deadline: float) -> None:
         """Wait for one's turn; the answer is of use until `deadline`, and perhaps after."""
         heappush(self._waiting, (deadline, next(self._order), asker))
         self._go_on()
@@ -81,19 +81,19 @@ class Thoughts:
             _, player = key = next(iter(self._lessons))
             self._await(self._there().learn(self._lessons.pop(key), player), _learnt)
 
-    def _there(self) -> Thinker:
+    def _there(self) -> BotWorker:
         if self._thinker is None:
             self._thinker = self._make()
         return self._thinker
 
     def _await(
-        self, thought: asyncio.Future[Answer], then: Callable[[asyncio.Future[Answer]], None]
+        self, thought: asyncio.Future[BotAnswer], then: Callable[[asyncio.Future[BotAnswer]], None]
     ) -> None:
         self._under_way += 1
         thought.add_done_callback(partial(self._over, then))
 
     def _over(
-        self, then: Callable[[asyncio.Future[Answer]], None], thought: asyncio.Future[Answer]
+        self, then: Callable[[asyncio.Future[BotAnswer]], None], thought: asyncio.Future[BotAnswer]
     ) -> None:
         self._under_way -= 1
         if self._closed:
@@ -105,16 +105,16 @@ class Thoughts:
             self._go_on()
 
 
-def _tell(asker: Asker, thought: asyncio.Future[Answer]) -> None:
+def _tell(asker: BotClient, thought: asyncio.Future[BotAnswer]) -> None:
     asker.answered(_result(thought))
 
 
-def _learnt(thought: asyncio.Future[Answer]) -> None:
+def _learnt(thought: asyncio.Future[BotAnswer]) -> None:
     _result(thought)
 
 
-def _result(thought: asyncio.Future[Answer]) -> Answer:
+def _result(thought: asyncio.Future[BotAnswer]) -> BotAnswer:
     failure = None if thought.cancelled() else thought.exception()
-    if failure is not None and not isinstance(failure, ThoughtLostError):
+    if failure is not None and not isinstance(failure, BotWorkerLostError):
         get_logger().error("a stand-in failed", exc_info=failure)
     return None if failure is not None or thought.cancelled() else thought.result()

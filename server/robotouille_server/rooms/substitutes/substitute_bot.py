@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 from robotouille.episode import Controller, Episode, Phase, Stepped
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.substitutes.bot_minds import Answer, Deed, Question
-from robotouille_server.rooms.substitutes.deadline_scheduler import Thoughts
+from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Deed, Question
+from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
 
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
 
-__all__ = ["StandIn"]
+__all__ = ["SubstituteBot"]
 
 MAX_OBSERVED = 64
 """Steps that are kept for a mind until it is asked; one that has missed more begins anew."""
 
 
-class StandIn:
+class SubstituteBot:
     """A bot for one seat. It is made when the game begins and told every step, so that it can act
     in the very next one; it has one thought at a time."""
 
@@ -42,7 +42,7 @@ class StandIn:
         self,
         episode: Episode,
         player: str,
-        thoughts: Thoughts,
+        thoughts: BotScheduler,
         decide: Callable[[str, GroundAction | None], None],
     ) -> None:
         self._episode = episode
@@ -116,7 +116,7 @@ class StandIn:
             observed,
         )
 
-    def answered(self, answer: Answer) -> None:
+    def answered(self, answer: BotAnswer) -> None:
         """Act, unless there is nothing to decide any more or the answer came too late."""
         self._wants = False
         if not self._must_decide():

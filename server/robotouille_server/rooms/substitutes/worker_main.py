@@ -28,7 +28,7 @@ from typing import Any
 import msgpack
 
 from robotouille.domain.task import Task
-from robotouille_server.rooms.substitutes.bot_minds import Minds, Question
+from robotouille_server.rooms.substitutes.bot_minds import Bots, Question
 
 __all__ = ["DONE", "FAILED", "MAX_BYTES", "UNKNOWN", "learn_request", "main", "task_request",
            "think_request"]  # fmt: skip
@@ -68,7 +68,7 @@ def _question(
     return Question(mind, player, kind, int.from_bytes(facts, "big"), timers, busy, observed)
 
 
-def _reply(minds: Minds, request: Any) -> bytes | None:
+def _reply(minds: Bots, request: Any) -> bytes | None:
     what, *rest = request
     if what == "task":
         minds.show(Task.from_json(json.loads(rest[1])))
@@ -100,7 +100,7 @@ def main() -> None:
         os.nice(NICENESS)
     replies = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # Whatever is printed by mistake is no reply.
-    minds = Minds()
+    minds = Bots()
     try:
         for request in _requests(0):
             reply = _reply(minds, request)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import msgpack
 
-from robotouille_server.rooms.substitutes.bot_minds import Answer, Question
-from robotouille_server.rooms.substitutes.bot_worker import InThread, ThoughtLostError
+from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Question
+from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError, ThreadBotWorker
 from robotouille_server.rooms.substitutes.worker_main import (
     DONE,
     MAX_BYTES,
@@ -27,7 +27,7 @@ from robotouille_server.runtime.logs import get_logger
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
 
-__all__ = ["InProcess"]
+__all__ = ["ProcessBotWorker"]
 
 COMMAND = (
     sys.executable,
@@ -50,14 +50,14 @@ class _Request:
     __slots__ = ("answer", "make", "task")
 
     def __init__(
-        self, task: Task, make: Callable[[int], bytes], answer: asyncio.Future[Answer]
+        self, task: Task, make: Callable[[int], bytes], answer: asyncio.Future[BotAnswer]
     ) -> None:
         self.task = task
         self.make = make
         self.answer = answer
 
 
-class InProcess:
+class ProcessBotWorker:
     """Thinks in a process of its own, at low priority. While none is running, what is asked is
     lost at once; where none can be started at first, a thread thinks until one can."""
 
@@ -67,7 +67,7 @@ class InProcess:
         self._loop = asyncio.get_running_loop()
         self._pipe: _Pipe | None = None
         self._starting: asyncio.Task[None] | None = None
-        self._thread: InThread | None = None
+        self._thread: ThreadBotWorker | None = None
         self._requests: dict[int, _Request] = {}
         self._number = 0
         self._shown: set[str] = set()
@@ -76,27 +76,27 @@ class InProcess:
         self._stuck: asyncio.TimerHandle | None = None
         self._closed = False
 
-    def learn(self, task: Task, player: str) -> asyncio.Future[Answer]:
+    def learn(self, task: Task, player: str) -> asyncio.Future[BotAnswer]:
         if (thread := self._instead()) is not None:
             return thread.learn(task, player)
         return self._request(task, lambda number: learn_request(number, task.digest, player))
 
-    def ask(self, task: Task, question: Question) -> asyncio.Future[Answer]:
+    def ask(self, task: Task, question: Question) -> asyncio.Future[BotAnswer]:
         if (thread := self._instead()) is not None:
             return thread.ask(task, question)
         return self._request(task, lambda number: think_request(number, task.digest, question))
 
-    def _instead(self) -> InThread | None:
+    def _instead(self) -> ThreadBotWorker | None:
         """The thread that thinks as long as there was no process; now and then one is tried."""
         rested = self._loop.time() >= self._rests_until
         if self._thread is not None and self._starting is None and rested and not self._closed:
             self._starting = asyncio.create_task(self._start())
         return self._thread
 
-    def _request(self, task: Task, make: Callable[[int], bytes]) -> asyncio.Future[Answer]:
-        answer: asyncio.Future[Answer] = self._loop.create_future()
+    def _request(self, task: Task, make: Callable[[int], bytes]) -> asyncio.Future[BotAnswer]:
+        answer: asyncio.Future[BotAnswer] = self._loop.create_future()
         if self._closed or self._loop.time() < self._rests_until:
-            answer.set_exception(ThoughtLostError())
+            answer.set_exception(BotWorkerLostError())
             return answer
         self._number += 1
         self._requests[self._number] = _Request(task, make, answer)
@@ -150,7 +150,7 @@ class InProcess:
         if self._thread is None:
             get_logger().error("no process for stand-ins", error=str(error) or repr(error))
             if not (self._started or self._closed):
-                self._thread = InThread()
+                self._thread = ThreadBotWorker()
         self._rest()
 
     def _leave_thread(self) -> None:
@@ -176,7 +176,7 @@ class InProcess:
         requests, self._requests = self._requests, {}
         for request in requests.values():
             if not request.answer.done():
-                request.answer.set_exception(ThoughtLostError())
+                request.answer.set_exception(BotWorkerLostError())
 
     def _kill(self) -> None:
         self._stuck = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from robotouille.domain.schema import ObjectDef
-from robotouille.generation.layout.decomposition import Key, Kitchen, Piece, Thing
+from robotouille.generation.layout.decomposition import Key, ProblemParts, StackItem, Thing
 from robotouille.generation.layout.stock import Stock
 from robotouille.generation.layout.type_roles import Roles
 from robotouille.generation.parameters import (
@@ -16,7 +16,7 @@ from robotouille.generation.parameters import (
     Kind,
     Parameters,
 )
-from robotouille.generation.rng import Chance
+from robotouille.generation.rng import SeededRng
 
 __all__ = ["Arrangement", "arrange"]
 
@@ -33,7 +33,7 @@ class Arrangement:
     carrier: dict[Key, tuple[Key, int]] = field(default_factory=dict)
     faces: dict[Key, Key] = field(default_factory=dict)
 
-    def put(self, piece: Piece, host: Key, level: int = 0) -> None:
+    def put(self, piece: StackItem, host: Key, level: int = 0) -> None:
         """Put something, with what is in it, on a station or into a player's hands."""
         self.carrier[piece.thing.key] = (host, level)
         for filling in piece.fillings:
@@ -41,7 +41,7 @@ class Arrangement:
 
 
 def arrange(
-    kitchen: Kitchen, stock: Stock, kind: Kind, parameters: Parameters, chance: Chance
+    kitchen: ProblemParts, stock: Stock, kind: Kind, parameters: Parameters, chance: SeededRng
 ) -> Arrangement:
     """One arrangement of a kitchen; AttemptError where things do not fit."""
     amounts = Amounts.of(parameters, kind, chance)
@@ -53,7 +53,7 @@ def arrange(
         raise GenerationError(name, f"{total} objects in all; at most {MAX_OBJECTS} are allowed")
     added = _Added(kitchen)
     stations = [added.make(*stock.station(chance)) for _ in range(amounts.stations)]
-    pieces = [Piece(added.make(*stock.item(chance))) for _ in range(amounts.items)]
+    pieces = [StackItem(added.make(*stock.item(chance))) for _ in range(amounts.items)]
     things = [*kitchen.things, *stations, *(piece.thing for piece in pieces)]
     arrangement = Arrangement(things)
     stacks = parameters.stacks(kind)
@@ -72,16 +72,16 @@ def arrange(
     return arrangement
 
 
-def _keep(kitchen: Kitchen, arrangement: Arrangement) -> None:
+def _keep(kitchen: ProblemParts, arrangement: Arrangement) -> None:
     """Leave everything with the station or player it is with."""
     for thing in kitchen.movables:
-        arrangement.put(Piece(thing), kitchen.carrier[thing.key], thing.definition.stack_level)
+        arrangement.put(StackItem(thing), kitchen.carrier[thing.key], thing.definition.stack_level)
     arrangement.faces.update(kitchen.faces)
 
 
 def _hand_out(
-    kitchen: Kitchen, arrangement: Arrangement, pieces: list[Piece], chance: Chance
-) -> list[Piece]:
+    kitchen: ProblemParts, arrangement: Arrangement, pieces: list[StackItem], chance: SeededRng
+) -> list[StackItem]:
     """Give some players something to hold; returns what is left."""
     left = list(pieces)
     for player in kitchen.players:
@@ -95,7 +95,7 @@ def _hand_out(
 class _Added:
     """Makes things that the original does not have; they come after its own."""
 
-    def __init__(self, kitchen: Kitchen) -> None:
+    def __init__(self, kitchen: ProblemParts) -> None:
         self._counts = {t: kitchen.count(t) for t in kitchen.task.domain.object_types}
 
     def make(self, type_: str, definition: ObjectDef) -> Thing:
@@ -112,9 +112,9 @@ class _Shelves:
     ) -> None:
         self._stackable = roles.stackable if stacks else ()
         self._arrangement = arrangement
-        self._stacks: dict[Key, list[Piece]] = {station.key: [] for station in stations}
+        self._stacks: dict[Key, list[StackItem]] = {station.key: [] for station in stations}
 
-    def fill(self, pieces: list[Piece], chance: Chance) -> None:
+    def fill(self, pieces: list[StackItem], chance: SeededRng) -> None:
         """Put everything somewhere, first what needs a station for itself."""
         for piece in sorted(pieces, key=lambda p: p.thing.type in self._stackable):
             fitting = [key for key, stack in self._stacks.items() if self._fits(piece, stack)]
@@ -129,6 +129,6 @@ class _Shelves:
             self._arrangement.put(piece, key, len(self._stacks[key]))
             self._stacks[key].append(piece)
 
-    def _fits(self, piece: Piece, stack: list[Piece]) -> bool:
+    def _fits(self, piece: StackItem, stack: list[StackItem]) -> bool:
         type_ = piece.thing.type
         return not stack or (type_ in self._stackable and stack[0].thing.type == type_)

@@ -10,7 +10,7 @@ from robotouille.errors import FileError
 from robotouille.generation.layout.type_roles import Roles
 from robotouille.world.lint import lint_task
 
-__all__ = ["Key", "Kitchen", "Piece", "Thing"]
+__all__ = ["Key", "ProblemParts", "StackItem", "Thing"]
 
 Key = tuple[str, int]
 """A type, and a position in the problem's list of that type."""
@@ -45,14 +45,14 @@ class Thing:
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class StackItem:
     """What moves as one: an item, or a vessel with all that is in it."""
 
     thing: Thing
     fillings: tuple[Thing, ...] = ()
 
 
-class Kitchen:
+class ProblemParts:
     """A task taken apart; FileError if the linter finds an error in it.
 
     `carrier` says on which station or with which player each movable thing is, `faces` at which
@@ -83,7 +83,7 @@ class Kitchen:
         """How many objects of a type there are."""
         return len(self.task.problem.objects.get(type_, ()))
 
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[StackItem]:
         """All that can be moved on its own."""
         fillings: dict[Key, list[Thing]] = {}
         whole: list[Thing] = []
@@ -93,7 +93,7 @@ class Kitchen:
                 whole.append(thing)
             else:
                 fillings.setdefault(vessel.key, []).append(thing)
-        return [Piece(thing, tuple(fillings.get(thing.key, ()))) for thing in whole]
+        return [StackItem(thing, tuple(fillings.get(thing.key, ()))) for thing in whole]
 
     def _vessel_of(self, thing: Thing) -> Thing | None:
         """What a filling is in; None for what stands by itself."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from robotouille.generation.layout.decomposition import Key, Tile
 from robotouille.generation.parameters import MAX_SIDE, AttemptError, GenerationError, Parameters
-from robotouille.generation.rng import Chance
+from robotouille.generation.rng import SeededRng
 
 __all__ = ["Floorplan", "lay_out", "size_for"]
 
@@ -46,7 +46,7 @@ def size_for(stations: int, width: int, height: int, parameters: Parameters) -> 
 
 
 def lay_out(
-    stations: Sequence[Key], faces: dict[Key, Key], width: int, height: int, chance: Chance
+    stations: Sequence[Key], faces: dict[Key, Key], width: int, height: int, chance: SeededRng
 ) -> Floorplan:
     """Tiles for stations and for players that face some of them; AttemptError if none are found."""
     grid = [(x, y) for x in range(width) for y in range(height)]

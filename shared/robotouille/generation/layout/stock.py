@@ -10,7 +10,7 @@ from robotouille.domain.files import read_model
 from robotouille.domain.schema import ObjectDef, ProblemFile
 from robotouille.domain.task import Task
 from robotouille.generation.layout.type_roles import Roles
-from robotouille.generation.rng import Chance
+from robotouille.generation.rng import SeededRng
 from robotouille.resources import data_folder
 
 __all__ = ["Stock"]
@@ -53,11 +53,11 @@ class Stock:
     def has_items(self) -> bool:
         return bool(self._plain or self._vessels)
 
-    def station(self, chance: Chance) -> tuple[str, ObjectDef]:
+    def station(self, chance: SeededRng) -> tuple[str, ObjectDef]:
         """The type of an irrelevant station, and the station itself, nowhere in particular."""
         return self._made(chance.one_of(self.stations))
 
-    def item(self, chance: Chance) -> tuple[str, ObjectDef]:
+    def item(self, chance: SeededRng) -> tuple[str, ObjectDef]:
         """The same for something that stands on stations; rarely a vessel."""
         rare = chance.happens(RARELY)
         pool = self._vessels if (rare and self._vessels) or not self._plain else self._plain

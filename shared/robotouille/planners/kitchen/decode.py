@@ -24,7 +24,7 @@ from robotouille.planners.kitchen.compact_state import (
     WAIT,
 )
 from robotouille.planners.kitchen.kernels import Ints, ints
-from robotouille.planners.kitchen.model import Model, bound_action
+from robotouille.planners.kitchen.model import KitchenModel, bound_action
 from robotouille.planners.kitchen.transitions import act, in_order, spot, tick
 from robotouille.planning.plan import Joint, Plan
 from robotouille.world.grounding.actions import GroundAction
@@ -33,7 +33,9 @@ from robotouille.world.state import State
 __all__ = ["decode"]
 
 
-def decode(model: Model, start: State, code: list[int], path: Sequence[Sequence[int]]) -> Plan:
+def decode(
+    model: KitchenModel, start: State, code: list[int], path: Sequence[Sequence[int]]
+) -> Plan:
     """The plan of a path of joint actions from a compact state.
 
     Each is a list of actions in the order in which they apply, with the player's number times
@@ -49,7 +51,7 @@ def decode(model: Model, start: State, code: list[int], path: Sequence[Sequence[
 
 
 class _Decoder:
-    def __init__(self, model: Model, state: State, s: Ints) -> None:
+    def __init__(self, model: KitchenModel, state: State, s: Ints) -> None:
         self.model, self.k = model, model.kitchen
         self.state, self.s = state, s
         self.steps: list[Joint] = []

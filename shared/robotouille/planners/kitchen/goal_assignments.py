@@ -26,7 +26,7 @@ from robotouille.planners.kitchen.compact_state import (
     laid_out,
 )
 from robotouille.planners.kitchen.kernels import Ints
-from robotouille.planners.kitchen.model import Model
+from robotouille.planners.kitchen.model import KitchenModel
 
 __all__ = ["TooManyChoicesError", "goals_of"]
 
@@ -55,7 +55,7 @@ class _Wants:
     hot: list[int | str] = field(default_factory=list)
 
 
-def goals_of(model: Model, start: list[int]) -> Ints | None:
+def goals_of(model: KitchenModel, start: list[int]) -> Ints | None:
     """The rows for a start; None if the goal says something that a compact state does not.
 
     Objects that are alike at the start are interchangeable: of choices that differ only in them
@@ -74,7 +74,7 @@ def goals_of(model: Model, start: list[int]) -> Ints | None:
     return _table(model, wants, rows)
 
 
-def _read(model: Model) -> _Wants | None:
+def _read(model: KitchenModel) -> _Wants | None:
     goal, wants = model.world.goal, _Wants()
     for variable in goal.variables.values():
         if variable.is_type:
@@ -109,19 +109,19 @@ def _contradicts_itself(wants: _Wants) -> bool:
     return bool(several or twice or elsewhere or somewhere & set(added) or set(lowest) & set(upper))
 
 
-def _lacks_something(model: Model) -> bool:
+def _lacks_something(model: KitchenModel) -> bool:
     """Whether the goal is about objects of a kind of which there is none, nor will be."""
     goal = model.world.goal
     return any(v.kind != "water" and not goal.candidates(v.id) for v in goal.variables.values())
 
 
-def _stations(model: Model) -> list[int | str]:
+def _stations(model: KitchenModel) -> list[int | str]:
     goal = model.world.goal
     stations = {*model.tables, *model.stations}
     return [i for i in goal.variables if stations.issuperset(goal.candidates(i))]
 
 
-def _note(model: Model, term: GoalTerm, wants: _Wants) -> bool:
+def _note(model: KitchenModel, term: GoalTerm, wants: _Wants) -> bool:
     results = [p.result for p in model.rules.processes]
     ids = term.ids
     match term.predicate:
@@ -154,7 +154,7 @@ def _note(model: Model, term: GoalTerm, wants: _Wants) -> bool:
     return True
 
 
-def _choices(model: Model, start: list[int]) -> Iterator[Choice]:
+def _choices(model: KitchenModel, start: list[int]) -> Iterator[Choice]:
     """Assignments of objects (or meals) to the variables that are not stations."""
     stations = set(_stations(model))
     variables = [v for v in model.world.goal.variables.values() if v.id not in stations]
@@ -178,13 +178,15 @@ def _choices(model: Model, start: list[int]) -> Iterator[Choice]:
     return extend(0, {}, set())
 
 
-def _made_in_turn(model: Model, taken: set[tuple[str, int]]) -> bool:
+def _made_in_turn(model: KitchenModel, taken: set[tuple[str, int]]) -> bool:
     """Whether of the meals yet to be made the first ones are chosen."""
     unmade = sorted(o for sort, o in taken if sort == "meal" and o >= len(model.meals))
     return unmade == list(range(len(model.meals), len(model.meals) + len(unmade)))
 
 
-def _candidates(model: Model, identifier: int | str, taken: set[tuple[str, int]]) -> list[int]:
+def _candidates(
+    model: KitchenModel, identifier: int | str, taken: set[tuple[str, int]]
+) -> list[int]:
     """The objects that may stand for a variable; of meals yet to be made, those in turn."""
     variable = model.world.goal.variables[identifier]
     if variable.kind == "water":
@@ -193,7 +195,7 @@ def _candidates(model: Model, identifier: int | str, taken: set[tuple[str, int]]
     return [o for o, name in enumerate(model.objects) if name in names]
 
 
-def _kinds_of_alike(model: Model, start: list[int]) -> dict[int, tuple[object, ...]]:
+def _kinds_of_alike(model: KitchenModel, start: list[int]) -> dict[int, tuple[object, ...]]:
     """Items that lie alone on plain tables, by what there is to tell them apart."""
     k = model.kitchen
     covered = {start[k[BELOW] + o] for o in range(k[ITEMS])}
@@ -215,7 +217,7 @@ def _kinds_of_alike(model: Model, start: list[int]) -> dict[int, tuple[object, .
     return found
 
 
-def _table(model: Model, wants: _Wants, rows: list[Choice]) -> Ints:
+def _table(model: KitchenModel, wants: _Wants, rows: list[Choice]) -> Ints:
     k = model.kitchen
     role, base, pile, top, atop, into = ([0] * (len(rows) * k[OBJECTS]) for _ in range(6))
     need = [0] * (len(rows) * k[PROCESSES] * k[ITEMS])

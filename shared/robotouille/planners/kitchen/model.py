@@ -52,14 +52,14 @@ from robotouille.planners.kitchen.compact_state import (
     laid_out,
 )
 from robotouille.planners.kitchen.kernels import Ints
-from robotouille.planners.kitchen.recognition import Process, Rules, recognise
+from robotouille.planners.kitchen.recognition import KitchenRules, Process, recognise
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Model", "model_of"]
+__all__ = ["KitchenModel", "model_of"]
 
-MOST_OBJECTS = 32
+MAX_OBJECTS = 32
 """Rows of the scratch space have room for no more."""
 
 LONGEST = 60
@@ -68,10 +68,10 @@ LONGEST = 60
 CODE = 6
 """Bits of an action's object, station or meal."""
 
-MOST_SECOND = 7
+MAX_SECOND = 7
 """How many meals and processes an action may be about besides."""
 
-MOST_PLAYERS = 4
+MAX_PLAYERS = 4
 """A joint action of more does not fit into one integer."""
 
 BITS = 62
@@ -80,7 +80,7 @@ Rows = dict[tuple[str, int, tuple[str, ...]], tuple[int, ...]]
 
 
 @dataclass
-class Model:
+class KitchenModel:
     """A kitchen's names by number, and the sequence for its kernels.
 
     `stations` have a purpose; `tables` are the plain stations. `meals` exist; there is room for
@@ -88,7 +88,7 @@ class Model:
     """
 
     world: World
-    rules: Rules
+    rules: KitchenRules
     players: list[str]
     objects: list[str]
     items: int
@@ -102,7 +102,7 @@ class Model:
         return _Encoder(self, state).encode()
 
 
-def model_of(world: World, state: State) -> Model | None:
+def model_of(world: World, state: State) -> KitchenModel | None:
     """The kitchen of a world whose domain is one, with the objects of a state; else None."""
     rules = recognise(world.task.domain)
     profile = world.task.profile
@@ -111,9 +111,9 @@ def model_of(world: World, state: State) -> Model | None:
     tables = _tables(world)
     by_type = {kind: [o.name for o in state.objects if o.type == kind] for kind in _TYPES}
     items, containers, meals = (by_type[kind] for kind in ("item", "container", "meal"))
-    if tables is None or len(items) + len(containers) > MOST_OBJECTS:
+    if tables is None or len(items) + len(containers) > MAX_OBJECTS:
         return None
-    if len(world.players) > MOST_PLAYERS:
+    if len(world.players) > MAX_PLAYERS:
         return None
     if any(world.thing(m).kind != "water" for m in meals):
         return None
@@ -123,7 +123,7 @@ def model_of(world: World, state: State) -> Model | None:
         return None
     stations = [s for s in by_type["station"] if s not in tables]
     room = max(len(meals) + _wanted_meals(world), len(rules.processes))
-    if len(items) + len(containers) + len(stations) >= 1 << CODE or room > MOST_SECOND:
+    if len(items) + len(containers) + len(stations) >= 1 << CODE or room > MAX_SECOND:
         return None
     if any(
         _is_enabled_too_late(state, process, item) for process in rules.processes for item in items
@@ -135,7 +135,9 @@ def model_of(world: World, state: State) -> Model | None:
         return None
     players = list(world.players)
     objects = items + containers
-    return Model(world, rules, players, objects, len(items), stations, tables, meals, kitchen)
+    return KitchenModel(
+        world, rules, players, objects, len(items), stations, tables, meals, kitchen
+    )
 
 
 def _is_enabled_too_late(state: State, process: Process, item: str) -> bool:
@@ -176,7 +178,7 @@ class _Draft:
         self,
         world: World,
         state: State,
-        rules: Rules,
+        rules: KitchenRules,
         items: list[str],
         containers: list[str],
         stations: list[str],
@@ -402,7 +404,7 @@ def bound_action(world: World, name: str, binding: dict[str, str]) -> GroundActi
 
 
 class _Encoder:
-    def __init__(self, model: Model, state: State) -> None:
+    def __init__(self, model: KitchenModel, state: State) -> None:
         self.model, self.k = model, model.kitchen
         self.codes = {name: i for i, name in enumerate(model.objects)}
         self.codes |= {name: self.k[OBJECTS] + i for i, name in enumerate(model.stations)}

@@ -20,7 +20,7 @@ from robotouille.domain.schema import (
     EffectDef,
 )
 
-__all__ = ["Process", "Rules", "recognise"]
+__all__ = ["KitchenRules", "Process", "recognise"]
 
 FIXED = {
     "loc(p1,s1); vacant(s2) -> loc(p1,s2); not loc(p1,s1); not vacant(s2); vacant(s1)": "move",
@@ -77,16 +77,16 @@ class Process:
 
 
 @dataclass
-class Rules:
+class KitchenRules:
     """The names of a kitchen's actions by what they do, and its processes."""
 
     actions: dict[str, str] = field(default_factory=dict)
     processes: list[Process] = field(default_factory=list)
 
 
-def recognise(domain: DomainFile) -> Rules | None:
+def recognise(domain: DomainFile) -> KitchenRules | None:
     """The rules of a domain if it is a kitchen, else None."""
-    rules = Rules()
+    rules = KitchenRules()
     for action in domain.action_defs:
         meaning = FIXED.get(_sentence(action))
         if meaning is not None:

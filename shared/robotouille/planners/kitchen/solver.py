@@ -28,13 +28,13 @@ from robotouille.planners.kitchen.kitchen_search import (
     push,
     run,
 )
-from robotouille.planners.kitchen.model import Model, model_of
+from robotouille.planners.kitchen.model import KitchenModel, model_of
 from robotouille.planning.plan import Plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["PLANNER", "KitchenSearch", "Run", "kitchen_search"]
+__all__ = ["PLANNER", "KitchenSearch", "SolverRun", "kitchen_search"]
 
 PLANNER = "kitchen A* 1"
 
@@ -67,7 +67,7 @@ def kitchen_search(world: World, start: State) -> KitchenSearch | None:
 class KitchenSearch:
     """A search from one state of a kitchen."""
 
-    def __init__(self, model: Model, goals: Ints, start: State, code: list[int]) -> None:
+    def __init__(self, model: KitchenModel, goals: Ints, start: State, code: list[int]) -> None:
         self.model = model
         self.goals = goals
         self.start = start
@@ -78,13 +78,13 @@ class KitchenSearch:
         limits: Limits = UNLIMITED,
         watch: Watch | None = None,
         other: Callable[[], Plan | None] | None = None,
-    ) -> Answer:
+    ) -> SearchResult:
         """The shortest plan, or the best one and the best bound within the limits.
 
         `other` is another source of a plan, asked where the shortest is not found at once.
         """
         players = int(self.model.kitchen[PLAYERS])
-        exact = Run(self, EXACT, limits, watch)
+        exact = SolverRun(self, EXACT, limits, watch)
         exact.go(HOPEFUL[players - 1])
         best: Plan | None = None
         if exact.status in UNDECIDED and exact.best is None:
@@ -98,12 +98,12 @@ class KitchenSearch:
         return self._answer(best, exact)
 
     def _hasty(
-        self, exact: Run, limits: Limits, watch: Watch | None, best: Plan | None
+        self, exact: SolverRun, limits: Limits, watch: Watch | None, best: Plan | None
     ) -> tuple[Plan | None, int]:
         """A plan found in haste, if it is better, and the expansions it took."""
         spent = 0
         for weight in HASTY:
-            run = Run(self, weight, limits, watch)
+            run = SolverRun(self, weight, limits, watch)
             run.spent = exact.expansions + spent
             if best is not None:
                 run.improve_on(len(best))
@@ -113,14 +113,14 @@ class KitchenSearch:
                 best = self.plan(run.path())
         return best, spent
 
-    def _answer(self, best: Plan | None, run: Run) -> Answer:
+    def _answer(self, best: Plan | None, run: SolverRun) -> SearchResult:
         spent = run.spent + run.expansions
         if run.status in (PROVEN, EMPTY):
             if best is None:
-                return Answer(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
-            return Answer(best, len(best), Proof.HEURISTIC, PLANNER, spent)
+                return SearchResult(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
+            return SearchResult(best, len(best), Proof.HEURISTIC, PLANNER, spent)
         bound = min(run.promise, run.cut, PROMISES if best is None else len(best))
-        return Answer(best, bound, Proof.HEURISTIC, PLANNER, spent)
+        return SearchResult(best, bound, Proof.HEURISTIC, PLANNER, spent)
 
     def plan(self, path: list[list[int]]) -> Plan:
         """A path of compact actions as a plan of the world."""
@@ -128,7 +128,7 @@ class KitchenSearch:
         return decode(self.model, self.start, row, path)
 
 
-class Run:
+class SolverRun:
     """One pass of A* with a weight, in slices, within limits."""
 
     def __init__(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robotouille.planning.beam.goal_ordering import Ordering
-from robotouille.planning.beam.remaining_work import REDOING, Binding, Workbench
+from robotouille.planning.beam.remaining_work import REDOING, GoalBinding, HeuristicContext
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.state import State
@@ -17,8 +17,8 @@ MAX_STATIONS = 4
 
 
 def assignments(
-    bench: Workbench, state: State, ordering: Ordering | None = None, limit: int = 1
-) -> list[Binding]:
+    bench: HeuristicContext, state: State, ordering: Ordering | None = None, limit: int = 1
+) -> list[GoalBinding]:
     """Choices of objects that promise little work, the best first, at most `limit`.
 
     The first is a local optimum: no change of one variable and no exchange of two improves it.
@@ -40,7 +40,7 @@ def assignments(
 
 
 class _Chooser:
-    def __init__(self, bench: Workbench, state: State, ordering: Ordering | None) -> None:
+    def __init__(self, bench: HeuristicContext, state: State, ordering: Ordering | None) -> None:
         self._ordering = ordering
         forecast = bench.forecast(state.facts, state.timers)
         self._bench = bench
@@ -59,9 +59,9 @@ class _Chooser:
         wanted = sum(v.kind == kind for v in self._variables.values())
         return [n for n in names if vocabulary.exists(n, self._facts)] + unborn[:wanted]
 
-    def greedy(self) -> Binding | None:
+    def greedy(self) -> GoalBinding | None:
         """Variable by variable, the candidate that meets most of the goal as it is."""
-        binding: Binding = {}
+        binding: GoalBinding = {}
         for variable in self._variables:
             free = [c for c in self._candidates[variable] if self._is_free(c, variable, binding)]
             if not free:
@@ -70,13 +70,13 @@ class _Chooser:
             binding[variable] = free[scores.index(min(scores))]
         return binding
 
-    def _is_free(self, name: str, variable: int | str, binding: Binding) -> bool:
+    def _is_free(self, name: str, variable: int | str, binding: GoalBinding) -> bool:
         kind = self._variables[variable].kind
         return all(
             taken != name or self._variables[other].kind != kind for other, taken in binding.items()
         )
 
-    def _met(self, binding: Binding, variable: int | str) -> float:
+    def _met(self, binding: GoalBinding, variable: int | str) -> float:
         """How many predicates about a variable are true of it, or could be by other choices."""
         met = 0.0
         for term in self._goal.terms:
@@ -90,7 +90,7 @@ class _Chooser:
                     met += 0.5 * bool(self._facts & allowed & self._table.matching(atom))
         return met
 
-    def cost(self, binding: Binding) -> float:
+    def cost(self, binding: GoalBinding) -> float:
         """The work that a choice promises."""
         atoms: list[Atom] = self._goal.atoms(binding)
         total = 0.0
@@ -105,7 +105,7 @@ class _Chooser:
                     total += REDOING * self._bench.vocabulary.errand
         return total
 
-    def improve(self, binding: Binding) -> Binding:
+    def improve(self, binding: GoalBinding) -> GoalBinding:
         """The local optimum that a choice leads to."""
         cost = self.cost(binding)
         improved = True
@@ -118,7 +118,7 @@ class _Chooser:
                     break
         return binding
 
-    def neighbours(self, binding: Binding, wide: bool = False) -> Iterator[Binding]:
+    def neighbours(self, binding: GoalBinding, wide: bool = False) -> Iterator[GoalBinding]:
         """The choices that differ in one variable, or by an exchange of two of a kind."""
         for variable, chosen in binding.items():
             for candidate in self._alternatives(variable, binding, wide):
@@ -132,7 +132,7 @@ class _Chooser:
                 if all(c in self._candidates[v] for v, c in changed.items()):
                     yield changed
 
-    def _alternatives(self, variable: int | str, binding: Binding, wide: bool) -> list[str]:
+    def _alternatives(self, variable: int | str, binding: GoalBinding, wide: bool) -> list[str]:
         """All candidates; of stations, only those where as much of the goal is met already."""
         names = self._candidates[variable]
         vocabulary = self._bench.vocabulary

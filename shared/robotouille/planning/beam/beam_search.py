@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 from robotouille.planning.beam.projection import DEAD
 from robotouille.planning.beam.relevance import Relevance
-from robotouille.planning.beam.remaining_work import Estimate
+from robotouille.planning.beam.remaining_work import RemainingWork
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["Found", "Joint", "Search", "Style"]
+__all__ = ["BeamResult", "Joint", "Search", "SearchStyle"]
 
 PATIENCE = 14
 """Layers without progress after which a search gives up, besides the longest delay."""
@@ -28,19 +28,19 @@ PATIENCE = 14
 Joint = tuple[GroundAction, ...]
 
 
-class Node(NamedTuple):
+class BeamNode(NamedTuple):
     """A state of a layer, or within a step, and how it came about."""
 
     facts: int
     timers: Timers
-    parent: Node | None
+    parent: BeamNode | None
     joint: Joint
     score: float
     actions: float
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
+class SearchStyle:
     """How a search goes about it.
 
     `width` is the number of states kept per layer, `effort` what an action costs besides its time
@@ -53,7 +53,7 @@ class Style:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class BeamResult:
     """What a search found: joint actions to the goal, or to the most promising state seen.
 
     `left` is the estimate of the work left (0 at the goal), `expansions` the states expanded.
@@ -72,7 +72,7 @@ class Search:
         self,
         world: World,
         start: State,
-        estimate: Estimate,
+        estimate: RemainingWork,
         relevance: Relevance,
         team: Sequence[str],
     ) -> None:
@@ -81,23 +81,23 @@ class Search:
         self._estimate = estimate
         self._relevance = relevance
         self._team = tuple(team)
-        self._style = Style(1)
+        self._style = SearchStyle(1)
         self._random = Random(0)
         self._spent = 0
         self._seen: set[tuple[int, Timers]] = set()
         self._patience = PATIENCE * world.task.profile.delay_factor
         self._options: dict[tuple[GroundAction, ...], list[GroundAction]] = {}
 
-    def run(self, style: Style, seed: int, limit: int, expansions: int) -> Found:
+    def run(self, style: SearchStyle, seed: int, limit: int, expansions: int) -> BeamResult:
         """Search for plans shorter than `limit` steps, expanding at most so many states."""
         start = self._start
         goal = self._estimate.goal
         if start.facts & goal == goal:
-            return Found((), True, 0.0, 0)
+            return BeamResult((), True, 0.0, 0)
         self._style, self._random, self._spent = style, Random(seed), 0
         self._seen = {(start.facts, start.timers)}
         score = self._score(start.facts, start.timers)
-        best = Node(start.facts, start.timers, None, (), score, 0.0)
+        best = BeamNode(start.facts, start.timers, None, (), score, 0.0)
         layer = [best]
         stale = 0
         for _ in range(limit - 1):
@@ -106,28 +106,28 @@ class Search:
                 break
             for node in layer:
                 if node.facts & goal == goal:
-                    return Found(_steps(node), True, 0.0, self._spent)
+                    return BeamResult(_steps(node), True, 0.0, self._spent)
             stale += 1
             if layer[0].score < best.score - 1e-9:
                 best, stale = layer[0], 0
             if stale > self._patience or self._spent > expansions:
                 break
-        return Found(_steps(best), False, best.score, self._spent)
+        return BeamResult(_steps(best), False, best.score, self._spent)
 
     def _score(self, facts: int, timers: Timers) -> float:
         return self._estimate(facts, timers, self._style.chain)
 
-    def _next(self, layer: list[Node]) -> list[Node]:
+    def _next(self, layer: list[BeamNode]) -> list[BeamNode]:
         """The layer that follows."""
-        nodes = [Node(n.facts, n.timers, n, (), n.score, n.actions) for n in layer]
+        nodes = [BeamNode(n.facts, n.timers, n, (), n.score, n.actions) for n in layer]
         for player in self._team[:-1]:
             nodes = self._select(self._scored(self._choose(nodes, player)))
         return self._select(self._scored(self._ended(self._choose(nodes, self._team[-1]))))
 
-    def _choose(self, nodes: list[Node], player: str) -> list[Node]:
+    def _choose(self, nodes: list[BeamNode], player: str) -> list[BeamNode]:
         """Every choice of one player in every node."""
         world, effort = self._world, self._style.effort
-        result: list[Node] = []
+        result: list[BeamNode] = []
         known: set[tuple[int, Timers]] = set()
         self._spent += len(nodes)
         for node in nodes:
@@ -147,7 +147,7 @@ class Search:
                 if (after, timers_after) not in known:
                     known.add((after, timers_after))
                     result.append(
-                        Node(after, timers_after, parent, (*joint, action), score, actions)
+                        BeamNode(after, timers_after, parent, (*joint, action), score, actions)
                     )
         return result
 
@@ -157,7 +157,7 @@ class Search:
             options = self._options[valid] = [a for a in valid if self._relevance(a)]
         return options
 
-    def _ended(self, nodes: list[Node]) -> Iterator[Node]:
+    def _ended(self, nodes: list[BeamNode]) -> Iterator[BeamNode]:
         """Let the step's time pass; states that were there before are left out."""
         seen = self._seen
         for node in nodes:
@@ -167,13 +167,13 @@ class Search:
                 facts = (facts | touched) ^ removed
             if (facts, timers) not in seen:
                 seen.add((facts, timers))
-                yield Node(facts, timers, parent, joint, score, actions)
+                yield BeamNode(facts, timers, parent, joint, score, actions)
 
-    def _scored(self, nodes: Iterable[Node]) -> Iterator[Node]:
+    def _scored(self, nodes: Iterable[BeamNode]) -> Iterator[BeamNode]:
         for facts, timers, parent, joint, _, actions in nodes:
-            yield Node(facts, timers, parent, joint, self._score(facts, timers), actions)
+            yield BeamNode(facts, timers, parent, joint, self._score(facts, timers), actions)
 
-    def _select(self, nodes: Iterator[Node]) -> list[Node]:
+    def _select(self, nodes: Iterator[BeamNode]) -> list[BeamNode]:
         """The best nodes; ties are broken at random, so that they do not all look alike."""
         draw = self._random.random
         ranked = [(n.score + n.actions, draw(), n) for n in nodes if n.score < DEAD]
@@ -181,9 +181,9 @@ class Search:
         return [node for _, _, node in ranked[: self._style.width]]
 
 
-def _steps(node: Node) -> tuple[Joint, ...]:
+def _steps(node: BeamNode) -> tuple[Joint, ...]:
     steps: list[Joint] = []
-    current: Node | None = node
+    current: BeamNode | None = node
     while current is not None and current.parent is not None:
         steps.append(current.joint)
         current = current.parent

@@ -14,13 +14,13 @@ from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World
 
-__all__ = ["SOMEBODY", "Vocabulary"]
+__all__ = ["SOMEBODY", "DomainAnalysis"]
 
 SOMEBODY = "@"
 """Stands for any player in the atoms of a projection."""
 
 
-class Vocabulary:
+class DomainAnalysis:
     """Roles of the types, predicates and action schemas of a world's domain."""
 
     def __init__(self, world: World) -> None:

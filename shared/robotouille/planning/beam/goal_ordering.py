@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.beam.beam_search import Search, Style
+from robotouille.planning.beam.beam_search import Search, SearchStyle
 from robotouille.planning.beam.relevance import Relevance
-from robotouille.planning.beam.remaining_work import Binding, Estimate, Workbench
+from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.state import State
@@ -31,10 +31,10 @@ Id = int | str
 class Ordering:
     """For each variable of a goal, the variables that should be dealt with before it."""
 
-    def __init__(self, bench: Workbench, binding: Binding) -> None:
+    def __init__(self, bench: HeuristicContext, binding: GoalBinding) -> None:
         self._world = bench.world
         if len(bench.world.players) > 1:
-            bench = Workbench(World(replace(bench.world.task, seats=1)))
+            bench = HeuristicContext(World(replace(bench.world.task, seats=1)))
             bench.refresh()
         self._bench = bench
         self._goal = bench.world.goal
@@ -48,7 +48,7 @@ class Ordering:
             for late in self._terms
         }
 
-    def rules(self, binding: Binding) -> dict[str, tuple[int, int]]:
+    def rules(self, binding: GoalBinding) -> dict[str, tuple[int, int]]:
         """For an object that has to wait, the masks of its own goal and of what comes before."""
         table = self._world.table
         masks = {v: table.mask(self._atoms(v, binding)) for v in self._terms}
@@ -61,7 +61,7 @@ class Ordering:
                 rules[binding[late]] = (masks[late], needed)
         return rules
 
-    def _on_free_stations(self, binding: Binding) -> Binding:
+    def _on_free_stations(self, binding: GoalBinding) -> GoalBinding:
         """The same choice, but for stations on which nothing lies where there are such."""
         vocabulary = self._bench.vocabulary
         table = self._bench.world.table
@@ -92,7 +92,7 @@ class Ordering:
         vocabulary = self._bench.vocabulary
         return vocabulary.is_movable(vocabulary.type_of(self._binding[variable]))
 
-    def _atoms(self, variable: Id, binding: Binding) -> list[Atom]:
+    def _atoms(self, variable: Id, binding: GoalBinding) -> list[Atom]:
         return [(t.predicate, *(binding[i] for i in t.ids)) for t in self._terms[variable]]
 
     def _must_wait(self, late: Id, early: Id) -> bool:
@@ -137,11 +137,11 @@ class Ordering:
     def _achieve(self, state: State, variable: Id, kept: int) -> State | None:
         """The state once a variable's predicates are true, `kept` having been so throughout."""
         atoms = self._atoms(variable, self._binding)
-        estimate = Estimate(self._bench, self._binding, state.facts, None, atoms, kept)
+        estimate = RemainingWork(self._bench, self._binding, state.facts, None, atoms, kept)
         team = self._bench.world.players
         relevance = Relevance(self._bench, state, estimate, len(team))
         search = Search(self._bench.world, state, estimate, relevance, team)
-        found = search.run(Style(WIDTH), 0, LAYERS, WIDTH * LAYERS)
+        found = search.run(SearchStyle(WIDTH), 0, LAYERS, WIDTH * LAYERS)
         if not found.reached:
             return None
         for joint in found.steps:
@@ -149,7 +149,7 @@ class Ordering:
         return state
 
 
-def _lasting(bench: Workbench) -> set[str]:
+def _lasting(bench: HeuristicContext) -> set[str]:
     """The predicates that nothing makes false."""
     lasting = set(bench.world.table.fluents)
     for schema in bench.world.schemas:

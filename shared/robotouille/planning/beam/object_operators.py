@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 from robotouille.domain.schema import Condition, Creation, Deletion, EffectDef
-from robotouille.planning.beam.domain_analysis import SOMEBODY, Vocabulary
+from robotouille.planning.beam.domain_analysis import SOMEBODY, DomainAnalysis
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.objects import Atom
 
-__all__ = ["WAITING", "Focus", "Operator", "Outcome", "operators"]
+__all__ = ["WAITING", "Focus", "Operator", "OperatorOutcome", "operators"]
 
 WAITING = 0.4
 """The price of a step of a delay: other work is done meanwhile, so it is less than a step's."""
@@ -30,7 +30,7 @@ Binding = dict[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class OperatorOutcome:
     """Facts that change if those in `holds` are true and those in `lacks` are not.
 
     `deleted` is an object of which every fact is cleared.
@@ -52,8 +52,8 @@ class Operator:
 
     place: str | None
     cost: float
-    condition: Outcome
-    outcomes: tuple[Outcome, ...]
+    condition: OperatorOutcome
+    outcomes: tuple[OperatorOutcome, ...]
     strangers: tuple[str, ...]
 
     def apply(self, node: int) -> int:
@@ -74,7 +74,7 @@ class Focus:
     goal that are the work of a partner, and free here.
     """
 
-    vocabulary: Vocabulary
+    vocabulary: DomainAnalysis
     names: tuple[str, ...]
     partners: tuple[str, ...]
     stations: frozenset[str]
@@ -143,7 +143,7 @@ def _useful(found: list[Operator], goal: int) -> list[Operator]:
     return list(reduced)
 
 
-def _reduce(outcome: Outcome, wanted: int) -> Outcome:
+def _reduce(outcome: OperatorOutcome, wanted: int) -> OperatorOutcome:
     return replace(outcome, clears=outcome.clears & wanted, sets=outcome.sets & wanted)
 
 
@@ -182,7 +182,7 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
                 yield binding
 
 
-def _static(schema: ActionSchema, vocabulary: Vocabulary) -> list[Condition]:
+def _static(schema: ActionSchema, vocabulary: DomainAnalysis) -> list[Condition]:
     static = vocabulary.world.table.static_predicates
     return [c for c in schema.definition.precons if c.predicate in static]
 
@@ -198,19 +198,19 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
     definition = schema.definition
     strangers = tuple(v for v in binding.values() if v.startswith("*"))
     exist = [(EXISTS, n) for n in binding.values() if n in focus.names and _transient(focus, n)]
-    condition = Outcome(
+    condition = OperatorOutcome(
         focus.mask([*exist, *_atoms(definition.precons, binding, True)]),
         focus.mask(a for a in _atoms(definition.precons, binding, False) if not _vague(a)),
         focus.mask(_atoms(definition.immediate_fx, binding, False)),
         focus.mask(_atoms(definition.immediate_fx, binding, True)),
     )
-    outcomes: list[Outcome] = []
+    outcomes: list[OperatorOutcome] = []
     cost = 1.0
     if definition.sfx:
         action = _example(schema, binding, focus)
         cost = float(action.duration)
         for i, effect in enumerate(definition.sfx):
-            found = _outcomes(effect, binding, focus, Outcome(0, 0, 0, 0))
+            found = _outcomes(effect, binding, focus, OperatorOutcome(0, 0, 0, 0))
             outcomes += found
             cost += (
                 _price(action, i) if any(o.sets or o.clears or o.deleted for o in found) else 0.0
@@ -259,7 +259,9 @@ def _place(schema: ActionSchema, binding: Binding, focus: Focus) -> str | None:
     return None
 
 
-def _outcomes(effect: EffectDef, binding: Binding, focus: Focus, given: Outcome) -> list[Outcome]:
+def _outcomes(
+    effect: EffectDef, binding: Binding, focus: Focus, given: OperatorOutcome
+) -> list[OperatorOutcome]:
     """The changes that a special effect makes in the end."""
     if isinstance(effect, Creation):
         born = [n for n in focus.names if _can_be(n, effect, focus)]
@@ -269,13 +271,13 @@ def _outcomes(effect: EffectDef, binding: Binding, focus: Focus, given: Outcome)
         sets = focus.mask([(EXISTS, born[0]), *_atoms(effect.fx, binding, True)])
         lacks = given.lacks | focus.mask([(EXISTS, born[0])])
         clears = focus.mask(_atoms(effect.fx, binding, False))
-        return [Outcome(given.holds, lacks, clears, sets)]
+        return [OperatorOutcome(given.holds, lacks, clears, sets)]
     conditions = getattr(effect, "conditions", ())
     static = focus.vocabulary.world.table.static_predicates
     for c in conditions:
         if c.predicate in static and not focus.vocabulary.static_holds(c, binding):
             return []
-    given = Outcome(
+    given = OperatorOutcome(
         given.holds | focus.mask(_atoms(conditions, binding, True)),
         given.lacks | focus.mask(a for a in _atoms(conditions, binding, False) if not _vague(a)),
         0,
@@ -285,7 +287,7 @@ def _outcomes(effect: EffectDef, binding: Binding, focus: Focus, given: Outcome)
     sets = focus.mask(_atoms(effect.fx, binding, True))
     gone = binding[effect.param] if isinstance(effect, Deletion) else ""
     gone = gone if gone in focus.names else ""
-    found = [Outcome(given.holds, given.lacks, clears, sets, gone)]
+    found = [OperatorOutcome(given.holds, given.lacks, clears, sets, gone)]
     for nested in effect.sfx:
         found += _outcomes(nested, binding, focus, given)
     return found

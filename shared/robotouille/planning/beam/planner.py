@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 from robotouille.planning.action_elimination import tidy
 from robotouille.planning.beam.assignment import assignments
-from robotouille.planning.beam.beam_search import Found, Search, Style
+from robotouille.planning.beam.beam_search import BeamResult, Search, SearchStyle
 from robotouille.planning.beam.goal_ordering import Ordering
 from robotouille.planning.beam.relevance import Relevance
-from robotouille.planning.beam.remaining_work import Binding, Estimate, Workbench
+from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
 from robotouille.planning.plan import Plan
 from robotouille.world.state import State
 from robotouille.world.world import World
@@ -53,7 +53,7 @@ class Planner:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._bench = Workbench(world)
+        self._bench = HeuristicContext(world)
         self._ordering: Ordering | None = None
 
     def solve(
@@ -75,7 +75,7 @@ class Planner:
             return Solution(Plan(()), True, 0.0, 0)
         players = tuple(p for p in self._world.players if p in team or not team)
         searches = [s for s in self._searches(state, players, choices) if s is not None]
-        best: Found | None = None
+        best: BeamResult | None = None
         spent = 0
         for style, number in _styles(len(players)):
             enough = expansions if best is not None and best.reached else PATIENCE * expansions
@@ -89,7 +89,7 @@ class Planner:
             best = _better(best, found)
         return self._solution(state, best, spent)
 
-    def _solution(self, state: State, best: Found | None, spent: int) -> Solution:
+    def _solution(self, state: State, best: BeamResult | None, spent: int) -> Solution:
         if best is None:
             return Solution(Plan(()), False, float("inf"), spent)
         if not best.reached:
@@ -103,10 +103,14 @@ class Planner:
             yield self._search(state, binding, players, ordering)
 
     def _search(
-        self, state: State, binding: Binding, players: tuple[str, ...], ordering: Ordering | None
+        self,
+        state: State,
+        binding: GoalBinding,
+        players: tuple[str, ...],
+        ordering: Ordering | None,
     ) -> Search:
         rules = ordering.rules(binding) if ordering is not None else None
-        estimate = Estimate(self._bench, binding, state.facts, rules)
+        estimate = RemainingWork(self._bench, binding, state.facts, rules)
         relevance = Relevance(self._bench, state, estimate, len(players))
         return Search(self._world, state, estimate, relevance, players)
 
@@ -121,14 +125,14 @@ class Planner:
         return self._ordering
 
 
-def _styles(players: int) -> Iterator[tuple[Style, int]]:
+def _styles(players: int) -> Iterator[tuple[SearchStyle, int]]:
     """Searches that differ, the narrow ones first."""
     for number, width in enumerate(WIDTHS):
         effort, chain = MANNERS[number % len(MANNERS)]
-        yield Style(width, effort, chain if players > 1 else 0.0), number
+        yield SearchStyle(width, effort, chain if players > 1 else 0.0), number
 
 
-def _better(best: Found | None, found: Found) -> Found:
+def _better(best: BeamResult | None, found: BeamResult) -> BeamResult:
     if best is None or (found.reached and not best.reached):
         return found
     if found.reached and len(found.steps) < len(best.steps):

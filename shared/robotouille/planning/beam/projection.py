@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 
-from robotouille.planning.beam.domain_analysis import Vocabulary
+from robotouille.planning.beam.domain_analysis import DomainAnalysis
 from robotouille.planning.beam.object_operators import Focus, Operator, operators
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
@@ -32,7 +32,7 @@ class Projection:
 
     def __init__(
         self,
-        vocabulary: Vocabulary,
+        vocabulary: DomainAnalysis,
         names: tuple[str, ...],
         goal: frozenset[Atom],
         guest: Atom | None = None,
@@ -174,7 +174,7 @@ def _by_bit(operators: list[Operator]) -> dict[int, list[Operator]]:
     return found
 
 
-def _mask(vocabulary: Vocabulary, names: tuple[str, ...], stations: frozenset[str]) -> int:
+def _mask(vocabulary: DomainAnalysis, names: tuple[str, ...], stations: frozenset[str]) -> int:
     """The atoms of the world on which a node depends."""
     table = vocabulary.world.table
     mask = 0

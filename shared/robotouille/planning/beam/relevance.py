@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille.planning.beam.remaining_work import Estimate, Workbench
+from robotouille.planning.beam.remaining_work import HeuristicContext, RemainingWork
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.state import State
@@ -19,7 +19,9 @@ class Relevance:
     support is about them, or if they lie in the way.
     """
 
-    def __init__(self, bench: Workbench, state: State, estimate: Estimate, players: int) -> None:
+    def __init__(
+        self, bench: HeuristicContext, state: State, estimate: RemainingWork, players: int
+    ) -> None:
         self._vocabulary = bench.vocabulary
         self._world = bench.world
         self._facts = state.facts

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from robotouille.planning.beam.domain_analysis import Vocabulary
+from robotouille.planning.beam.domain_analysis import DomainAnalysis
 from robotouille.planning.beam.projection import DEAD, Projection
 from robotouille.planning.beam.timer_forecast import Forecast, Forecaster
 from robotouille.world.grounding.atoms import EXISTS, bits_of
@@ -19,9 +19,9 @@ from robotouille.world.grounding.objects import Atom
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["Binding", "Estimate", "Workbench"]
+__all__ = ["GoalBinding", "HeuristicContext", "RemainingWork"]
 
-Binding = dict[int | str, str]
+GoalBinding = dict[int | str, str]
 
 Entry = tuple[float, int, "dict[int, float] | None"]
 
@@ -36,14 +36,14 @@ REDOING = 2.0
 
 
 @dataclass
-class Part:
+class GoalPart:
     """The work on one object: the largest of its distances in several projections.
 
     An entry of `known` is (steps, mask of places, held). If nobody holds the object, being at one
     of the places saves a walk; if somebody does, `held` gives the steps by the place of the holder.
     """
 
-    vocabulary: Vocabulary
+    vocabulary: DomainAnalysis
     projections: list[Projection]
     owned: bool = True
     mask: int = 0
@@ -113,14 +113,14 @@ class Part:
         return None
 
 
-class Workbench:
+class HeuristicContext:
     """The projections of a world, made when first needed and kept."""
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.vocabulary = Vocabulary(world)
+        self.vocabulary = DomainAnalysis(world)
         self.forecast = Forecaster(world)
-        self._parts: dict[tuple[tuple[str, ...], frozenset[Atom], frozenset[Atom]], Part] = {}
+        self._parts: dict[tuple[tuple[str, ...], frozenset[Atom], frozenset[Atom]], GoalPart] = {}
         self._supporters: dict[tuple[str, frozenset[Atom], frozenset[str]], list[str]] = {}
         self._size = 0
 
@@ -138,7 +138,7 @@ class Workbench:
                 self._make_room()
         if self._size != len(self.world.table.atoms):
             self._size = len(self.world.table.atoms)
-            self.vocabulary = Vocabulary(self.world)
+            self.vocabulary = DomainAnalysis(self.world)
             self.forecast = Forecaster(self.world)
             self._parts.clear()
             self._supporters.clear()
@@ -148,7 +148,7 @@ class Workbench:
         with suppress(ValueError):
             self.world.restore((2 << len(self.world.table.atoms)) - 1, ())
 
-    def parts(self, atoms: list[Atom], facts: int) -> list[Part]:
+    def parts(self, atoms: list[Atom], facts: int) -> list[GoalPart]:
         """The parts of a goal; each atom is the work of the first movable it mentions."""
         owned: dict[str, list[Atom]] = {}
         guests: dict[str, list[Atom]] = {}
@@ -159,8 +159,8 @@ class Workbench:
                 guests.setdefault(other, []).append(atom)
         names = list(dict.fromkeys([*owned, *guests]))
         taken = frozenset(names)
-        parts: list[Part] = []
-        made: list[list[Part]] = []
+        parts: list[GoalPart] = []
+        made: list[list[GoalPart]] = []
         for name in names:
             goal, hosted = frozenset(owned.get(name, ())), frozenset(guests.get(name, ()))
             options = [
@@ -173,17 +173,19 @@ class Workbench:
                 parts.append(options[0])
         return parts + _share(made, facts)
 
-    def _part(self, names: tuple[str, ...], goal: frozenset[Atom], hosted: frozenset[Atom]) -> Part:
+    def _part(
+        self, names: tuple[str, ...], goal: frozenset[Atom], hosted: frozenset[Atom]
+    ) -> GoalPart:
         key = (names, goal, hosted)
         part = self._parts.get(key)
         if part is None:
             focus = tuple(name for name in names if name)
             guests: list[Atom | None] = [*sorted(hosted)] or [None]
             projections = [Projection(self.vocabulary, focus, goal, guest) for guest in guests]
-            part = self._parts[key] = Part(self.vocabulary, projections, bool(goal))
+            part = self._parts[key] = GoalPart(self.vocabulary, projections, bool(goal))
         return part
 
-    def _can_fail(self, part: Part, facts: int) -> bool:
+    def _can_fail(self, part: GoalPart, facts: int) -> bool:
         part.distance(facts)
         return any(projection.has_dead_ends for projection in part.projections)
 
@@ -208,9 +210,9 @@ class Workbench:
         return found
 
 
-def _share(made: list[list[Part]], facts: int) -> list[Part]:
+def _share(made: list[list[GoalPart]], facts: int) -> list[GoalPart]:
     """One option of each list, no two with the same support while there are enough."""
-    chosen: list[Part] = []
+    chosen: list[GoalPart] = []
     used: set[str] = set()
     for options in sorted(made, key=lambda options: min(p.distance(facts) for p in options)):
         free = [p for p in options if p.focus[-1] not in used] or options
@@ -220,7 +222,7 @@ def _share(made: list[list[Part]], facts: int) -> list[Part]:
     return chosen
 
 
-class Estimate:
+class RemainingWork:
     """The work left until one choice of objects meets the goal.
 
     `atoms` are the goal's under that choice, or some of them; `rules` come from `ordering.py`;
@@ -229,8 +231,8 @@ class Estimate:
 
     def __init__(
         self,
-        bench: Workbench,
-        binding: Binding,
+        bench: HeuristicContext,
+        binding: GoalBinding,
         facts: int,
         rules: Mapping[str, tuple[int, int]] | None = None,
         atoms: list[Atom] | None = None,
@@ -321,14 +323,14 @@ class Estimate:
         return sets if any(nearer) else 0
 
 
-def _hands(vocabulary: Vocabulary) -> list[tuple[int, int]]:
+def _hands(vocabulary: DomainAnalysis) -> list[tuple[int, int]]:
     """For each player, the masks of where it can be and of what it can hold."""
     movable = _about_movables(vocabulary)
     mentions = vocabulary.world.table.mentions
     return [(vocabulary.places[p], mentions(p) & movable) for p in vocabulary.world.players]
 
 
-def _about_movables(vocabulary: Vocabulary) -> int:
+def _about_movables(vocabulary: DomainAnalysis) -> int:
     table = vocabulary.world.table
     mask = 0
     for kind, names in table.by_type.items():
@@ -338,7 +340,7 @@ def _about_movables(vocabulary: Vocabulary) -> int:
     return mask
 
 
-def _useless(vocabulary: Vocabulary, parts: list[Part]) -> int:
+def _useless(vocabulary: DomainAnalysis, parts: list[GoalPart]) -> int:
     """The atoms between a player and a movable on which no work is left to do."""
     mask = 0
     for _, hold in _hands(vocabulary):
@@ -348,7 +350,9 @@ def _useless(vocabulary: Vocabulary, parts: list[Part]) -> int:
     return mask
 
 
-def _meetings(part: Part, parts: list[Part], bench: Workbench) -> list[tuple[int, int]]:
+def _meetings(
+    part: GoalPart, parts: list[GoalPart], bench: HeuristicContext
+) -> list[tuple[int, int]]:
     """Where an object can be that has to be brought to another, wherever that one is.
 
     Pairs of masks: the other is at a station; some player is there.

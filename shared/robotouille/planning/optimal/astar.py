@@ -19,7 +19,7 @@ from robotouille.planning.optimal.joint_actions import Transitions
 from robotouille.planning.optimal.relaxation.schema_grounding import TooLargeError
 from robotouille.planning.optimal.symmetry import Symmetry
 from robotouille.planning.plan import Joint, Plan
-from robotouille.planning.search_result import UNLIMITED, Answer, Limits, Proof, Watch
+from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
@@ -45,7 +45,7 @@ def solve(
     limits: Limits = UNLIMITED,
     watch: Watch | None = None,
     symmetry: bool = True,
-) -> Answer:
+) -> SearchResult:
     """The shortest plan of all players of a world together, from `start` or from the beginning.
 
     By default LM-cut guides the search, or nothing where a relaxation would be too large. With
@@ -53,7 +53,7 @@ def solve(
     """
     state = world.initial if start is None else start
     if state.goal_reached:
-        return Answer(Plan(()), 0, Proof.EXHAUSTED, PLANNER, 0)
+        return SearchResult(Plan(()), 0, Proof.EXHAUSTED, PLANNER, 0)
     guide = _default(world, state) if heuristic is None else heuristic
     return _Search(world, guide, limits, watch, symmetry).run(state)
 
@@ -65,7 +65,7 @@ def _default(world: World, start: State) -> Heuristic:
         return BLIND
 
 
-class Node(NamedTuple):
+class SearchNode(NamedTuple):
     """A state on the way, and how it was reached; `left` is the least number of steps missing."""
 
     facts: int
@@ -74,7 +74,7 @@ class Node(NamedTuple):
     steps: int
     left: int
     evaluated: bool
-    parent: Node | None
+    parent: SearchNode | None
     joint: Joint
 
 
@@ -97,16 +97,16 @@ class _Search:
         self._key = _keys(world, symmetry)
         self._proof = Proof.EXHAUSTED if isinstance(heuristic, Blind) else Proof.HEURISTIC
         self._known: dict[Key, int] = {}
-        self._open: defaultdict[int, list[Node]] = defaultdict(list)
+        self._open: defaultdict[int, list[SearchNode]] = defaultdict(list)
         self._bound = 0
         self._expansions = 0
         self._looks = 0
         self._stopped = False
 
-    def run(self, start: State) -> Answer:
+    def run(self, start: State) -> SearchResult:
         key = self._key(start.facts, start.timers)
         self._known[key] = 0
-        self._open[1].append(Node(start.facts, start.timers, key, 0, 1, False, None, ()))
+        self._open[1].append(SearchNode(start.facts, start.timers, key, 0, 1, False, None, ()))
         while self._open:
             self._bound = min(self._open)
             goal = self._work_off(self._open[self._bound])
@@ -117,7 +117,7 @@ class _Search:
             del self._open[self._bound]
         return self._answer(None, unsolvable=True)
 
-    def _work_off(self, nodes: list[Node]) -> Node | None:
+    def _work_off(self, nodes: list[SearchNode]) -> SearchNode | None:
         """Look at every state of the least length, until the goal is reached or it is stopped."""
         while nodes and not self._exhausted():
             node = nodes.pop()
@@ -136,7 +136,7 @@ class _Search:
                 return goal
         return None
 
-    def _expand(self, node: Node) -> Node | None:
+    def _expand(self, node: SearchNode) -> SearchNode | None:
         """Add a state's successors; the goal, if it is among them.
 
         That is then as near as any: the state had at least one step to go, and its least length
@@ -154,7 +154,7 @@ class _Search:
             if before is not None and before <= steps:
                 continue
             known[key] = steps
-            after = Node(facts, timers, key, steps, least, False, node, joint)
+            after = SearchNode(facts, timers, key, steps, least, False, node, joint)
             if self._reached(facts):
                 return after
             front.append(after)
@@ -174,11 +174,11 @@ class _Search:
             self._stopped = limits.stop is not None and limits.stop()
         return self._stopped
 
-    def _answer(self, plan: Plan | None, unsolvable: bool = False) -> Answer:
-        return Answer(plan, self._bound, self._proof, PLANNER, self._expansions, unsolvable)
+    def _answer(self, plan: Plan | None, unsolvable: bool = False) -> SearchResult:
+        return SearchResult(plan, self._bound, self._proof, PLANNER, self._expansions, unsolvable)
 
 
-def _plan(goal: Node) -> Plan:
+def _plan(goal: SearchNode) -> Plan:
     steps: list[Joint] = []
     node = goal
     while node.parent is not None:

@@ -12,10 +12,10 @@ from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["Move", "Transitions"]
+__all__ = ["JointMove", "Transitions"]
 
 
-class Move(NamedTuple):
+class JointMove(NamedTuple):
     """The facts and timers after a step, and the joint action that it took."""
 
     facts: int
@@ -35,27 +35,27 @@ class Transitions:
         self._world = world
         self._players = world.players
 
-    def moves(self, facts: int, timers: Timers) -> Iterable[Move]:
+    def moves(self, facts: int, timers: Timers) -> Iterable[JointMove]:
         """All steps that change anything or let time pass, each result once for each way."""
         if len(self._players) == 1:
             return self._alone(facts, timers)
         return self._together(facts, timers)
 
-    def _alone(self, facts: int, timers: Timers) -> list[Move]:
+    def _alone(self, facts: int, timers: Timers) -> list[JointMove]:
         found = []
         if timers:
-            found.append(Move(*_let_time_pass(facts, timers), ()))
+            found.append(JointMove(*_let_time_pass(facts, timers), ()))
         for action in self._world.actions(State(self._world, facts, timers), self._players[0]):
             after, running = _act(facts, timers, action)
             if running:
                 after, running = _let_time_pass(after, running)
-            found.append(Move(after, running, (action,)))
+            found.append(JointMove(after, running, (action,)))
         return found
 
-    def _together(self, facts: int, timers: Timers) -> Iterator[Move]:
+    def _together(self, facts: int, timers: Timers) -> Iterator[JointMove]:
         """Continue what the players can have done before time passes, and let it pass."""
         if timers:
-            yield Move(*_let_time_pass(facts, timers), ())
+            yield JointMove(*_let_time_pass(facts, timers), ())
         start = (facts, timers, frozenset[str]())
         found: dict[tuple[int, Timers, frozenset[str]], Joint] = {start: ()}
         frontier = deque([start])
@@ -73,7 +73,7 @@ class Transitions:
                         continue
                     joint = found[reached] = (*found[key], action)
                     frontier.append(reached)
-                    yield Move(*_let_time_pass(after, started), joint)
+                    yield JointMove(*_let_time_pass(after, started), joint)
 
 
 def _act(facts: int, timers: Timers, action: GroundAction) -> tuple[int, Timers]:

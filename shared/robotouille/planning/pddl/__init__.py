@@ -2,6 +2,6 @@
 
 from robotouille.planning.pddl.expressiveness import PddlError
 from robotouille.planning.pddl.foreign_plans import read_pddl_plan
-from robotouille.planning.pddl.task_encoding import Encoding, Style, encode
+from robotouille.planning.pddl.task_encoding import Encoding, EncodingStyle, encode
 
-__all__ = ["Encoding", "PddlError", "Style", "encode", "read_pddl_plan"]
+__all__ = ["Encoding", "EncodingStyle", "PddlError", "encode", "read_pddl_plan"]

@@ -19,15 +19,21 @@ from robotouille.planning.pddl.lifting.goal_action import (
 )
 from robotouille.planning.pddl.lifting.instants import instant_actions
 from robotouille.planning.pddl.lifting.lifted import SEAT, Lifted
-from robotouille.planning.pddl.lifting.timer_facts import NUMBER, QUIET, Part, Timer, literals
+from robotouille.planning.pddl.lifting.timer_facts import (
+    NUMBER,
+    QUIET,
+    TimerFacts,
+    TimerPart,
+    literals,
+)
 from robotouille.planning.pddl.step_encoding import acting, numbers_of, successions
 from robotouille.planning.pddl.syntax import (
-    Action,
-    Domain,
-    Durative,
-    Effect,
+    DurativeAction,
     Literal,
-    Problem,
+    PddlAction,
+    PddlDomain,
+    PddlEffect,
+    PddlProblem,
     Term,
     Variable,
 )
@@ -41,12 +47,12 @@ REQUIREMENTS = (
 )  # fmt: skip
 
 
-def encode_durative(lifted: Lifted) -> tuple[Domain, Problem]:
+def encode_durative(lifted: Lifted) -> tuple[PddlDomain, PddlProblem]:
     """The domain and problem of a world; raises PddlError where it cannot be said."""
     quiet: tuple[Literal, ...] = ((QUIET, True),) if lifted.instants else ()
     numbers = numbers_of(lifted)
     delays = [(timer, part) for timer in lifted.timers for part in _delays(timer)]
-    domain = Domain(
+    domain = PddlDomain(
         requirements=REQUIREMENTS,
         types={SEAT: "object", **lifted.types, NUMBER: "object"},
         constants=(*numbers[:2], *lifted.constants),
@@ -75,7 +81,9 @@ def encode_durative(lifted: Lifted) -> tuple[Domain, Problem]:
     return domain, _problem(lifted, numbers, delays)
 
 
-def _problem(lifted: Lifted, numbers: list[Variable], delays: list[tuple[Timer, Part]]) -> Problem:
+def _problem(
+    lifted: Lifted, numbers: list[Variable], delays: list[tuple[TimerFacts, TimerPart]]
+) -> PddlProblem:
     repeated = {
         timer.last(part, "", "")[0]
         for timer in lifted.timers
@@ -89,7 +97,7 @@ def _problem(lifted: Lifted, numbers: list[Variable], delays: list[tuple[Timer, 
     values: dict[Term, int] = {
         (lasts[t[0]], t[1]): n + 1 for t, n in lifted.last_counts() if t[0] in lasts
     }
-    return Problem(
+    return PddlProblem(
         objects=(*lifted.objects, *numbers[2:]),
         facts=tuple(facts),
         goal=DONE,
@@ -106,26 +114,26 @@ def _notes(lifted: Lifted) -> tuple[str, ...]:
     )
 
 
-def _act(lifted: Lifted, schema: ActionSchema, quiet: tuple[Literal, ...]) -> Durative:
+def _act(lifted: Lifted, schema: ActionSchema, quiet: tuple[Literal, ...]) -> DurativeAction:
     parameters = lifted.parameters(schema)
     seat = parameters[0][0] if schema.player else "?~seat"
     others = () if schema.player else ((seat, SEAT),)
     effects = [_without_pauses(lifted, e) for e in acting(lifted, schema, ends_now=True)]
-    return Durative(
+    return DurativeAction(
         name=schema.name,
         parameters=(*parameters, *others),
         duration=1,
         at_start=((("~free", seat), True), *quiet, *lifted.condition(schema)),
         over_all=(),
         start_effects=(
-            Effect(((("~free", seat), False),)),
+            PddlEffect(((("~free", seat), False),)),
             *(effect for effect in effects if effect.literals),
         ),
-        end_effects=(Effect(((("~free", seat), True),)),),
+        end_effects=(PddlEffect(((("~free", seat), True),)),),
     )
 
 
-def _without_pauses(lifted: Lifted, effect: Effect) -> Effect:
+def _without_pauses(lifted: Lifted, effect: PddlEffect) -> PddlEffect:
     """An effect without what only the end of a step looks at; empty if it depends on that."""
     unsaid = _unsaid(lifted)
     over = {t.over: t.active for t in lifted.timers if (t.over, True) in effect.literals}
@@ -138,7 +146,7 @@ def _without_pauses(lifted: Lifted, effect: Effect) -> Effect:
     if any(term[0] in unsaid and value for term, value in effect.condition):
         kept = []
     condition = tuple(lit for lit in effect.condition if lit[0][0] not in unsaid)
-    return Effect(tuple(kept), condition, effect.variables)
+    return PddlEffect(tuple(kept), condition, effect.variables)
 
 
 def _unsaid(lifted: Lifted) -> set[str]:
@@ -153,7 +161,7 @@ def _unsaid(lifted: Lifted) -> set[str]:
     return found
 
 
-def _delays(timer: Timer) -> Iterator[Part]:
+def _delays(timer: TimerFacts) -> Iterator[TimerPart]:
     """The delay of an effect, if it has one; PddlError for shapes that cannot be said."""
     part = timer.root
     if isinstance(part.definition, Conditional) and len(part.nested) == 1:
@@ -167,31 +175,31 @@ def _delays(timer: Timer) -> Iterator[Part]:
         )
 
 
-def _follows(timer: Timer) -> bool:
+def _follows(timer: TimerFacts) -> bool:
     """Whether an effect waits for its conditions, and for nothing else."""
     return isinstance(timer.root.definition, Conditional) and not timer.root.nested
 
 
-def _running(timer: Timer) -> Term:
+def _running(timer: TimerFacts) -> Term:
     return (f"~{timer.name}:running", *(name for name, _ in timer.variables))
 
 
-def _lasts(timer: Timer, part: Part, subject: str) -> Term:
+def _lasts(timer: TimerFacts, part: TimerPart, subject: str) -> Term:
     return (f"~{timer.name}:lasts:{part.slot}", subject)
 
 
-def _delay(timer: Timer, part: Part) -> Durative:
+def _delay(timer: TimerFacts, part: TimerPart) -> DurativeAction:
     root = timer.root.definition
     due = [(timer.due(child), True) for child in part.nested]
-    return Durative(
+    return DurativeAction(
         name=f"~delay:{timer.name}:{part.slot}",
         parameters=timer.variables,
         duration=_lasts(timer, part, part.subject),
         at_start=((timer.active, True), (_running(timer), False)),
         over_all=literals(root.conditions) if isinstance(root, Conditional) else (),
-        start_effects=(Effect(((_running(timer), True),)),),
+        start_effects=(PddlEffect(((_running(timer), True),)),),
         end_effects=(
-            Effect(
+            PddlEffect(
                 (
                     (_running(timer), False),
                     (timer.active, False),
@@ -204,10 +212,10 @@ def _delay(timer: Timer, part: Part) -> Durative:
     )
 
 
-def _follow(timer: Timer) -> Action:
+def _follow(timer: TimerFacts) -> PddlAction:
     definition = timer.root.definition
     if not isinstance(definition, Conditional):
         raise AssertionError(f"{timer.name} waits for nothing")
     condition = ((timer.active, True), *literals(definition.conditions))
-    effect = Effect(((timer.active, False), *literals(definition.fx)))
-    return Action(f"~follow:{timer.name}", timer.variables, condition, (effect,))
+    effect = PddlEffect(((timer.active, False), *literals(definition.fx)))
+    return PddlAction(f"~follow:{timer.name}", timer.variables, condition, (effect,))

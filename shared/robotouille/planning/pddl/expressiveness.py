@@ -9,7 +9,7 @@ from robotouille.domain.schema import Creation
 from robotouille.errors import RobotouilleError
 from robotouille.planning.pddl.lifting.lifted import Lifted
 from robotouille.planning.pddl.lifting.symbolic_runs import runs
-from robotouille.planning.pddl.lifting.timer_facts import Timer, literals, tick
+from robotouille.planning.pddl.lifting.timer_facts import TimerFacts, literals, tick
 from robotouille.planning.pddl.syntax import Term
 
 __all__ = ["PddlError", "check"]
@@ -38,7 +38,7 @@ def check(lifted: Lifted) -> None:
                     )
 
 
-def _written(timer: Timer) -> Iterator[Term]:
+def _written(timer: TimerFacts) -> Iterator[Term]:
     """What a passive update can change, but for facts about an object that it creates."""
     for run in runs(partial(tick, timer=timer)):
         yield from run.writes
@@ -49,13 +49,13 @@ def _written(timer: Timer) -> Iterator[Term]:
             yield from (term for term, _ in literals(definition.fx) if new not in term)
 
 
-def _tested(lifted: Lifted, timer: Timer) -> Iterator[Term]:
+def _tested(lifted: Lifted, timer: TimerFacts) -> Iterator[Term]:
     fluents = lifted.world.table.fluents
     for run in runs(partial(tick, timer=timer)):
         yield from (term for term, _ in run.tests if term[0] in fluents)
 
 
-def _clash(writer: Timer, reader: Timer, written: Term, tested: Term) -> bool:
+def _clash(writer: TimerFacts, reader: TimerFacts, written: Term, tested: Term) -> bool:
     """Whether two different effects may concern the same atom."""
     if written[0] != tested[0]:
         return False

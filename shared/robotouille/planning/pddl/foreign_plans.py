@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from robotouille.domain.schema import Creation
 from robotouille.errors import Fault, FileError
 from robotouille.planning.pddl.lifting.instants import instant_name
-from robotouille.planning.pddl.task_encoding import Encoding, Style, encode
+from robotouille.planning.pddl.task_encoding import Encoding, EncodingStyle, encode
 from robotouille.planning.plan import Plan
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
@@ -60,7 +60,9 @@ def read_pddl_plan(
     """
     lines = list(_lines(text, source))
     timed = any(line.time is not None for line in lines)
-    encoding = encode(world, Style.DURATIVE if timed else Style.STEPS, created=created)
+    encoding = encode(
+        world, EncodingStyle.DURATIVE if timed else EncodingStyle.STEPS, created=created
+    )
     reader = _Reader(world, encoding)
     for line in sorted(lines, key=lambda line: line.time or 0.0):
         try:

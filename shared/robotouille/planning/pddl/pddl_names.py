@@ -10,7 +10,7 @@ import re
 
 from robotouille.world.world import World
 
-__all__ = ["Names"]
+__all__ = ["PddlNames"]
 
 _TAKEN = frozenset((
     "all", "and", "assign", "at", "decrease", "define", "domain", "either", "end", "exists",
@@ -19,7 +19,7 @@ _TAKEN = frozenset((
 ))  # fmt: skip
 
 
-class Names:
+class PddlNames:
     """What types, predicates, actions and objects of a world are called in PDDL, and back."""
 
     def __init__(self, world: World) -> None:

@@ -18,14 +18,14 @@ from robotouille.planning.pddl.lifting.goal_action import (
 )
 from robotouille.planning.pddl.lifting.instants import instant_actions
 from robotouille.planning.pddl.lifting.lifted import SEAT, Lifted
-from robotouille.planning.pddl.lifting.symbolic_runs import Run, effects_of, runs
+from robotouille.planning.pddl.lifting.symbolic_runs import SymbolicRun, effects_of, runs
 from robotouille.planning.pddl.lifting.timer_facts import NUMBER, QUIET, literals, perform, tick
 from robotouille.planning.pddl.syntax import (
-    Action,
-    Domain,
-    Effect,
     Literal,
-    Problem,
+    PddlAction,
+    PddlDomain,
+    PddlEffect,
+    PddlProblem,
     Term,
     Variable,
 )
@@ -41,11 +41,11 @@ REQUIREMENTS = (
 )  # fmt: skip
 
 
-def encode_steps(lifted: Lifted) -> tuple[Domain, Problem]:
+def encode_steps(lifted: Lifted) -> tuple[PddlDomain, PddlProblem]:
     """The domain and problem of a world."""
     quiet: tuple[Literal, ...] = ((QUIET, True),) if lifted.instants else ()
     numbers = numbers_of(lifted)
-    domain = Domain(
+    domain = PddlDomain(
         requirements=REQUIREMENTS,
         types={ACTOR: "object", SEAT: ACTOR, **lifted.types, NUMBER: "object"},
         constants=((CLOCK, ACTOR), *numbers[:2], *lifted.constants),
@@ -68,7 +68,7 @@ def encode_steps(lifted: Lifted) -> tuple[Domain, Problem]:
         ),
         notes=_notes(lifted),
     )
-    problem = Problem(
+    problem = PddlProblem(
         objects=(*lifted.objects, *numbers[2:]),
         facts=tuple(_facts(lifted, numbers)),
         goal=DONE,
@@ -110,27 +110,27 @@ def _hand_over(who: str, following: str) -> tuple[Literal, ...]:
     return ((("~turn", who), False), (("~turn", following), True))
 
 
-def _act(lifted: Lifted, schema: ActionSchema, quiet: tuple[Literal, ...]) -> Action:
+def _act(lifted: Lifted, schema: ActionSchema, quiet: tuple[Literal, ...]) -> PddlAction:
     parameters = lifted.parameters(schema)
     seat = parameters[0][0] if schema.player else "?~seat"
     others = () if schema.player else ((seat, SEAT),)
     alone = len(lifted.world.players) == 1
     condition = lifted.condition(schema)
-    return Action(
+    return PddlAction(
         schema.name,
         (*parameters, *others, ("?~next", ACTOR)),
         (*_turn(seat), _after(seat, "?~next"), *quiet, *condition),
-        (Effect(_hand_over(seat, "?~next")), *acting(lifted, schema, ends_now=alone)),
+        (PddlEffect(_hand_over(seat, "?~next")), *acting(lifted, schema, ends_now=alone)),
     )
 
 
-def acting(lifted: Lifted, schema: ActionSchema, *, ends_now: bool) -> Iterator[Effect]:
+def acting(lifted: Lifted, schema: ActionSchema, *, ends_now: bool) -> Iterator[PddlEffect]:
     """What an action does at once: its immediate effects, and those that it starts or drives.
 
     `ends_now` says that no effect has completed earlier in the same step, e.g. by another player.
     """
 
-    def perform_all(run: Run) -> None:
+    def perform_all(run: SymbolicRun) -> None:
         run.write(*literals(schema.definition.immediate_fx))
         for timer in lifted.own[schema.name]:
             perform(run, timer)
@@ -139,26 +139,26 @@ def acting(lifted: Lifted, schema: ActionSchema, *, ends_now: bool) -> Iterator[
     return effects_of(runs(perform_all, (*lifted.condition(schema), *fresh)))
 
 
-def _pass(quiet: tuple[Literal, ...]) -> Action:
-    return Action(
+def _pass(quiet: tuple[Literal, ...]) -> PddlAction:
+    return PddlAction(
         "~pass",
         (("?~seat", SEAT), ("?~next", ACTOR)),
         (*_turn("?~seat"), _after("?~seat", "?~next"), *quiet),
-        (Effect(_hand_over("?~seat", "?~next")),),
+        (PddlEffect(_hand_over("?~seat", "?~next")),),
     )
 
 
-def _tick(lifted: Lifted, quiet: tuple[Literal, ...]) -> Action:
+def _tick(lifted: Lifted, quiet: tuple[Literal, ...]) -> PddlAction:
     effects = [
         effect
         for timer in lifted.timers
         for effect in effects_of(runs(partial(tick, timer=timer)), timer.variables)
     ]
-    return Action(
+    return PddlAction(
         "~tick",
         (_FIRST,),
         (*_turn(CLOCK), _after(CLOCK, _FIRST[0]), *quiet),
-        (Effect(_hand_over(CLOCK, _FIRST[0])), *effects),
+        (PddlEffect(_hand_over(CLOCK, _FIRST[0])), *effects),
         cost=1,
     )
 

@@ -1,6 +1,6 @@
 """The part of PDDL that is written: actions over literals, and their text.
 
-Names in these values are the world's own; `Names` says them in PDDL when text is made. Names that
+Names in these values are the world's own; `PddlNames` says them in PDDL when text is made. Names that
 begin with `~` are the encoding's (`~turn`), those with `?` are variables.
 """
 
@@ -9,9 +9,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from robotouille.planning.pddl.pddl_names import Names
+from robotouille.planning.pddl.pddl_names import PddlNames
 
-__all__ = ["Action", "Domain", "Durative", "Effect", "Literal", "Problem", "Term", "Variable"]
+__all__ = [
+    "DurativeAction",
+    "Literal",
+    "PddlAction",
+    "PddlDomain",
+    "PddlEffect",
+    "PddlProblem",
+    "Term",
+    "Variable",
+]
 
 Term = tuple[str, ...]
 """A predicate and its arguments: names of objects, or variables."""
@@ -24,7 +33,7 @@ Predicates = Mapping[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class PddlEffect:
     """For all values of the variables for which the condition holds, the literals become true."""
 
     literals: tuple[Literal, ...]
@@ -33,18 +42,18 @@ class Effect:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
+class PddlAction:
     """An action of no duration; `cost` is what it adds to the total cost, if that is counted."""
 
     name: str
     parameters: tuple[Variable, ...]
     condition: tuple[Literal, ...]
-    effects: tuple[Effect, ...]
+    effects: tuple[PddlEffect, ...]
     cost: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Durative:
+class DurativeAction:
     """A durative action. `duration` is a number, or the term of a function of the problem."""
 
     name: str
@@ -52,12 +61,12 @@ class Durative:
     duration: int | Term
     at_start: tuple[Literal, ...]
     over_all: tuple[Literal, ...]
-    start_effects: tuple[Effect, ...]
-    end_effects: tuple[Effect, ...]
+    start_effects: tuple[PddlEffect, ...]
+    end_effects: tuple[PddlEffect, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Domain:
+class PddlDomain:
     """A domain. `types` gives each type its supertype, `notes` become comments at the top."""
 
     requirements: tuple[str, ...]
@@ -65,10 +74,10 @@ class Domain:
     constants: tuple[Variable, ...]
     predicates: Predicates
     functions: Predicates
-    actions: tuple[Action | Durative, ...]
+    actions: tuple[PddlAction | DurativeAction, ...]
     notes: tuple[str, ...] = ()
 
-    def text(self, names: Names) -> str:
+    def text(self, names: PddlNames) -> str:
         """The domain file."""
         types = (f"{names.type(t)} - {names.type(above)}" for t, above in self.types.items())
         blocks = [
@@ -85,7 +94,7 @@ class Domain:
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class PddlProblem:
     """A problem: objects, initial facts and values of functions, and a goal of one fact."""
 
     objects: tuple[Variable, ...]
@@ -94,7 +103,7 @@ class Problem:
     metric: str
     values: Mapping[Term, int] = field(default_factory=dict)
 
-    def text(self, names: Names) -> str:
+    def text(self, names: PddlNames) -> str:
         """The problem file."""
         values = [f"(= {names.term(t)} {value})" for t, value in self.values.items()]
         blocks = [
@@ -117,11 +126,11 @@ def _block(head: str, lines: Iterable[str]) -> str:
     return "\n".join([f"({head}", *body, ")"]) if body else ""
 
 
-def _typed(variables: Iterable[Variable], names: Names) -> Iterator[str]:
+def _typed(variables: Iterable[Variable], names: PddlNames) -> Iterator[str]:
     return (f"{names.symbol(name)} - {names.type(kind)}" for name, kind in variables)
 
 
-def _signatures(predicates: Predicates, names: Names) -> Iterator[str]:
+def _signatures(predicates: Predicates, names: PddlNames) -> Iterator[str]:
     for predicate, types in predicates.items():
         arguments = (f" ?x{i} - {names.type(kind)}" for i, kind in enumerate(types))
         yield f"({names.predicate(predicate)}{''.join(arguments)})"
@@ -130,14 +139,14 @@ def _signatures(predicates: Predicates, names: Names) -> Iterator[str]:
 class _Writer:
     """Writes actions; with costs if the domain has a function for them."""
 
-    def __init__(self, names: Names, costs: bool) -> None:
+    def __init__(self, names: PddlNames, costs: bool) -> None:
         self._names = names
         self._costs = costs
 
-    def action(self, action: Action | Durative) -> str:
-        return self._durative(action) if isinstance(action, Durative) else self._plain(action)
+    def action(self, action: PddlAction | DurativeAction) -> str:
+        return self._durative(action) if isinstance(action, DurativeAction) else self._plain(action)
 
-    def _plain(self, action: Action) -> str:
+    def _plain(self, action: PddlAction) -> str:
         effects = [self._effect(e) for e in action.effects]
         if self._costs and action.cost:
             effects.append(f"(increase (total-cost) {action.cost})")
@@ -150,7 +159,7 @@ class _Writer:
             ],
         )
 
-    def _durative(self, action: Durative) -> str:
+    def _durative(self, action: DurativeAction) -> str:
         duration = action.duration
         length = duration if isinstance(duration, int) else self._names.term(duration)
         conditions = [f"(at start {self._literal(one)})" for one in action.at_start]
@@ -174,7 +183,7 @@ class _Writer:
         term, positive = literal
         return self._names.term(term) if positive else f"(not {self._names.term(term)})"
 
-    def _effect(self, effect: Effect, when: str = "") -> str:
+    def _effect(self, effect: PddlEffect, when: str = "") -> str:
         def timed(literal: Literal) -> str:
             return f"({when} {self._literal(literal)})" if when else self._literal(literal)
 

@@ -8,14 +8,14 @@ from enum import StrEnum
 from robotouille.planning.pddl.durative_encoding import encode_durative
 from robotouille.planning.pddl.expressiveness import check
 from robotouille.planning.pddl.lifting.lifted import Lifted, roomy
-from robotouille.planning.pddl.pddl_names import Names
+from robotouille.planning.pddl.pddl_names import PddlNames
 from robotouille.planning.pddl.step_encoding import encode_steps
 from robotouille.world.world import World
 
-__all__ = ["Encoding", "Style", "encode"]
+__all__ = ["Encoding", "EncodingStyle", "encode"]
 
 
-class Style(StrEnum):
+class EncodingStyle(StrEnum):
     """How time is said: as steps, exactly, or by durative actions, without pauses."""
 
     STEPS = "steps"
@@ -29,17 +29,19 @@ class Encoding:
     domain: str
     problem: str
     lifted: Lifted
-    names: Names
+    names: PddlNames
 
 
-def encode(world: World, style: Style = Style.STEPS, *, created: int | None = None) -> Encoding:
+def encode(
+    world: World, style: EncodingStyle = EncodingStyle.STEPS, *, created: int | None = None
+) -> Encoding:
     """Write a task in PDDL, with room for so many created objects of each kind.
 
     Raises PddlError where that encoding cannot say it.
     """
     lifted = Lifted(roomy(world, created))
     check(lifted)
-    names = Names(lifted.world)
-    write = encode_steps if style is Style.STEPS else encode_durative
+    names = PddlNames(lifted.world)
+    write = encode_steps if style is EncodingStyle.STEPS else encode_durative
     domain, problem = write(lifted)
     return Encoding(domain.text(names), problem.text(names), lifted, names)

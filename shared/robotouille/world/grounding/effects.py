@@ -14,13 +14,13 @@ from robotouille.domain.schema import Condition, CreatedObject, Creation, Deleti
 from robotouille.world.grounding.actions import bound
 from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable
 
-__all__ = ["DONE", "HOLDING", "Effect", "EffectRun", "Node", "compile_effect"]
+__all__ = ["DONE", "HOLDING", "Effect", "EffectNode", "EffectRun", "compile_effect"]
 
 PAUSED, HOLDING, DONE = 0, 1, -1
 
 
 @dataclass(frozen=True, slots=True)
-class Node:
+class EffectNode:
     """One node of an effect's tree, its conditions and results as masks.
 
     `total` is the number of updates after which a delayed or repetitive node takes effect.
@@ -35,7 +35,7 @@ class Node:
     possible: bool
     sets: int
     clears: int
-    nested: tuple[Node, ...]
+    nested: tuple[EffectNode, ...]
     created: CreatedObject | None = None
     fx: tuple[Condition, ...] = ()
     sfx: tuple[EffectDef, ...] = ()
@@ -51,7 +51,7 @@ class Effect:
     """
 
     label: tuple[str, int, tuple[str, ...]]
-    root: Node
+    root: EffectNode
     size: int
     reads: int
     subject: str
@@ -64,12 +64,12 @@ class Effect:
     def start(self) -> tuple[int, ...]:
         return (0,) * self.size
 
-    def counters(self) -> list[Node]:
+    def counters(self) -> list[EffectNode]:
         """The nodes that count steps or performances, outermost first."""
         return [node for node in _walk(self.root) if node.kind in ("delayed", "repetitive")]
 
 
-def _walk(node: Node) -> list[Node]:
+def _walk(node: EffectNode) -> list[EffectNode]:
     return [node, *(inner for child in node.nested for inner in _walk(child))]
 
 
@@ -96,7 +96,7 @@ def _compile_node(
     table: AtomTable,
     count: Callable[[EffectDef, str], int],
     next_slot: Callable[[], int],
-) -> Node:
+) -> EffectNode:
     slot = next_slot()
     tested, required, possible = table.test(
         (bound(c, binding), c.is_true) for c in getattr(definition, "conditions", ())
@@ -109,7 +109,7 @@ def _compile_node(
         clears = table.mask(bound(c, binding) for c in definition.fx if not c.is_true)
     timed = definition.type in ("delayed", "repetitive")
     subject = binding.get(definition.param, definition.param)
-    return Node(
+    return EffectNode(
         kind=definition.type,
         slot=slot,
         subject=subject,
@@ -171,7 +171,7 @@ class EffectRun:
         self._update(effect.root, counters, active)
         return tuple(counters)
 
-    def _update(self, node: Node, progress: list[int], active: bool) -> bool:
+    def _update(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         if progress[node.slot] == DONE:
             return True
         finished = {
@@ -185,11 +185,11 @@ class EffectRun:
             progress[node.slot] = DONE
         return finished
 
-    def _nested(self, node: Node, progress: list[int], active: bool) -> bool:
+    def _nested(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         finished = [self._update(child, progress, active) for child in node.nested]
         return all(finished)
 
-    def _conditional(self, node: Node, progress: list[int], active: bool) -> bool:
+    def _conditional(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         if node.possible and self.facts & node.tested == node.required:
             progress[node.slot] = HOLDING
             self.write(node.sets, node.clears)
@@ -199,7 +199,7 @@ class EffectRun:
             self.write(node.clears, node.sets)
         return False
 
-    def _counting(self, node: Node, progress: list[int], active: bool) -> bool:
+    def _counting(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         if progress[node.slot] < node.total:
             if active != (node.kind == "repetitive"):
                 return False
@@ -209,7 +209,7 @@ class EffectRun:
             self.write(node.sets, node.clears)
         return self._nested(node, progress, active)
 
-    def _creation(self, node: Node, progress: list[int], active: bool) -> bool:
+    def _creation(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         if node.created is None:
             raise AssertionError("a creation effect without an object")
         name = self._create(node.created.name, node.created.type, self.facts)
@@ -221,11 +221,11 @@ class EffectRun:
         self._start_nested(node, binding)
         return True
 
-    def _start_nested(self, node: Node, binding: dict[str, str]) -> None:
+    def _start_nested(self, node: EffectNode, binding: dict[str, str]) -> None:
         born = (self._born(definition, binding) for definition in node.sfx)
         self.started += [effect for effect in born if not self.concerns_deleted(effect)]
 
-    def _deletion(self, node: Node, progress: list[int], active: bool) -> bool:
+    def _deletion(self, node: EffectNode, progress: list[int], active: bool) -> bool:
         gone = self._table.mentions(node.subject) & ~self._table.mask([(USED, node.subject)])
         self.write(node.sets, node.clears)
         self.write(0, gone)

@@ -9,11 +9,11 @@ from functools import cached_property
 from robotouille.domain.schema import Creation, EffectDef
 from robotouille.world.world import World
 
-__all__ = ["Cast", "Member", "cast_of", "future_name"]
+__all__ = ["AbstractObject", "AbstractObjects", "cast_of", "future_name"]
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class AbstractObject:
     """An object by name, kind and type; `future` if it stands for all that will be created."""
 
     name: str
@@ -23,13 +23,13 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Cast:
+class AbstractObjects:
     """Who takes part in a relaxation."""
 
-    members: tuple[Member, ...]
+    members: tuple[AbstractObject, ...]
 
     @cached_property
-    def by_name(self) -> dict[str, Member]:
+    def by_name(self) -> dict[str, AbstractObject]:
         return {member.name: member for member in self.members}
 
     @cached_property
@@ -41,17 +41,17 @@ class Cast:
         return [m.name for m in self.members if m.type == kind]
 
 
-def cast_of(world: World, facts: int) -> Cast:
+def cast_of(world: World, facts: int) -> AbstractObjects:
     """The objects that exist in `facts`, and a future one of each kind that play can create."""
-    present = [Member(o.name, o.kind, o.type, False) for o in world.objects_in(facts)]
+    present = [AbstractObject(o.name, o.kind, o.type, False) for o in world.objects_in(facts)]
     created = {
         (effect.created_obj.name, effect.created_obj.type)
         for schema in world.schemas
         for effect in _walk(schema.definition.sfx)
         if isinstance(effect, Creation)
     }
-    future = [Member(future_name(kind, of), kind, of, True) for kind, of in sorted(created)]
-    return Cast((*present, *future))
+    future = [AbstractObject(future_name(kind, of), kind, of, True) for kind, of in sorted(created)]
+    return AbstractObjects((*present, *future))
 
 
 def future_name(kind: str, type_: str) -> str:

@@ -12,14 +12,14 @@ from itertools import combinations, product
 from math import prod
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.optimal.relaxation.abstract_objects import Cast
-from robotouille.planning.optimal.relaxation.relaxed_operators import Prop, Rule
+from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects
+from robotouille.planning.optimal.relaxation.relaxed_operators import Prop, RelaxedOperator
 from robotouille.planning.optimal.relaxation.schema_grounding import MAX_CHOICES, TooLargeError
 from robotouille.world.grounding.goal import Goal, Variable
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World
 
-__all__ = ["GOAL", "GoalRules"]
+__all__ = ["GOAL", "RelaxedGoal"]
 
 GOAL: Prop = ("goal",)
 
@@ -29,19 +29,19 @@ MAX_BINDINGS = 64
 Names = tuple[str | None, ...]
 
 
-class GoalRules:
+class RelaxedGoal:
     """Rules that add `GOAL`, one for each choice, and what stands for parts of the goal."""
 
-    def __init__(self, world: World, cast: Cast) -> None:
+    def __init__(self, world: World, cast: AbstractObjects) -> None:
         self._table = world.table
         self._cast = cast
         self._goal: Goal = world.goal
         self._pools = {v.id: self._pool(v) for v in world.goal.variables.values()}
         self._parts: dict[tuple[object, ...], Prop] = {}
-        self.rules: list[Rule] = []
+        self.rules: list[RelaxedOperator] = []
         chosen = self._connecting()
         wanted = dict.fromkeys(tuple(sorted(set(p), key=repr)) for p in self._choices(chosen))
-        self.rules += [Rule(list(props), [GOAL]) for props in wanted]
+        self.rules += [RelaxedOperator(list(props), [GOAL]) for props in wanted]
 
     def part(self, term: GoalTerm, names: Names | None = None) -> Prop:
         """The proposition that some fact meets a predicate; `names` has the arguments chosen."""
@@ -62,12 +62,12 @@ class GoalRules:
         if term.predicate in self._table.static_predicates:
             prop: Prop = ("part", len(self._parts))
             if any(atom in self._table.static for atom in matching):
-                self.rules.append(Rule([], [prop]))
+                self.rules.append(RelaxedOperator([], [prop]))
         elif len(matching) == 1:
             prop = ("+", matching[0])
         else:
             prop = ("part", len(self._parts))
-            self.rules += [Rule([("+", atom)], [prop]) for atom in matching]
+            self.rules += [RelaxedOperator([("+", atom)], [prop]) for atom in matching]
         return prop
 
     def _pool(self, variable: Variable) -> list[str]:

@@ -7,7 +7,7 @@ that a shortest way to the goal by rules is never longer than a real plan.
 
 * A conditional takes effect if its conditions are reached. If it can stop holding, its results
   are undone as well.
-* A delay costs nothing, but `Rule.delay` tells how long it takes.
+* A delay costs nothing, but `RelaxedOperator.delay` tells how long it takes.
 * One repetitive effect of each action counts performances; any further one fires at the first.
 * A creation brings in the one object that stands for all future ones of its kind: every real
   course of play becomes one of rules if created objects are renamed to it.
@@ -31,16 +31,16 @@ from robotouille.domain.schema import (
     EffectDef,
     Repetitive,
 )
-from robotouille.planning.optimal.relaxation.abstract_objects import Cast, future_name
+from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects, future_name
 from robotouille.planning.optimal.relaxation.schema_grounding import Grounding
 from robotouille.world.grounding.actions import ActionSchema, bound
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World
 
-__all__ = ["MOST_COUNTED", "Label", "Prop", "Rule", "RuleBook"]
+__all__ = ["MAX_COUNTED", "Label", "Prop", "RelaxedOperator", "RelaxedOperators"]
 
-MOST_COUNTED = 64
+MAX_COUNTED = 64
 """Performances of an action that are told apart; of more, the bound counts only so many."""
 
 Prop = tuple[Any, ...]
@@ -49,7 +49,7 @@ Binding = dict[str, str]
 
 
 @dataclass(slots=True)
-class Rule:
+class RelaxedOperator:
     """If all of `needs` are reached, so are all of `adds`.
 
     `cost` is 1 for an action, 0 for what the world does by itself. `delay` is the number of steps
@@ -64,12 +64,12 @@ class Rule:
 
 
 @dataclass
-class RuleBook:
+class RelaxedOperators:
     """The rules of a world's domain over a cast of objects, the goal apart."""
 
     world: World
-    cast: Cast
-    rules: list[Rule] = field(default_factory=list)
+    cast: AbstractObjects
+    rules: list[RelaxedOperator] = field(default_factory=list)
     labels: set[Label] = field(default_factory=set)
     totals: dict[tuple[Label, int], int] = field(default_factory=dict)
 
@@ -82,7 +82,7 @@ class RuleBook:
             for schema in self.world.schemas
             for index, effect in enumerate(schema.all_effects)
         }
-        self._deletions: list[tuple[Rule, str]] = []
+        self._deletions: list[tuple[RelaxedOperator, str]] = []
 
     def write(self, running: Iterable[Label]) -> None:
         """Write all rules; effects in `running` are included even if no action starts them now."""
@@ -106,12 +106,12 @@ class RuleBook:
         adds += [self._effect(schema, i, binding) for i in range(len(schema.effects))]
         counted = self._counted(schema, binding)
         if counted is None:
-            self.rules.append(Rule(needs, adds, cost=1))
+            self.rules.append(RelaxedOperator(needs, adds, cost=1))
             return
         for number in range(1, self.totals[counted] + 1):
             before: list[Prop] = [("count", *counted, number - 1)] if number > 1 else []
             after: Prop = ("count", *counted, number)
-            self.rules.append(Rule([*needs, *before], [*adds, after], cost=1))
+            self.rules.append(RelaxedOperator([*needs, *before], [*adds, after], cost=1))
 
     def _counted(self, schema: ActionSchema, binding: Binding) -> tuple[Label, int] | None:
         """The repetitive effect of an action whose performances are counted."""
@@ -171,7 +171,7 @@ class RuleBook:
         schema, index = self._origins[id(definition)]
         return self._effect(schema, index, binding)
 
-    def deletes(self, rule: Rule, subject: str) -> None:
+    def deletes(self, rule: RelaxedOperator, subject: str) -> None:
         self._deletions.append((rule, subject))
 
     def _forget_the_deleted(self) -> None:
@@ -185,7 +185,9 @@ class RuleBook:
 class _EffectWriter:
     """Writes the rules of one effect's tree, its nodes numbered as the world numbers them."""
 
-    def __init__(self, book: RuleBook, label: Label, counted: int | None, active: bool) -> None:
+    def __init__(
+        self, book: RelaxedOperators, label: Label, counted: int | None, active: bool
+    ) -> None:
         self._book = book
         self._label = label
         self._counted = counted
@@ -223,7 +225,7 @@ class _EffectWriter:
             rule.delay = self._updates(definition, binding) * factor
             rule.clock = (self._label, slot)
         elif slot == self._counted:
-            total = max(1, min(MOST_COUNTED, self._updates(definition, binding)))
+            total = max(1, min(MAX_COUNTED, self._updates(definition, binding)))
             self._book.totals[self._label, slot] = total
             performed: Prop = ("count", self._label, slot, total)
             self._rule([runs, performed], definition.fx, binding, nested)
@@ -253,8 +255,8 @@ class _EffectWriter:
 
     def _rule(
         self, needs: list[Prop], fx: Iterable[Condition], binding: Binding, more: list[Prop]
-    ) -> Rule:
-        rule = Rule(needs, [*self._book.results(fx, binding), *more])
+    ) -> RelaxedOperator:
+        rule = RelaxedOperator(needs, [*self._book.results(fx, binding), *more])
         self._book.rules.append(rule)
         return rule
 

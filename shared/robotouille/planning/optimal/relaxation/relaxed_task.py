@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.optimal.relaxation.abstract_objects import cast_of, future_name
-from robotouille.planning.optimal.relaxation.relaxed_goal import GOAL, GoalRules
+from robotouille.planning.optimal.relaxation.relaxed_goal import GOAL, RelaxedGoal
 from robotouille.planning.optimal.relaxation.relaxed_operators import (
-    MOST_COUNTED,
+    MAX_COUNTED,
     Label,
     Prop,
-    Rule,
-    RuleBook,
+    RelaxedOperator,
+    RelaxedOperators,
 )
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.state import State
@@ -44,7 +44,7 @@ class RelaxedTask:
     """Rules by number. `needs`, `adds`, `cost` and `delay` are those of each rule; `users` the
     rules that need a proposition, `makers` those that add it."""
 
-    def __init__(self, world: World, rules: list[Rule]) -> None:
+    def __init__(self, world: World, rules: list[RelaxedOperator]) -> None:
         self.rules = rules
         self.number: dict[Prop, int] = {TRUE: 0, GOAL: 1}
         self.needs = [self._numbers(rule.needs) or (0,) for rule in rules]
@@ -100,7 +100,7 @@ class RelaxedTask:
             for slot, done in enumerate(progress):
                 if done == 1:
                     props.append(("holds", effect.label, slot))
-                counts = range(1, min(done, MOST_COUNTED) + 1)
+                counts = range(1, min(done, MAX_COUNTED) + 1)
                 props += [("count", effect.label, slot, n) for n in counts]
                 rule = self._clocks.get((effect.label, slot))
                 if rule is not None and done > 0:
@@ -175,14 +175,14 @@ class Relaxation:
         cast = cast_of(self._world, facts)
         self._running |= {effect.label for effect, _ in timers.entries}
         running = [x for x in sorted(self._running) if all(a in cast.by_name for a in x[2])]
-        book = RuleBook(self._world, cast)
-        goal = GoalRules(self._world, cast)
+        book = RelaxedOperators(self._world, cast)
+        goal = RelaxedGoal(self._world, cast)
         self._parts = self._parts or {term: goal.part(term) for term in self._world.goal.terms}
         book.write(running)
-        asked = [Rule([part], []) for part in dict.fromkeys(self._parts.values())]
+        asked = [RelaxedOperator([part], []) for part in dict.fromkeys(self._parts.values())]
         return RelaxedTask(self._world, book.rules + goal.rules + asked), book.labels
 
-    def _attainable(self, rules: list[Rule]) -> list[Rule]:
+    def _attainable(self, rules: list[RelaxedOperator]) -> list[RelaxedOperator]:
         """The rules whose needs can all be met somewhere, as seen from the start of the search."""
         born = {
             name: future_name(thing.kind, thing.type)
@@ -210,9 +210,9 @@ def _renamed(prop: Prop, born: dict[str, str]) -> Prop:
     return prop
 
 
-def _relevant(rules: list[Rule]) -> list[Rule]:
+def _relevant(rules: list[RelaxedOperator]) -> list[RelaxedOperator]:
     """The rules that the goal may need, without what they add for nothing."""
-    makers: dict[Prop, list[Rule]] = {}
+    makers: dict[Prop, list[RelaxedOperator]] = {}
     for rule in rules:
         for prop in rule.adds:
             makers.setdefault(prop, []).append(rule)
@@ -226,7 +226,7 @@ def _relevant(rules: list[Rule]) -> list[Rule]:
             wanted.update(new)
             frontier += new
     return [
-        Rule(r.needs, [p for p in r.adds if p in wanted], r.cost, r.delay, r.clock)
+        RelaxedOperator(r.needs, [p for p in r.adds if p in wanted], r.cost, r.delay, r.clock)
         for r in rules
         if id(r) in used
     ]

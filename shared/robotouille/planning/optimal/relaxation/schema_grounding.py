@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import prod
 
 from robotouille.domain.schema import Condition
-from robotouille.planning.optimal.relaxation.abstract_objects import Cast
+from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects
 from robotouille.world.grounding.actions import ActionSchema, bound
 from robotouille.world.grounding.atoms import AtomTable
 
@@ -22,7 +22,7 @@ class TooLargeError(ValueError):
 class Grounding:
     """Grounds action schemas; conditions on predicates that nothing changes are settled here."""
 
-    def __init__(self, table: AtomTable, cast: Cast) -> None:
+    def __init__(self, table: AtomTable, cast: AbstractObjects) -> None:
         self._table = table
         self._cast = cast
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations
 
 from robotouille.planning.pddl.lifting.lifted import THERE, Lifted
-from robotouille.planning.pddl.syntax import Action, Effect, Literal, Term, Variable
+from robotouille.planning.pddl.syntax import Literal, PddlAction, PddlEffect, Term, Variable
 
 __all__ = ["DONE", "candidate_facts", "candidate_predicates", "finish"]
 
@@ -15,7 +15,7 @@ DONE: Term = ("~done",)
 
 def finish(
     lifted: Lifted, parameters: tuple[Variable, ...] = (), condition: tuple[Literal, ...] = ()
-) -> Action:
+) -> PddlAction:
     """Claims that some choice of objects makes all predicates of the goal true.
 
     `condition`, over `parameters`, says when that may be claimed.
@@ -31,7 +31,9 @@ def finish(
     ]
     there = [((THERE, name), True) for name in _must_exist(lifted)]
     literals: tuple[Literal, ...] = (*condition, *wanted, *chosen, *there, *different)
-    return Action("~finish", (*parameters, *variables), literals, (Effect(((DONE, True),)),))
+    return PddlAction(
+        "~finish", (*parameters, *variables), literals, (PddlEffect(((DONE, True),)),)
+    )
 
 
 def candidate_predicates(lifted: Lifted) -> dict[str, tuple[str, ...]]:

@@ -7,7 +7,7 @@ from functools import cached_property
 from itertools import pairwise, product
 
 from robotouille.domain.schema import Creation, EffectDef
-from robotouille.planning.pddl.lifting.timer_facts import QUIET, Part, Timer, literals
+from robotouille.planning.pddl.lifting.timer_facts import QUIET, TimerFacts, TimerPart, literals
 from robotouille.planning.pddl.syntax import Literal, Term, Variable
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.objects import Object
@@ -74,7 +74,7 @@ class Lifted:
             if thing.tile is None:
                 self.created.setdefault(thing.kind, []).append(thing)
 
-    def _timers(self, schema: ActionSchema, *, born: bool) -> Iterator[Timer]:
+    def _timers(self, schema: ActionSchema, *, born: bool) -> Iterator[TimerFacts]:
         types = dict(schema.parameters)
         for effect in _walk(schema.definition.sfx):
             if isinstance(effect, Creation):
@@ -82,10 +82,10 @@ class Lifted:
         for index, found in enumerate(schema.all_effects):
             if (index >= len(schema.effects)) == born:
                 variables = tuple((f"?{name}", f"={types[name]}") for name in found.variables)
-                yield Timer(schema.name, index, variables, found.definition)
+                yield TimerFacts(schema.name, index, variables, found.definition)
 
     @property
-    def instants(self) -> list[tuple[Timer, Part]]:
+    def instants(self) -> list[tuple[TimerFacts, TimerPart]]:
         """The creations and deletions."""
         return [(timer, part) for timer in self.timers for part in timer.parts if part.instant]
 
@@ -114,7 +114,7 @@ class Lifted:
         """What can be due of creations and deletions, as far as static facts allow."""
         return tuple(term for timer, part in self.instants for term in self._dues(timer, part))
 
-    def _dues(self, timer: Timer, part: Part) -> Iterator[Term]:
+    def _dues(self, timer: TimerFacts, part: TimerPart) -> Iterator[Term]:
         table = self.world.table
         names = [name for name, _ in timer.variables]
         definition = next(s.definition for s in self.schemas if s.name == timer.action)

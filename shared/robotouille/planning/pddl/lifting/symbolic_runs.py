@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from robotouille.planning.pddl.syntax import Effect, Literal, Term, Variable
+from robotouille.planning.pddl.syntax import Literal, PddlEffect, Term, Variable
 
-__all__ = ["Run", "effects_of", "runs"]
+__all__ = ["SymbolicRun", "effects_of", "runs"]
 
 
-class Run:
+class SymbolicRun:
     """One way through: its tests with their outcomes, and what it wrote last about each atom."""
 
     def __init__(self, script: Iterable[bool], known: Iterable[Literal]) -> None:
@@ -76,12 +76,14 @@ class Run:
         return self._known[term]
 
 
-def runs(piece: Callable[[Run], None], known: Iterable[Literal] = ()) -> Iterator[Run]:
+def runs(
+    piece: Callable[[SymbolicRun], None], known: Iterable[Literal] = ()
+) -> Iterator[SymbolicRun]:
     """Every way through a piece; their conditions exclude each other."""
     known = tuple(known)
     script: list[bool] = []
     while True:
-        run = Run(script, known)
+        run = SymbolicRun(script, known)
         piece(run)
         yield run
         script = [outcome for _, outcome in run.tests]
@@ -92,7 +94,9 @@ def runs(piece: Callable[[Run], None], known: Iterable[Literal] = ()) -> Iterato
         script[-1] = False
 
 
-def effects_of(found: Iterable[Run], variables: tuple[Variable, ...] = ()) -> Iterator[Effect]:
+def effects_of(
+    found: Iterable[SymbolicRun], variables: tuple[Variable, ...] = ()
+) -> Iterator[PddlEffect]:
     """The effects of runs: what all have in common, then the rest of each."""
     every = list(found)
     common = {
@@ -101,8 +105,8 @@ def effects_of(found: Iterable[Run], variables: tuple[Variable, ...] = ()) -> It
     if variables or any(run.given for run in every):
         common = set()
     if common:
-        yield Effect(tuple(item for item in every[0].writes.items() if item in common))
+        yield PddlEffect(tuple(item for item in every[0].writes.items() if item in common))
     for run in every:
         rest = tuple(item for item in run.writes.items() if item not in common)
         if rest:
-            yield Effect(rest, run.guard, (*variables, *run.variables))
+            yield PddlEffect(rest, run.guard, (*variables, *run.variables))

@@ -20,10 +20,10 @@ from robotouille.domain.schema import (
     EffectDef,
     Repetitive,
 )
-from robotouille.planning.pddl.lifting.symbolic_runs import Run
+from robotouille.planning.pddl.lifting.symbolic_runs import SymbolicRun
 from robotouille.planning.pddl.syntax import Literal, Term, Variable
 
-__all__ = ["FIRST", "NUMBER", "QUIET", "Part", "Timer", "literals", "perform", "tick"]
+__all__ = ["FIRST", "NUMBER", "QUIET", "TimerFacts", "TimerPart", "literals", "perform", "tick"]
 
 NUMBER = "~count"
 FIRST, SECOND = "~n0", "~n1"
@@ -36,12 +36,12 @@ def literals(conditions: tuple[Condition, ...]) -> tuple[Literal, ...]:
 
 
 @dataclass(frozen=True)
-class Part:
+class TimerPart:
     """A special effect or one nested in it. `watched`: it may be done before the whole is."""
 
     definition: EffectDef
     slot: int
-    nested: tuple[Part, ...]
+    nested: tuple[TimerPart, ...]
     watched: bool
 
     @property
@@ -71,7 +71,7 @@ class Part:
         """Whether it may have counted to its number without being done."""
         return self.counts and self.lasts
 
-    def walk(self) -> Iterator[Part]:
+    def walk(self) -> Iterator[TimerPart]:
         yield self
         for part in self.nested:
             yield from part.walk()
@@ -86,7 +86,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Timer:
+class TimerFacts:
     """One special effect of an action over its variables, and the facts that tell its progress."""
 
     action: str
@@ -99,20 +99,20 @@ class Timer:
         return f"{self.action}:{self.index}"
 
     @cached_property
-    def root(self) -> Part:
+    def root(self) -> TimerPart:
         slots = iter(range(10_000))
 
-        def part(definition: EffectDef, watched: bool) -> Part:
+        def part(definition: EffectDef, watched: bool) -> TimerPart:
             slot = next(slots)
             instant = isinstance(definition, Creation | Deletion)
             children = () if instant else definition.sfx
             several = watched or len(children) > 1
-            return Part(definition, slot, tuple(part(c, several) for c in children), watched)
+            return TimerPart(definition, slot, tuple(part(c, several) for c in children), watched)
 
         return part(self.definition, False)
 
     @property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[TimerPart, ...]:
         return tuple(self.root.walk())
 
     def _term(self, *words: object) -> Term:
@@ -128,24 +128,24 @@ class Timer:
         """It completed in this very step and is removed at its end."""
         return self._term("over")
 
-    def done(self, part: Part) -> Term:
+    def done(self, part: TimerPart) -> Term:
         return self._term("done", part.slot)
 
-    def holding(self, part: Part) -> Term:
+    def holding(self, part: TimerPart) -> Term:
         return self._term("holding", part.slot)
 
-    def full(self, part: Part) -> Term:
+    def full(self, part: TimerPart) -> Term:
         """A part has counted to its number, and what is nested in it is not done."""
         return self._term("full", part.slot)
 
-    def due(self, part: Part) -> Term:
+    def due(self, part: TimerPart) -> Term:
         """A creation or deletion is to be carried out."""
         return self._term("due", part.slot)
 
-    def count(self, part: Part, number: str) -> Term:
+    def count(self, part: TimerPart, number: str) -> Term:
         return (*self._term("count", part.slot), number)
 
-    def last(self, part: Part, subject: str, number: str) -> Term:
+    def last(self, part: TimerPart, subject: str, number: str) -> Term:
         """The count before the one at which a part takes effect; it depends on the subject."""
         return (f"~{self.name}:last:{part.slot}", subject, number)
 
@@ -178,7 +178,7 @@ class Timer:
         return tuple((term, True) for term in (self.active, *counts))
 
 
-def perform(run: Run, timer: Timer) -> None:
+def perform(run: SymbolicRun, timer: TimerFacts) -> None:
     """The action is performed: begin the effect, or give the one that runs an active update."""
     if run.deleted.intersection(name for name, _ in timer.variables):
         return
@@ -194,7 +194,7 @@ def perform(run: Run, timer: Timer) -> None:
         run.write((timer.over, True))
 
 
-def tick(run: Run, timer: Timer) -> None:
+def tick(run: SymbolicRun, timer: TimerFacts) -> None:
     """A step passes: a passive update of an effect that runs, and its removal if it is done."""
     run.given.append((timer.active, True))
     over = timer.root.ends_at_once and run.read(timer.over)
@@ -205,13 +205,13 @@ def tick(run: Run, timer: Timer) -> None:
 class _Update:
     """One update of a timer; `fresh` if it has just begun."""
 
-    def __init__(self, run: Run, timer: Timer, *, active: bool) -> None:
+    def __init__(self, run: SymbolicRun, timer: TimerFacts, *, active: bool) -> None:
         self.run = run
         self.timer = timer
         self.active = active
         self.fresh = False
 
-    def of(self, part: Part) -> bool:
+    def of(self, part: TimerPart) -> bool:
         """Update a part; whether it is done."""
         done = self.timer.done(part)
         if part.watched and self.run.read(done):
@@ -221,16 +221,16 @@ class _Update:
             self.run.write((done, True))
         return finished
 
-    def _kind(self, part: Part) -> bool:
+    def _kind(self, part: TimerPart) -> bool:
         if isinstance(part.definition, Conditional):
             return self._conditional(part, part.definition)
         return self._due(part) if part.instant else self._counting(part)
 
-    def _nested(self, part: Part) -> bool:
+    def _nested(self, part: TimerPart) -> bool:
         finished = [self.of(child) for child in part.nested]
         return all(finished)
 
-    def _conditional(self, part: Part, definition: Conditional) -> bool:
+    def _conditional(self, part: TimerPart, definition: Conditional) -> bool:
         fx = literals(definition.fx)
         holding = self.timer.holding(part)
         if all(self.run.read(t) == value for t, value in literals(definition.conditions)):
@@ -240,7 +240,7 @@ class _Update:
             self.run.write((holding, False), *((term, not value) for term, value in fx))
         return False
 
-    def _counting(self, part: Part) -> bool:
+    def _counting(self, part: TimerPart) -> bool:
         full = self.timer.full(part)
         if part.fills and self.run.read(full):
             return self._nested(part)
@@ -259,14 +259,14 @@ class _Update:
             self.run.write((full, True))
         return self._nested(part)
 
-    def _following(self, part: Part, number: str) -> str:
+    def _following(self, part: TimerPart, number: str) -> str:
         if self.fresh:
             return SECOND
         following = f"?~m{part.slot}"
         self.run.bind(("~next", number, following), (following, NUMBER))
         return following
 
-    def _due(self, part: Part) -> bool:
+    def _due(self, part: TimerPart) -> bool:
         self.run.write((self.timer.due(part), True), (QUIET, False))
         if isinstance(part.definition, Deletion):
             self.run.deleted.add(part.subject)
