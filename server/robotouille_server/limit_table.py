@@ -15,6 +15,7 @@ from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
     MAX_SEAT_BYTES,
     NEWCOMER_BYTES,
+    SEAT_QUOTA_BYTES,
 )
 from robotouille.episode.rules import MOVE_BUDGET
 from robotouille.protocol import messages
@@ -273,7 +274,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "words of a seat in a recording: reasoning, rejected actions, chat",
             "reasoning and chat are refused, rejected actions told and not recorded",
             "rate/words",
-            value=_size(MAX_SEAT_BYTES),
+            value=_size(SEAT_QUOTA_BYTES),
         ),
         Limit(
             "… of which somebody who takes a seat has at least",

@@ -23,7 +23,7 @@ def act(seq: int, **more: Any) -> dict[str, Any]:
 def test_beyond_its_quota_a_seat_is_told_and_plays_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(seats, "MAX_SEAT_BYTES", 20_000)
+    monkeypatch.setattr(seats, "SEAT_QUOTA_BYTES", 20_000)
     monkeypatch.setattr(quota, "NEWCOMER_BYTES", 0)
 
     async def main() -> None:

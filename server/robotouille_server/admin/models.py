@@ -22,7 +22,7 @@ __all__ = [
     "NoRequest",
     "Overview",
     "PauseState",
-    "ProblemDetails",
+    "Problem",
     "Rates",
     "RecordingFault",
     "RecordingPage",
@@ -41,7 +41,7 @@ class ResponseModel(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-class ProblemDetails(ResponseModel):
+class Problem(ResponseModel):
     """Why a request was not honoured."""
 
     code: str = Field(description="A stable code.")

@@ -15,12 +15,13 @@ __all__ = [
     "MAX_SEAT_BYTES",
     "NEWCOMER_BYTES",
     "NOTE_BYTES",
+    "SEAT_QUOTA_BYTES",
     "Quota",
     "check_words",
     "size_of_rejection",
 ]
 
-MAX_SEAT_BYTES = 8 * 1024 * 1024
+SEAT_QUOTA_BYTES = 8 * 1024 * 1024
 """Of one seat's words in an episode."""
 MAX_AUDIENCE_BYTES = 1024 * 1024
 """Of all that spectators say in an episode."""

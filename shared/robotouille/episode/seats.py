@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from robotouille.episode.events import SeatTally
-from robotouille.episode.quota import MAX_SEAT_BYTES, Quota
+from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
 
 __all__ = ["ActionAnswer", "Controller", "Departure", "Pending", "Seat"]
@@ -79,7 +79,7 @@ class Seat:
     pending: Pending | None = None
     answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
-    words: Quota = field(default_factory=lambda: Quota(MAX_SEAT_BYTES))
+    words: Quota = field(default_factory=lambda: Quota(SEAT_QUOTA_BYTES))
 
     @property
     def active(self) -> bool:

@@ -26,7 +26,7 @@ from robotouille_server.admin.models import (
     MuteRequest,
     NoRequest,
     Overview,
-    ProblemDetails,
+    Problem,
     RecordingPage,
 )
 from robotouille_server.admin.principal import Principal
@@ -37,7 +37,7 @@ __all__ = ["application", "document"]
 API_VERSION = "1"
 DESCRIPTION = (
     "A token is needed where the server asks for one: on every address that is not loopback, with "
-    "`--require-token`, and behind a proxy. Every error is a `ProblemDetails`."
+    "`--require-token`, and behind a proxy. Every error is a `Problem`."
 )
 CHANGE = {
     "name": "X-Robotouille-Operator",
@@ -49,7 +49,7 @@ CHANGE = {
 OVERVIEW_SECONDS = 1.0
 WATCH_SECONDS = 0.25
 
-router = APIRouter(prefix="/api", responses={"default": {"model": ProblemDetails}})
+router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
 
 
 async def _caller(request: Request) -> Principal:
@@ -233,7 +233,7 @@ async def _failed(request: Request, error: Exception) -> Response:
 
 
 def _problem(status: HTTPStatus, code: str, message: str) -> Response:
-    return JSONResponse(ProblemDetails(code=code, message=message).model_dump(), status)
+    return JSONResponse(Problem(code=code, message=message).model_dump(), status)
 
 
 class OperatorApi(FastAPI):

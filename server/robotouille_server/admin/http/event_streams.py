@@ -10,7 +10,7 @@ from http import HTTPStatus
 from pydantic import BaseModel
 
 from robotouille_server.admin.errors import RequestRefusedError
-from robotouille_server.admin.models import ProblemDetails
+from robotouille_server.admin.models import Problem
 from robotouille_server.admin.principal import Principal
 
 __all__ = ["MAX_STREAMS", "MAX_STREAMS_PER_SUBJECT", "Streams"]
@@ -125,5 +125,5 @@ def _busy(why: str) -> RequestRefusedError:
 
 
 def _refused(error: RequestRefusedError) -> str:
-    problem = ProblemDetails(code=error.code, message=error.message)
+    problem = Problem(code=error.code, message=error.message)
     return f"event: refused\ndata: {problem.model_dump_json()}\n\n"

@@ -1,7 +1,7 @@
 """The part of PDDL that is written: actions over literals, and their text.
 
-Names in these values are the world's own; `PddlNames` says them in PDDL when text is made. Names that
-begin with `~` are the encoding's (`~turn`), those with `?` are variables.
+Names in these values are the world's own; `PddlNames` says them in PDDL when text is made.
+Names that begin with `~` are the encoding's (`~turn`), those with `?` are variables.
 """
 
 from __future__ import annotations
