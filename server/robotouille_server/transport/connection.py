@@ -13,18 +13,25 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from websockets.asyncio.server import ServerConnection
-from websockets.frames import Frame, Opcode
+from websockets.frames import Frame
 from websockets.protocol import State
 
 from robotouille.protocol.codec import MAX_CLIENT_BYTES
+from robotouille.protocol.frames import (
+    BINARY,
+    CLOSE,
+    CONTINUATION,
+    FIN,
+    PING,
+    TEXT,
+    FrameError,
+    FrameReader,
+    RawFrame,
+    pack_frame,
+)
 from robotouille_server.runtime.descriptors import few_left
 from robotouille_server.runtime.token_bucket import TokenBucket
 from robotouille_server.transport.admission import Admission
-
-try:
-    from websockets.speedups import apply_mask
-except ImportError:
-    from websockets.utils import apply_mask
 
 __all__ = ["Connection", "cut", "frame_of"]
 
@@ -49,13 +56,11 @@ FRAMES_BURST = 200.0
 MAX_EXCESS = 200
 """Frames beyond that, in all, after which the connection is cut off."""
 
-TEXT, BINARY, CLOSE, PING = 0x81, 0x82, 0x88, 0x89
-"""First bytes of frames that are whole."""
-MESSAGES = (BINARY, TEXT)
-MASKED = 0x80
+MESSAGES = (FIN | BINARY, FIN | TEXT)
+"""First bytes of frames that are whole messages."""
+DATA = (CONTINUATION, TEXT, BINARY)
 TURN = "turn"
 END_OF_REQUEST = b"\r\n\r\n"
-DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
 
 
 def cut(reason: str) -> str:
@@ -65,15 +70,9 @@ def cut(reason: str) -> str:
 
 def frame_of(payload: bytes | str) -> bytes:
     """A whole unmasked WebSocket frame (RFC 6455, 5.2), the same for every client."""
-    text = isinstance(payload, str)
-    content = payload.encode() if isinstance(payload, str) else payload
-    first = b"\x81" if text else b"\x82"
-    size = len(content)
-    if size < 126:
-        return first + size.to_bytes(1, "big") + content
-    if size < 65536:
-        return first + b"\x7e" + size.to_bytes(2, "big") + content
-    return first + b"\x7f" + size.to_bytes(8, "big") + content
+    if isinstance(payload, str):
+        return pack_frame(FIN | TEXT, payload.encode())
+    return pack_frame(FIN | BINARY, payload)
 
 
 class Connection(ServerConnection):
@@ -89,7 +88,7 @@ class Connection(ServerConnection):
         self._leaving: asyncio.Task[None] | None = None
         self._opening: asyncio.Task[None] | None = None
         self._inside = self._made = False
-        self._rest = b""
+        self._reader = FrameReader(masked=True, max_size=MAX_OWN)
         self._request_size = 0
         self._request_end = b""
         self._requested = False
@@ -135,7 +134,7 @@ class Connection(ServerConnection):
         if self._made:
             super().connection_lost(exc)
         self._leave()
-        self._rest = b""
+        self._reader.clear()
         self._parts.clear()
 
     def _leave(self) -> None:
@@ -146,7 +145,7 @@ class Connection(ServerConnection):
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
         self._receiver = receiver
-        if self._rest:
+        if self._reader.rest:
             self._take(b"")
 
     def say_goodbye(self, status: int, reason: str) -> None:
@@ -195,7 +194,7 @@ class Connection(ServerConnection):
         if self._paused or self._turns.free:
             self._take(data)
         else:
-            self._rest += data
+            self._reader.receive(data)
             self.give_way()
 
     def _take_request(self, data: bytes) -> bytes:
@@ -217,53 +216,45 @@ class Connection(ServerConnection):
         return data[size:]
 
     def _take(self, data: bytes) -> None:
-        if self._rest:
-            data, self._rest = self._rest + data, b""
         if not self._paused and not self._requested:
-            data = self._take_request(data)
+            before = self._reader.rest
+            self._reader.clear()
+            data = self._take_request(before + data)
+        self._reader.receive(data)
         if self._paused:
-            self._rest = data
-        elif self._receiver is not None:
-            self._rest = data[self._take_frames(data) :]
-        elif len(data) <= MAX_REQUEST:
-            self._rest = data
-        else:
+            return
+        if self._receiver is not None:
+            self._take_frames()
+        elif len(self._reader.rest) > MAX_REQUEST:
             self.drop("early")
 
-    def _take_frames(self, data: bytes) -> int:
-        """Where the first frame begins that is not whole yet, or has to wait."""
-        at, size, left = 0, len(data), FRAMES_AT_A_TIME
-        while size - at >= 2:
-            length, start = data[at + 1] & 0x7F, at + 6
-            if length >= 126:
-                start += 2 if length == 126 else 8
-                if size < start:
-                    break
-                length = int.from_bytes(data[at + 2 : start - 4], "big")
-            end = start + length
-            if data[at + 1] < MASKED or length > MAX_OWN:
-                super().data_received(data[at:])  # It says what is wrong, and takes no more.
-                return size
-            if end > size:
-                break
-            self._turns.spend(1 + (end - at) / 1024)
-            self._take_frame(data, at, start, end)
-            at = end
+    def _take_frames(self) -> None:
+        """Deal with all frames that are whole, or with some of them and the others later."""
+        left = FRAMES_AT_A_TIME
+        while not self._paused:
+            try:
+                frame = self._reader.next_frame()
+            except FrameError:
+                super().data_received(self._reader.rest)  # It says what is wrong.
+                self._reader.clear()
+                return
+            if frame is None:
+                return
+            self._turns.spend(1 + len(frame.raw) / 1024)
+            self._take_frame(frame)
             if self.transport.is_closing():
-                return size
+                self._reader.clear()
+                return
             left -= 1
             if left == 0 or self._turns.over:
                 self.give_way()
-            if self._paused:
-                break
-        return at
 
-    def _take_frame(self, data: bytes, at: int, start: int, end: int) -> None:
-        first = data[at]
+    def _take_frame(self, frame: RawFrame) -> None:
+        first = frame.first
         if first in MESSAGES and self._between_messages:
-            self._hand_over(apply_mask(data[start:end], data[start - 4 : start]), first == TEXT)
-        elif first == CLOSE or self._charge(first, end - at):
-            super().data_received(data[at:end])
+            self._hand_over(frame.content, first == FIN | TEXT)
+        elif first == FIN | CLOSE or self._charge(first, len(frame.raw)):
+            super().data_received(frame.raw)
 
     def _charge(self, first: int, size: int) -> bool:
         """Take a frame that is no message off the budget; whether it may be looked at.
@@ -272,7 +263,7 @@ class Connection(ServerConnection):
         """
         if self.protocol.state is not State.OPEN:
             return False
-        unread = first == PING and self.transport.get_write_buffer_size() > MAX_UNSENT
+        unread = first == FIN | PING and self.transport.get_write_buffer_size() > MAX_UNSENT
         if not unread and self._frames.take(self.loop.time(), 1 + size / 1024):
             return True
         self._excess += 1
@@ -293,8 +284,8 @@ class Connection(ServerConnection):
             super().process_event(event)
 
     def _take_part(self, frame: Frame) -> None:
-        if frame.opcode is not Opcode.CONT:
-            self._is_text = frame.opcode is Opcode.TEXT
+        if frame.opcode != CONTINUATION:
+            self._is_text = frame.opcode == TEXT
         self._parts.append(bytes(frame.data))
         if len(self._parts) > MAX_PARTS:
             self.drop("flood")

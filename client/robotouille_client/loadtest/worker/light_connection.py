@@ -19,10 +19,21 @@ from websockets.http11 import Response
 from websockets.protocol import State
 from websockets.typing import Subprotocol
 from websockets.uri import WebSocketURI, parse_uri
-from websockets.utils import apply_mask
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
+from robotouille.protocol.frames import (
+    BINARY,
+    CLOSE,
+    CONTINUATION,
+    FIN,
+    PING,
+    PONG,
+    TEXT,
+    FrameError,
+    FrameReader,
+    pack_frame,
+)
 
 __all__ = [
     "HandshakeRefusedError",
@@ -36,9 +47,8 @@ __all__ = [
 READ_SIZE = 64 * 1024
 """Bytes to ask the network for at a time. The event loop's own 256 KiB are got from the system and
 given back for each message, which takes longer than reading it."""
-FIN = 0x80
-CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
-MASKED = 0x80
+MAX_SIZE = 64 * 1024 * 1024
+"""Bytes of a message that a server would never send."""
 
 
 class UnreachableError(RobotouilleError):
@@ -71,7 +81,8 @@ class LightConnection(asyncio.Protocol):
         self._handshake = ClientProtocol(uri, subprotocols=[Subprotocol(MSGPACK.name)])
         self._traffic = traffic
         self._transport: asyncio.Transport | None = None
-        self._rest = b""
+        self._head = b""
+        self._reader = FrameReader(masked=False, max_size=MAX_SIZE)
         self._parts: list[bytes] = []
 
     # What the event loop calls
@@ -86,16 +97,15 @@ class LightConnection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         self._traffic.bytes_in += len(data)
-        if self._rest:
-            data = self._rest + data
         if not self.opened.done():
-            head, separator, data = data.partition(b"\r\n\r\n")
+            head, separator, data = (self._head + data).partition(b"\r\n\r\n")
             if not separator:
-                self._rest = head
+                self._head = head
                 return
             self._answered(head + separator, data)
         if not self.opened.exception():
-            self._take_frames(data)
+            self._reader.receive(data)
+            self._take_frames()
 
     def connection_lost(self, error: Exception | None) -> None:
         self._transport = None
@@ -130,22 +140,13 @@ class LightConnection(asyncio.Protocol):
 
     # Frames
 
-    def _take_frames(self, data: bytes) -> None:
-        """Hand over the whole frames of `data`, keep the rest."""
-        at, size = 0, len(data)
-        while size - at >= 2:
-            length, start = data[at + 1], at + 2
-            if length >= 126:
-                start += 2 if length == 126 else 8
-                if size < start:
-                    break
-                length = int.from_bytes(data[at + 2 : start])
-            end = start + length
-            if end > size:
-                break
-            self._take_frame(data[at], data[start:end])
-            at = end
-        self._rest = data[at:]
+    def _take_frames(self) -> None:
+        """Hand over all frames that are whole; a server that frames wrongly is left."""
+        try:
+            while (frame := self._reader.next_frame()) is not None:
+                self._take_frame(frame.first, frame.payload)
+        except FrameError:
+            self.abort()
 
     def _take_frame(self, first: int, payload: bytes) -> None:
         code = first & 0x0F
@@ -169,15 +170,7 @@ class LightConnection(asyncio.Protocol):
     def _write(self, first: int, payload: bytes) -> None:
         if self._transport is None:
             return
-        size = len(payload)
-        if size < 126:
-            head = bytes((first, MASKED | size))
-        elif size < 1 << 16:
-            head = bytes((first, MASKED | 126)) + size.to_bytes(2)
-        else:
-            head = bytes((first, MASKED | 127)) + size.to_bytes(8)
-        mask = getrandbits(32).to_bytes(4)
-        frame = b"".join((head, mask, apply_mask(payload, mask)))
+        frame = pack_frame(first, payload, getrandbits(32).to_bytes(4))
         self._traffic.bytes_out += len(frame)
         self._transport.write(frame)
 
