@@ -26,7 +26,6 @@ from robotouille.protocol.frames import (
     TEXT,
     FrameError,
     FrameReader,
-    RawFrame,
     pack_frame,
 )
 from robotouille_server.runtime.descriptors import few_left
@@ -230,30 +229,25 @@ class Connection(ServerConnection):
 
     def _take_frames(self) -> None:
         """Deal with all frames that are whole, or with some of them and the others later."""
-        left = FRAMES_AT_A_TIME
-        while not self._paused:
-            try:
-                frame = self._reader.next_frame()
-            except FrameError:
-                super().data_received(self._reader.rest)  # It says what is wrong.
-                self._reader.clear()
-                return
-            if frame is None:
-                return
-            self._turns.spend(1 + len(frame.raw) / 1024)
-            self._take_frame(frame)
-            if self.transport.is_closing():
-                self._reader.clear()
-                return
-            left -= 1
-            if left == 0 or self._turns.over:
-                self.give_way()
+        reader, left = self._reader, FRAMES_AT_A_TIME
+        try:
+            while not self._paused and reader.next_frame():
+                self._turns.spend(1 + reader.size / 1024)
+                self._take_frame(reader)
+                if self.transport.is_closing():
+                    reader.clear()
+                left -= 1
+                if left == 0 or self._turns.over:
+                    self.give_way()
+        except FrameError:
+            super().data_received(reader.rest)  # It says what is wrong.
+            reader.clear()
 
-    def _take_frame(self, frame: RawFrame) -> None:
+    def _take_frame(self, frame: FrameReader) -> None:
         first = frame.first
         if first in MESSAGES and self._between_messages:
             self._hand_over(frame.content, first == FIN | TEXT)
-        elif first == FIN | CLOSE or self._charge(first, len(frame.raw)):
+        elif first == FIN | CLOSE or self._charge(first, frame.size):
             super().data_received(frame.raw)
 
     def _charge(self, first: int, size: int) -> bool:

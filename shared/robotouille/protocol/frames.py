@@ -2,16 +2,14 @@
 
 reader = FrameReader(masked=True, max_size=65536)
 reader.receive(data)
-while (frame := reader.next_frame()) is not None:
-    ...  # frame.first, frame.content
+while reader.next_frame():
+    ...  # reader.first, reader.content
 
 The server and the load tester use it for what is met a hundred thousand times a second; handshakes,
 closing and everything rare is the business of the `websockets` library.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 try:
     from websockets.speedups import apply_mask
@@ -28,7 +26,6 @@ __all__ = [
     "TEXT",
     "FrameError",
     "FrameReader",
-    "RawFrame",
     "pack_frame",
 ]
 
@@ -45,78 +42,79 @@ class FrameError(ValueError):
     """A frame that may not be: masked where none is, or not where all are, or too large."""
 
 
-class RawFrame(NamedTuple):
-    """One frame as it came. `first` is its first byte: FIN, reserved bits and opcode; `payload` is
-    still masked with `mask`, which is empty in frames of servers."""
-
-    first: int
-    raw: bytes
-    payload: bytes
-    mask: bytes
-
-    @property
-    def content(self) -> bytes:
-        """The payload, unmasked."""
-        return apply_mask(self.payload, self.mask) if self.mask else self.payload
-
-
 class FrameReader:
-    """The frames of one direction of a connection. `masked` are those of clients; a payload of more
-    than `max_size` bytes is an error as soon as its length is there."""
+    """The frames of one direction of a connection, one after the other. `masked` are those of
+    clients; a payload of more than `max_size` bytes is an error as soon as its length is there.
 
-    __slots__ = ("_at", "_data", "_masked", "_max_size")
+    It is its own cursor, as a frame of its own for each would cost more than all the rest: `first`
+    is the present frame's first byte (FIN, reserved bits and opcode), `size` its bytes in all.
+    """
+
+    __slots__ = ("_at", "_data", "_masked", "_max_size", "_start", "first", "size")
 
     def __init__(self, *, masked: bool, max_size: int) -> None:
         self._masked = masked
         self._max_size = max_size
         self._data = b""
-        self._at = 0
+        self._at = self._start = 0
+        self.first = self.size = 0
 
     def receive(self, data: bytes) -> None:
         """More bytes are here."""
-        at = self._at
-        if at == len(self._data):
-            self._data = data
-        else:
-            self._data = self._data[at:] + data
+        rest = self._data[self._at :]
+        self._data = rest + data if rest else data
         self._at = 0
+
+    def next_frame(self) -> bool:
+        """Whether there is one more frame that is whole; it is the present one from now on.
+
+        FrameError is raised again and again: nothing behind such a frame can be read.
+        """
+        data, at = self._data, self._at
+        there = len(data) - at
+        if there < 2:
+            return False
+        length, start = data[at + 1], 2
+        if self._masked:
+            length -= _MASKED
+            start = 6
+        if not 0 <= length < _MASKED:
+            raise FrameError("a frame that is not masked" if self._masked else "a masked frame")
+        if length >= _TWO_BYTES:
+            more = 2 if length == _TWO_BYTES else 8
+            if there < 2 + more:
+                return False
+            length = int.from_bytes(data[at + 2 : at + 2 + more])
+            start += more
+        if length > self._max_size:
+            raise FrameError(f"a frame of {length} bytes; at most {self._max_size} may be")
+        size = start + length
+        if there < size:
+            return False
+        self.first, self.size = data[at], size
+        self._start, self._at = at + start, at + size
+        return True
+
+    @property
+    def content(self) -> bytes:
+        """The present frame's payload, unmasked."""
+        start = self._start
+        payload = self._data[start : self._at]
+        return apply_mask(payload, self._data[start - 4 : start]) if self._masked else payload
+
+    @property
+    def raw(self) -> bytes:
+        """The present frame as it came."""
+        return self._data[self._at - self.size : self._at]
 
     @property
     def rest(self) -> bytes:
-        """What has come and is in no frame that was given."""
+        """What has come behind the present frame."""
         return self._data[self._at :]
 
     def clear(self) -> None:
         """Forget the rest."""
         self._data, self._at = b"", 0
-
-    def next_frame(self) -> RawFrame | None:
-        """The next whole frame; None until more has come. FrameError is raised again and again:
-        nothing behind such a frame can be read."""
-        data, at = self._data, self._at
-        size = len(data) - at
-        if size < 2:
-            return None
-        second = data[at + 1]
-        length, start = second & 0x7F, at + 2
-        if (second >= _MASKED) is not self._masked:
-            raise FrameError("a frame that is not masked" if self._masked else "a masked frame")
-        if length >= _TWO_BYTES:
-            start += 2 if length == _TWO_BYTES else 8
-            if at + size < start:
-                return None
-            length = int.from_bytes(data[at + 2 : start])
-        if length > self._max_size:
-            raise FrameError(f"a frame of {length} bytes; at most {self._max_size} may be")
-        mask = b""
-        if self._masked:
-            mask = data[start : start + 4]
-            start += 4
-        end = start + length
-        if at + size < end:
-            return None
-        self._at = end
-        return RawFrame(data[at], data[at:end], data[start:end], mask)
 
 
 def pack_frame(first: int, payload: bytes, mask: bytes = b"") -> bytes:

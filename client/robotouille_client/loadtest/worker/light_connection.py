@@ -143,8 +143,8 @@ class LightConnection(asyncio.Protocol):
     def _take_frames(self) -> None:
         """Hand over all frames that are whole; a server that frames wrongly is left."""
         try:
-            while (frame := self._reader.next_frame()) is not None:
-                self._take_frame(frame.first, frame.payload)
+            while self._reader.next_frame():
+                self._take_frame(self._reader.first, self._reader.content)
         except FrameError:
             self.abort()
 
