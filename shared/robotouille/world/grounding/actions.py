@@ -8,19 +8,16 @@ them into `(facts | touched) ^ removed`. One that static facts rule out has `req
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from robotouille.domain.checks import parameter_types, placeholders
 from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
-from robotouille.world.grounding.objects import Atom
+from robotouille.world.grounding.effects import Effect
 
-if TYPE_CHECKING:
-    from robotouille.world.grounding.effects import Effect
-
-__all__ = ["ActionSchema", "EffectSchema", "GroundAction", "compile_schemas"]
+__all__ = ["ActionSchema", "ActionSource", "EffectSchema", "GroundAction", "compile_schemas"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,28 +51,43 @@ class ActionSchema:
         return {name: a for (name, _), a in zip(self.parameters, arguments, strict=True)}
 
 
+class ActionSource(Protocol):
+    """What ground actions come from: a world hands out one for each name and arguments."""
+
+    def action(self, name: str, *arguments: str) -> GroundAction: ...
+
+    def admit(self, names: Iterable[str]) -> None: ...
+
+
 class GroundAction:
     """An action with its arguments, e.g. `move(robot1, table1, table2)`.
 
     `key` orders actions as the domain lists them, then by their arguments' order. `effects` are
-    the special effects it starts, `duration` the steps it takes (1 but for timing profiles).
+    the special effects it starts, `reads` the atoms on which these depend, `duration` the steps
+    it takes (1 but for timing profiles). `source` is the world whose bits its masks are.
     """
 
     __slots__ = (
-        "arguments", "duration", "effects", "key", "name", "player", "removed", "required",
-        "schema", "sentence", "tested", "touched",
+        "arguments", "duration", "effects", "key", "name", "player", "reads", "removed",
+        "required", "schema", "sentence", "source", "tested", "touched",
     )  # fmt: skip
 
     def __init__(
-        self, schema: ActionSchema, arguments: tuple[str, ...], key: tuple[int, ...], sentence: str
+        self,
+        source: ActionSource,
+        schema: ActionSchema,
+        arguments: tuple[str, ...],
+        key: tuple[int, ...],
+        sentence: str,
     ) -> None:
+        self.source = source
         self.schema = schema
         self.name = schema.name
         self.arguments = arguments
         self.player = arguments[0] if schema.player else None
         self.key = key
         self.sentence = sentence
-        self.tested = self.required = self.touched = self.removed = 0
+        self.tested = self.required = self.touched = self.removed = self.reads = 0
         self.effects: tuple[Effect, ...] = ()
         self.duration = 1
 
@@ -135,11 +147,6 @@ def _variables(effect: EffectDef) -> Iterator[str]:
 
 def _repeats(effect: EffectDef) -> bool:
     return effect.type == "repetitive" or any(_repeats(e) for e in effect.sfx)
-
-
-def bound(condition: Condition, binding: dict[str, str]) -> Atom:
-    """A condition with its parameters replaced by objects."""
-    return (condition.predicate, *(binding[name] for name in condition.params))
 
 
 def walking_steps(distance: int, steps_per_tile: int) -> int:
