@@ -170,7 +170,20 @@ class Step(NamedTuple):
 
 
 class World(GroundTask):
-    """A grounded task. Ground actions are made when first needed and live as long as it does."""
+    """A grounded task: what its states, valid actions and steps are.
+
+    No course of play is in it, so all courses of a task may share one. But it grows while it is
+    used, so it is for one thread at a time; a program with several has one for each. What grows:
+
+    - Objects and atoms, by generations (see `GroundObjects`), and only by `make_room`,
+      `make_room_for_another` and `admit`, or where a step creates, or `restore` needs, more
+      objects than there is room for, which comes to the same. No bit moves, so states, actions
+      and timers stay good; the successor trees and what the goal knows are begun anew.
+    - Ground actions and effects, made when first needed; they live as long as the world.
+    - What it remembers of its answers: successor trees (at most `successors.MAX_NODES` nodes a
+      player), transitions of timers (`timers.MAX_KEPT`), parts of states in which the goal holds
+      (`goal.MAX_KEPT`). At the bound it forgets and learns anew; answers never change by it.
+    """
 
     def __init__(self, task: Task | str) -> None:
         super().__init__(load_task(task) if isinstance(task, str) else task)
