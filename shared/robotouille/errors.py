@@ -37,9 +37,9 @@ __all__ = [
 ]
 
 
-def did_you_mean(name: str, valid: Iterable[str]) -> str:
+def did_you_mean(name: object, valid: Iterable[str]) -> str:
     """The clause `; did you mean 'x'?`, or nothing where no valid name is near."""
-    near = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.6)
+    near = difflib.get_close_matches(str(name), list(valid), n=1, cutoff=0.6)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

@@ -63,7 +63,7 @@ class Timers:
         for effect, _ in entries:
             self.reads |= effect.reads
         self.ticked: dict[int, Change] = {}
-        self.started: dict[tuple[GroundAction, int], Change] = {}
+        self.started: dict[tuple[int, int], Change] = {}
 
     def __bool__(self) -> bool:
         return bool(self.entries or self.busy)
@@ -103,7 +103,7 @@ class Timers:
                 f"{action} was made by another World; ask this one: "
                 f"world.action({action.name!r}, *arguments)"
             )
-        key = (action, facts & (action.reads | self.reads))
+        key = (action.number, facts & (action.reads | self.reads))
         change = self.started.get(key)
         if change is None:
             change, repeatable = self.table.begin(self, action, facts)

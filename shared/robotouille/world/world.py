@@ -13,22 +13,30 @@ from __future__ import annotations
 
 import hashlib
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task
-from robotouille.errors import InapplicableError, UnknownNameError, WrongWorldError, did_you_mean
+from robotouille.errors import (
+    InapplicableError,
+    RobotouilleError,
+    UnknownNameError,
+    WrongArgumentError,
+    WrongWorldError,
+    did_you_mean,
+)
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, bound
+from robotouille.world.joint_action import JointAction, in_order, not_an_action, read, said
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe, observation
 from robotouille.world.timers import Progress, Timers, TimerTable
 
-__all__ = ["Attempt", "JointAction", "State", "Step", "World", "shared_world"]
+__all__ = ["Attempt", "State", "Step", "World", "shared_world"]
 
 TimerRow = tuple[str, int, tuple[str, ...], tuple[int, ...]]
 
@@ -94,7 +102,11 @@ class State:
 
     def holds(self, predicate: str, *arguments: str) -> bool:
         """Whether a fact is true, e.g. `state.holds("iscut", "lettuce1")`."""
-        return self.world.table.holds((predicate, *arguments), self.facts)
+        try:
+            return self.world.table.holds((predicate, *arguments), self.facts)
+        except TypeError:
+            found = ", ".join(map(repr, (predicate, *arguments)))
+            raise WrongArgumentError(f"expected names, found {found}") from None
 
     def atoms(self) -> list[Atom]:
         """Every true fact as `(predicate, argument, …)`, sorted."""
@@ -109,7 +121,8 @@ class State:
         return self.world.actions(self, player)
 
     def step(self, actions: JointAction) -> Step:
-        """Take a joint action (or one player's action); see `World.step`."""
+        """Take a joint action: a `GroundAction`, the sentence of a valid one, a list of these in
+        order (None does nothing), or a dict of them by player. See `World.step`."""
         return self.world.step(self, actions)
 
     def busy_steps(self, player: str) -> int:
@@ -135,6 +148,17 @@ class State:
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
+def _checked(rows: Any, length: int) -> list[Any]:
+    """Rows of timers or of busy players, each a tuple of so many values."""
+    try:
+        found = [tuple(row) for row in rows]
+    except TypeError:
+        raise WrongArgumentError(f"expected rows of a state's timers, found {rows!r}") from None
+    if any(len(row) != length for row in found):
+        raise WrongWorldError(f"expected rows of {length} values, found {found}")
+    return found
+
+
 def _restore(
     world: World,
     facts: int,
@@ -142,10 +166,6 @@ def _restore(
     busy: tuple[tuple[str, int], ...],
 ) -> State:
     return world.restore(facts, rows, busy)
-
-
-JointAction = GroundAction | Sequence[GroundAction | None] | Mapping[str, GroundAction]
-"""One player's action, several in the order in which they apply, or one for each player."""
 
 
 class Attempt(NamedTuple):
@@ -186,12 +206,15 @@ class World(GroundTask):
     """
 
     def __init__(self, task: Task | str) -> None:
-        super().__init__(load_task(task) if isinstance(task, str) else task)
+        super().__init__(task if isinstance(task, Task) else load_task(task))
         self.timers = TimerTable(self)
         self._trees: dict[str, SuccessorTree] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return shared_world, (self.task,)
+        task = self.task
+        if self._is_shipped:
+            return _shipped_world, (task.name, task.seats, task.timing.value, task.digest)
+        return shared_world, (task,)
 
     def __copy__(self) -> World:
         return self
@@ -204,6 +227,16 @@ class World(GroundTask):
         self._trees.clear()
 
     @cached_property
+    def _is_shipped(self) -> bool:
+        """Whether the task can be loaded by its name, so that it need not travel with states."""
+        task = self.task
+        try:
+            known = load_task(task.name, seats=task.seats, timing=task.timing, files=False)
+        except RobotouilleError:
+            return False
+        return known.digest == task.digest
+
+    @cached_property
     def initial(self) -> State:
         """The state in which every episode of the task begins."""
         return State(self, self.initial_facts, self.timers.none)
@@ -212,8 +245,9 @@ class World(GroundTask):
 
     def actions(self, state: State, player: str) -> tuple[GroundAction, ...]:
         """The valid actions of a player in a stable order."""
-        tree = self._trees.get(player)
-        if tree is None:
+        try:
+            tree = self._trees[player]
+        except (KeyError, TypeError):
             tree = self._new_tree(player)
         if state.timers.busy and state.timers.busy_steps(player):
             return ()
@@ -232,28 +266,29 @@ class World(GroundTask):
 
         UnknownNameError gives the nearest one.
         """
-        wanted = " ".join(sentence.split()).casefold()
-        sentences = {" ".join(a.sentence.split()).casefold(): a for a in state.actions(player)}
-        if wanted not in sentences:
-            raise UnknownNameError(f"no valid action {sentence!r}{did_you_mean(wanted, sentences)}")
-        return sentences[wanted]
+        return said(sentence, self.actions(state, player))
 
     # Steps
 
     def applicable(self, state: State, action: GroundAction) -> bool:
         """Whether an action applies in a state."""
-        met = state.facts & action.tested == action.required
+        try:
+            met = state.facts & action.tested == action.required
+        except AttributeError:
+            raise not_an_action(action) from None
         return met and not state.timers.busy_steps(action.player)
 
     def successor(self, state: State, action: GroundAction) -> State:
         """The state after one player's valid action: the fast path for search.
 
-        Raises InapplicableError where the action does not apply.
+        Both must be of this world. Raises InapplicableError where the action does not apply.
         """
         facts = state.facts
-        if facts & action.tested != action.required or (
-            state.timers.busy and state.timers.busy_steps(action.player)
-        ):
+        try:
+            met = facts & action.tested == action.required
+        except AttributeError:
+            raise not_an_action(action) from None
+        if not met or (state.timers.busy and state.timers.busy_steps(action.player)):
             raise InapplicableError(action.sentence, self.unmet(state, action))
         facts = (facts | action.touched) ^ action.removed
         timers = state.timers
@@ -273,12 +308,19 @@ class World(GroundTask):
         """Apply a joint action, one player's after the other's, then let a step of time pass.
 
         `actions` are in the order in which they apply; an action whose preconditions do not hold
-        then is rejected and changes nothing.
+        then is rejected and changes nothing. A sentence says an action that is valid in `state`;
+        where it says none, UnknownNameError names the nearest.
         """
+        if state.world is not self:
+            state = self._own(state)
         facts, timers = state.facts, state.timers
         attempts = []
         acted: set[str] = set()
-        for player, action in _in_order(actions):
+        for player, wish in in_order(actions, self.players):
+            if type(wish) is GroundAction and wish.source is self:
+                action = wish
+            else:
+                action = read(wish, self, self._valid(state, player))
             actor = action.player or player
             unmet: tuple[str, ...] = ()
             if actor is not None and actor in acted:
@@ -301,8 +343,15 @@ class World(GroundTask):
         after = State(self, facts, timers)
         return Step(after, tuple(attempts), after.goal_reached)
 
+    def _valid(self, state: State, player: str | None) -> Iterator[GroundAction]:
+        """What a player can do, or any player."""
+        for name in self.players if player is None else (player,):
+            yield from self.actions(state, name)
+
     def unmet(self, state: State, action: GroundAction) -> tuple[str, ...]:
         """The preconditions of an action that do not hold in a state, in words."""
+        if not isinstance(action, GroundAction):
+            raise not_an_action(action)
         return self._unmet(state.facts, state.timers, action, action.player)
 
     def _unmet(
@@ -330,6 +379,12 @@ class World(GroundTask):
         atoms = self.table.atoms
         return [atoms[i] for i in bits_of(added)], [atoms[i] for i in bits_of(removed)]
 
+    def _own(self, state: State) -> State:
+        other = state.world.task
+        if other.digest != self.task.digest:
+            raise WrongWorldError(f"the state is one of another task, {other.name}")
+        return self.restore(state.facts, state.timer_rows(), state.timers.busy)
+
     def restore(
         self,
         facts: int,
@@ -340,16 +395,18 @@ class World(GroundTask):
 
         Raises UnknownNameError or WrongWorldError where they do not belong to this world.
         """
+        if not isinstance(facts, int):
+            raise WrongArgumentError(f"expected the facts of a state, an integer; found {facts!r}")
         self._make_room_for(facts)
         if facts < 0 or facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError("facts of another world")
         entries = []
-        for action, index, arguments, counters in rows:
+        for action, index, arguments, counters in _checked(rows, 4):
             effect = self.effect(action, index, tuple(arguments))
             if len(counters) != effect.size:
                 raise WrongWorldError(f"{effect} has {effect.size} counters, found {len(counters)}")
             entries.append((effect, tuple(counters)))
-        return State(self, facts, self.timers.get(tuple(entries), tuple(map(tuple, busy))))  # type: ignore[arg-type]
+        return State(self, facts, self.timers.get(tuple(entries), tuple(_checked(busy, 2))))
 
 
 _worlds: weakref.WeakValueDictionary[str, World] = weakref.WeakValueDictionary()
@@ -363,16 +420,10 @@ def shared_world(task: Task) -> World:
     return world
 
 
-def _in_order(
-    actions: JointAction,
-) -> Iterator[tuple[str | None, GroundAction]]:
-    if isinstance(actions, list):
-        for action in actions:
-            if action is not None:
-                yield None, action
-    elif isinstance(actions, GroundAction):
-        yield None, actions
-    elif isinstance(actions, Mapping):
-        yield from actions.items()
-    else:
-        yield from ((None, action) for action in actions if action is not None)
+def _shipped_world(name: str, seats: int, timing: str, digest: str) -> World:
+    world = _worlds.get(digest)
+    if world is None:
+        world = shared_world(load_task(name, seats=seats, timing=timing, files=False))
+        if world.task.digest != digest:
+            raise WrongWorldError(f"{name} is not the task that it was where this was pickled")
+    return world

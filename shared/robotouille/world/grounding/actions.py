@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from robotouille.domain.checks import parameter_types, placeholders
 from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
@@ -54,6 +54,8 @@ class ActionSchema:
 class ActionSource(Protocol):
     """What ground actions come from: a world hands out one for each name and arguments."""
 
+    task: Task
+
     def action(self, name: str, *arguments: str) -> GroundAction: ...
 
     def admit(self, names: Iterable[str]) -> None: ...
@@ -64,12 +66,16 @@ class GroundAction:
 
     `key` orders actions as the domain lists them, then by their arguments' order. `effects` are
     the special effects it starts, `reads` the atoms on which these depend, `duration` the steps
-    it takes (1 but for timing profiles). `source` is the world whose bits its masks are.
+    it takes (1 but for timing profiles). `source` is the world whose bits its masks are, `number`
+    tells it from the others of that world.
+
+    Actions are equal if their names and arguments are. `pickle` and `copy` work: a copy is the
+    same object, and a world of the same task takes another's actions for its own.
     """
 
     __slots__ = (
-        "arguments", "duration", "effects", "key", "name", "player", "reads", "removed",
-        "required", "schema", "sentence", "source", "tested", "touched",
+        "_hash", "arguments", "duration", "effects", "key", "name", "number", "player", "reads",
+        "removed", "required", "schema", "sentence", "source", "tested", "touched",
     )  # fmt: skip
 
     def __init__(
@@ -79,8 +85,10 @@ class GroundAction:
         arguments: tuple[str, ...],
         key: tuple[int, ...],
         sentence: str,
+        number: int,
     ) -> None:
         self.source = source
+        self.number = number
         self.schema = schema
         self.name = schema.name
         self.arguments = arguments
@@ -90,12 +98,35 @@ class GroundAction:
         self.tested = self.required = self.touched = self.removed = self.reads = 0
         self.effects: tuple[Effect, ...] = ()
         self.duration = 1
+        self._hash = hash((self.name, arguments))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, GroundAction):
+            return NotImplemented
+        return self is other or (self.name, self.arguments) == (other.name, other.arguments)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __copy__(self) -> GroundAction:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GroundAction:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _from_source, (self.source, self.name, self.arguments)
 
     def __repr__(self) -> str:
         return f"<{self}>"
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.arguments)})"
+
+
+def _from_source(source: ActionSource, name: str, arguments: tuple[str, ...]) -> GroundAction:
+    source.admit(arguments)
+    return source.action(name, *arguments)
 
 
 def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:

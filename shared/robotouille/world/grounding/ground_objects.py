@@ -52,7 +52,7 @@ class GroundObjects:
 
     def thing(self, name: str) -> Object:
         """The object of a name; UnknownNameError if there is none."""
-        thing = self._things.get(name)
+        thing = self._things.get(name) if isinstance(name, str) else None
         if thing is None:
             raise UnknownNameError(f"no object {name!r}{did_you_mean(name, self._things)}")
         return thing
@@ -120,6 +120,8 @@ class GroundObjects:
         creatable = {kind for kind, _ in self._creations}
         wanted: dict[str, int] = {}
         for name in names:
+            if not isinstance(name, str):
+                raise UnknownNameError(f"no object {name!r}")
             kind = name.rstrip("0123456789")
             digits = name[len(kind) :]
             if name in self._things or kind not in creatable or not digits:

@@ -56,10 +56,11 @@ class GroundTask(GroundObjects):
     def action(self, name: str, *arguments: str) -> GroundAction:
         """A ground action by name and arguments, applicable anywhere or not; UnknownNameError
         says what is unknown or of the wrong type."""
-        known = self._named.get((name, arguments))
-        if known is not None:
-            return known
-        schema = self._schema.get(name)
+        try:
+            return self._named[name, arguments]
+        except (KeyError, TypeError):
+            pass  # new, or a list where a name should be
+        schema = self._schema.get(name) if isinstance(name, str) else None
         if schema is None:
             raise UnknownNameError(f"no action {name!r}{did_you_mean(name, self._schema)}")
         if len(arguments) != len(schema.parameters):
@@ -93,7 +94,8 @@ class GroundTask(GroundObjects):
             for argument, (_, kind) in zip(arguments, schema.parameters, strict=True)
         ]
         sentence = definition.language_description.format(**binding)
-        action = GroundAction(self, schema, arguments, (schema.index, *order), sentence)
+        key, number = (schema.index, *order), len(self._ground)
+        action = GroundAction(self, schema, arguments, key, sentence, number)
         conditions = [(bound(c, binding), c.is_true) for c in definition.precons]
         conditions += [((EXISTS, a), True) for a in arguments if (EXISTS, a) in self.table.bit]
         action.tested, action.required, possible = self.table.test(conditions)
