@@ -17,7 +17,10 @@ from robotouille.errors import (
     ProtocolError,
     RecordingError,
     RobotouilleError,
+    UnknownNameError,
     UnknownTaskError,
+    WrongArgumentError,
+    WrongWorldError,
 )
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import Progress, State
@@ -37,8 +40,11 @@ __all__ = [
     "Step",
     "Task",
     "Timing",
+    "UnknownNameError",
     "UnknownTaskError",
     "World",
+    "WrongArgumentError",
+    "WrongWorldError",
     "load_task",
     "task_names",
 ]

@@ -4,12 +4,15 @@
     ├── FileError            a file is unreadable or wrong; carries every fault found in it
     ├── UnknownTaskError     no task goes by that name
     ├── InapplicableError    a caller applied an action whose preconditions do not hold
+    ├── UnknownNameError     a world has no such action, object or player; also a KeyError
+    ├── WrongWorldError      a state or an action belongs to another task; also a ValueError
+    ├── WrongArgumentError   an argument of the Python API is of no use; also a TypeError
     ├── RecordingError       a recording is damaged or does not re-simulate
     ├── MissingExtraError    an optional library is needed; the message has the install line
     └── ProtocolError        a peer's message cannot be honoured; `code` is stable on the wire
 
 `FileError` and `ProtocolError` are somebody else's fault (a file's author, a peer);
-`InapplicableError` is the caller's.
+`InapplicableError` and the three after it are the caller's.
 """
 
 from __future__ import annotations
@@ -26,14 +29,17 @@ __all__ = [
     "ProtocolError",
     "RecordingError",
     "RobotouilleError",
+    "UnknownNameError",
     "UnknownTaskError",
+    "WrongArgumentError",
+    "WrongWorldError",
     "did_you_mean",
 ]
 
 
-def did_you_mean(name: str, valid: Iterable[str]) -> str:
+def did_you_mean(name: object, valid: Iterable[str]) -> str:
     """The clause `; did you mean 'x'?`, or nothing where no valid name is near."""
-    near = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.6)
+    near = difflib.get_close_matches(str(name), list(valid), n=1, cutoff=0.6)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 
@@ -91,6 +97,20 @@ class InapplicableError(RobotouilleError):
         self.action = action
         self.unmet = unmet
         super().__init__(f"{action}: {'; '.join(unmet)}")
+
+
+class UnknownNameError(RobotouilleError, KeyError):
+    """A name that a world does not know; the message gives the nearest one that it does."""
+
+    __str__ = Exception.__str__
+
+
+class WrongWorldError(RobotouilleError, ValueError):
+    """A state, an action or facts that do not belong to this world."""
+
+
+class WrongArgumentError(RobotouilleError, TypeError):
+    """An argument that is none of what a method takes; the message says what it takes."""
 
 
 class RecordingError(RobotouilleError):

@@ -8,6 +8,7 @@ import random
 import pytest
 
 from robotouille import World, load_task
+from robotouille.domain.task import build_task
 from robotouille.world import successors, timers
 from robotouille.world.grounding import goal
 from robotouille.world.successors import DecisionNode, SuccessorTree
@@ -87,3 +88,26 @@ def test_without_bounds_the_same_play_takes_more(monkeypatch: pytest.MonkeyPatch
     world = long_play("multi_agent/01@4", "benchmark")
     assert min(nodes(tree) for tree in world._trees.values()) > 3 * LIMIT
     assert len(long_play("synchronous/01", "benchmark").goal._known) > LIMIT
+
+
+def test_a_world_makes_room_for_one_more_of_each_kind() -> None:
+    world = World("asynchronous/06")
+    state = world.initial
+    before = (state.digest, state.text(), state.actions("robot1"))
+    sizes = world.table_sizes
+    world.make_room_for_another()
+    assert world.table_sizes[:-1] == sizes
+    assert {"water1", "water2"} <= world.thing_names
+    assert (state.digest, state.text(), state.actions("robot1")) == before
+
+
+def test_where_nothing_can_be_created_there_is_no_room_to_make() -> None:
+    task = load_task("synchronous/01")
+    timeless = tuple(action for action in task.domain.action_defs if not action.sfx)
+    domain = task.domain.model_copy(update={"action_defs": timeless})
+    world = World(build_task("timeless", domain, task.problem))
+    sizes, names = world.table_sizes, world.thing_names
+    world.make_room_for_another()
+    world.make_room({"water": 3})
+    world.admit(["water1", "cheese9"])
+    assert (world.table_sizes, world.thing_names) == (sizes, names)

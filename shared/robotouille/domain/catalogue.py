@@ -9,7 +9,7 @@ from pathlib import Path
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import Task, Timing, build_task, read_domain
-from robotouille.errors import Fault, FileError, UnknownTaskError
+from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
 from robotouille.resources import data_folder
 
 __all__ = ["load_task", "task_names"]
@@ -49,6 +49,12 @@ def load_task(
     `name` may end in `@N` for N seats. `seed` decides the kinds of objects that the problem leaves
     open. Without `files`, only shipped tasks are found. Raises UnknownTaskError or FileError.
     """
+    if not isinstance(name, str):
+        raise WrongArgumentError(f"expected the name of a task or a path, found {name!r}")
+    if domain is not None and not isinstance(domain, DomainFile | str):
+        raise WrongArgumentError(f"expected a domain, its name or a path, found {domain!r}")
+    if not isinstance(seed, int):
+        raise WrongArgumentError(f"expected a whole number as seed, found {seed!r}")
     base, at, count = name.rpartition("@")
     if at and re.fullmatch("[0-9]{1,3}", count):
         name, seats = base, int(count)

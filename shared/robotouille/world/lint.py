@@ -14,9 +14,9 @@ from robotouille.domain.checks import check_problem, fluents
 from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import Fault
-from robotouille.world.grounding.actions import ActionSchema, bound
+from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
-from robotouille.world.grounding.objects import Object
+from robotouille.world.grounding.objects import Object, bound
 from robotouille.world.world import World
 
 __all__ = ["lint_domain", "lint_task", "reachable_facts"]

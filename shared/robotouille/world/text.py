@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
+from robotouille.domain.schema import DomainFile
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
-
-if TYPE_CHECKING:
-    from robotouille.domain.schema import DomainFile
-    from robotouille.world.state import State
 
 __all__ = ["describe", "observation"]
 
 
-def observation(state: State, player: str | None = None) -> str:
-    """A paragraph for each object, the valid actions of a player and the goal.
-
-    Without a player, the first one's actions are listed.
-    """
-    world = state.world
-    order = {name: i for i, name in enumerate(p.name for p in world.task.domain.predicate_defs)}
-    lines: dict[str, list[str]] = {thing.name: [] for thing in state.objects}
+def observation(task: GroundTask, facts: int, actions: Iterable[GroundAction]) -> str:
+    """A paragraph for each object, the valid actions of a player and the goal."""
+    order = {name: i for i, name in enumerate(p.name for p in task.task.domain.predicate_defs)}
+    things = task.objects_in(facts)
+    lines: dict[str, list[str]] = {thing.name: [] for thing in things}
     rank = {name: i for i, name in enumerate(lines)}
 
     def position(atom: Atom) -> tuple[int, list[int]]:
         return order[atom[0]], [rank[name] for name in atom[1:]]
 
-    for atom in sorted(world.table.true_atoms(state.facts), key=position):
+    for atom in sorted(task.table.true_atoms(facts), key=position):
         for argument, name in enumerate(atom[1:]):
-            sentence = world.descriptor(atom[0], argument)
+            sentence = task.descriptor(atom[0], argument)
             if sentence:
                 lines[name].append(sentence.format(*atom[1:]))
     paragraphs = [
         "\n".join([f"{thing.type.capitalize()} {thing.name}:", *lines[thing.name]])
-        for thing in state.objects
+        for thing in things
     ]
-    actor = player or world.players[0]
-    sentences = [action.sentence for action in state.actions(actor)]
-    paragraphs.append("\n".join(["Valid Actions:", *sentences]))
-    paragraphs.append(f"Goal: {world.task.goal_description}")
+    paragraphs.append("\n".join(["Valid Actions:", *(action.sentence for action in actions)]))
+    paragraphs.append(f"Goal: {task.task.goal_description}")
     return "\n\n".join(paragraphs)
 
 

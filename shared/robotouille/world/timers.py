@@ -8,21 +8,36 @@ create or delete objects depend on more, and are computed anew each time.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from weakref import WeakValueDictionary
 
-from robotouille.world.grounding.effects import DONE, Effect, EffectRun
+from robotouille.errors import WrongWorldError
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.effects import DONE, HOLDING, Effect, EffectRun
+from robotouille.world.grounding.ground_task import GroundTask
 
-if TYPE_CHECKING:
-    from robotouille.world.grounding.actions import GroundAction
-    from robotouille.world.world import World
-
-__all__ = ["Change", "TimerTable", "Timers"]
+__all__ = ["Change", "Progress", "TimerTable", "Timers"]
 
 Entry = tuple[Effect, tuple[int, ...]]
 
 MAX_KEPT = 50_000
 """Transitions that a world knows; then it learns anew."""
+
+
+class Progress(NamedTuple):
+    """How far something has come: `done` of `total` steps or performances of `action`.
+
+    `running` is False while it is paused, e.g. a patty taken off its stove; `timed` tells what
+    time brings about from what needs to be done again and again.
+    """
+
+    action: str
+    arguments: tuple[str, ...]
+    subject: str
+    done: int
+    total: int
+    running: bool
+    timed: bool = True
 
 
 class Change(NamedTuple):
@@ -48,7 +63,7 @@ class Timers:
         for effect, _ in entries:
             self.reads |= effect.reads
         self.ticked: dict[int, Change] = {}
-        self.started: dict[tuple[GroundAction, int], Change] = {}
+        self.started: dict[tuple[int, int], Change] = {}
 
     def __bool__(self) -> bool:
         return bool(self.entries or self.busy)
@@ -60,15 +75,35 @@ class Timers:
                 return steps
         return 0
 
+    def rows(self) -> tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]:
+        """The active effects as `(action, index, arguments, counters)`, in order of creation."""
+        return tuple((*effect.label, progress) for effect, progress in self.entries)
+
+    def progress(self) -> tuple[Progress, ...]:
+        """Everything that cooks, fries, fills, boils or is being cut, in order of creation."""
+        return tuple(
+            Progress(
+                action=effect.label[0],
+                arguments=effect.label[2],
+                subject=node.subject,
+                done=counters[node.slot],
+                total=node.total,
+                running=effect.root.kind != "conditional" or counters[0] == HOLDING,
+                timed=node.kind == "delayed",
+            )
+            for effect, counters in self.entries
+            for node in effect.counters()
+            if counters[node.slot] >= 0
+        )
+
     def begin(self, action: GroundAction, facts: int) -> Change:
         """Start an action's effects, or give them an active update."""
-        own = self.table.reads.get(action)
-        if own is None:
-            raise ValueError(
+        if action.source is not self.table.source:
+            raise WrongWorldError(
                 f"{action} was made by another World; ask this one: "
                 f"world.action({action.name!r}, *arguments)"
             )
-        key = (action, facts & (own | self.reads))
+        key = (action.number, facts & (action.reads | self.reads))
         change = self.started.get(key)
         if change is None:
             change, repeatable = self.table.begin(self, action, facts)
@@ -96,13 +131,12 @@ class Timers:
 class TimerTable:
     """Hands out one `Timers` per value and performs the updates that are not yet known."""
 
-    def __init__(self, world: World) -> None:
-        self._world = world
+    def __init__(self, source: GroundTask) -> None:
+        self.source = source
         self._known: WeakValueDictionary[
             tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers
         ] = WeakValueDictionary()
         self._transitions = 0
-        self.reads: dict[GroundAction, int] = {}
         self.none = self.get((), ())
 
     def get(self, entries: tuple[Entry, ...], busy: tuple[tuple[str, int], ...]) -> Timers:
@@ -127,7 +161,7 @@ class TimerTable:
                 timers.forget()
 
     def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
-        run = self._world.effect_run(facts)
+        run = self.source.effect_run(facts)
         entries = list(timers.entries)
         for effect in action.effects:
             if run.concerns_deleted(effect):
@@ -144,7 +178,7 @@ class TimerTable:
         return self._change(run, entries, tuple(sorted(busy.items())))
 
     def tick(self, timers: Timers, facts: int) -> tuple[Change, bool]:
-        run = self._world.effect_run(facts)
+        run = self.source.effect_run(facts)
         entries = [
             (effect, run.update(effect, progress, active=False))
             for effect, progress in timers.entries
@@ -172,6 +206,6 @@ class TimerTable:
         entries: list[Entry],
         busy: tuple[tuple[str, int], ...],
     ) -> tuple[Change, bool]:
-        repeatable = not run.written & self._world.table.internal
+        repeatable = not run.written & self.source.table.internal
         timers = self.get(tuple(entries), busy)
         return Change(run.written, run.written & ~run.facts, timers), repeatable

@@ -7,7 +7,6 @@ as if the timers that run had run out, and takes off what is done of repeated ac
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 from robotouille.planning.beam.domain_analysis import DomainAnalysis
@@ -135,18 +134,13 @@ class HeuristicContext:
             known = -1
             while known < len(goal.candidates(variable)) < wanted:
                 known = len(goal.candidates(variable))
-                self._make_room()
+                self.world.make_room_for_another()
         if self._size != len(self.world.table.atoms):
             self._size = len(self.world.table.atoms)
             self.vocabulary = DomainAnalysis(self.world)
             self.forecast = Forecaster(self.world)
             self._parts.clear()
             self._supporters.clear()
-
-    def _make_room(self) -> None:
-        """Have the world number one more object of each kind that can be created."""
-        with suppress(ValueError):
-            self.world.restore((2 << len(self.world.table.atoms)) - 1, ())
 
     def parts(self, atoms: list[Atom], facts: int) -> list[GoalPart]:
         """The parts of a goal; each atom is the work of the first movable it mentions."""

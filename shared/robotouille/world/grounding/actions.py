@@ -8,19 +8,16 @@ them into `(facts | touched) ^ removed`. One that static facts rule out has `req
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 from robotouille.domain.checks import parameter_types, placeholders
 from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
-from robotouille.world.grounding.objects import Atom
+from robotouille.world.grounding.effects import Effect
 
-if TYPE_CHECKING:
-    from robotouille.world.grounding.effects import Effect
-
-__all__ = ["ActionSchema", "EffectSchema", "GroundAction", "compile_schemas"]
+__all__ = ["ActionSchema", "ActionSource", "EffectSchema", "GroundAction", "compile_schemas"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,36 +51,82 @@ class ActionSchema:
         return {name: a for (name, _), a in zip(self.parameters, arguments, strict=True)}
 
 
+class ActionSource(Protocol):
+    """What ground actions come from: a world hands out one for each name and arguments."""
+
+    task: Task
+
+    def action(self, name: str, *arguments: str) -> GroundAction: ...
+
+    def admit(self, names: Iterable[str]) -> None: ...
+
+
 class GroundAction:
     """An action with its arguments, e.g. `move(robot1, table1, table2)`.
 
     `key` orders actions as the domain lists them, then by their arguments' order. `effects` are
-    the special effects it starts, `duration` the steps it takes (1 but for timing profiles).
+    the special effects it starts, `reads` the atoms on which these depend, `duration` the steps
+    it takes (1 but for timing profiles). `source` is the world whose bits its masks are, `number`
+    tells it from the others of that world.
+
+    Actions are equal if their names and arguments are. `pickle` and `copy` work: a copy is the
+    same object, and a world of the same task takes another's actions for its own.
     """
 
     __slots__ = (
-        "arguments", "duration", "effects", "key", "name", "player", "removed", "required",
-        "schema", "sentence", "tested", "touched",
+        "_hash", "arguments", "duration", "effects", "key", "name", "number", "player", "reads",
+        "removed", "required", "schema", "sentence", "source", "tested", "touched",
     )  # fmt: skip
 
     def __init__(
-        self, schema: ActionSchema, arguments: tuple[str, ...], key: tuple[int, ...], sentence: str
+        self,
+        source: ActionSource,
+        schema: ActionSchema,
+        arguments: tuple[str, ...],
+        key: tuple[int, ...],
+        sentence: str,
+        number: int,
     ) -> None:
+        self.source = source
+        self.number = number
         self.schema = schema
         self.name = schema.name
         self.arguments = arguments
         self.player = arguments[0] if schema.player else None
         self.key = key
         self.sentence = sentence
-        self.tested = self.required = self.touched = self.removed = 0
+        self.tested = self.required = self.touched = self.removed = self.reads = 0
         self.effects: tuple[Effect, ...] = ()
         self.duration = 1
+        self._hash = hash((self.name, arguments))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, GroundAction):
+            return NotImplemented
+        return self is other or (self.name, self.arguments) == (other.name, other.arguments)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __copy__(self) -> GroundAction:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GroundAction:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _from_source, (self.source, self.name, self.arguments)
 
     def __repr__(self) -> str:
         return f"<{self}>"
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(self.arguments)})"
+
+
+def _from_source(source: ActionSource, name: str, arguments: tuple[str, ...]) -> GroundAction:
+    source.admit(arguments)
+    return source.action(name, *arguments)
 
 
 def compile_schemas(task: Task) -> tuple[ActionSchema, ...]:
@@ -135,11 +178,6 @@ def _variables(effect: EffectDef) -> Iterator[str]:
 
 def _repeats(effect: EffectDef) -> bool:
     return effect.type == "repetitive" or any(_repeats(e) for e in effect.sfx)
-
-
-def bound(condition: Condition, binding: dict[str, str]) -> Atom:
-    """A condition with its parameters replaced by objects."""
-    return (condition.predicate, *(binding[name] for name in condition.params))
 
 
 def walking_steps(distance: int, steps_per_tile: int) -> int:

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from robotouille.domain.schema import Condition, CreatedObject, Creation, Deletion, EffectDef
-from robotouille.world.grounding.actions import bound
 from robotouille.world.grounding.atoms import EXISTS, USED, AtomTable
+from robotouille.world.grounding.objects import bound
 
 __all__ = ["DONE", "HOLDING", "Effect", "EffectNode", "EffectRun", "compile_effect"]
 

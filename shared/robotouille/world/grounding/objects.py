@@ -7,14 +7,14 @@ naming of objects"). Which facts follow from positions is data: the domain's `la
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
-from robotouille.domain.schema import LayoutRule, ObjectDef
+from robotouille.domain.schema import Condition, LayoutRule, ObjectDef
 from robotouille.domain.task import Task
 
-__all__ = ["Atom", "Object", "atom_name", "initial_facts", "place_objects"]
+__all__ = ["Atom", "Object", "atom_name", "bound", "initial_facts", "place_objects"]
 
 Atom = tuple[str, ...]
 """A ground predicate: its name, then the names of its arguments."""
@@ -23,6 +23,11 @@ Atom = tuple[str, ...]
 def atom_name(atom: Atom) -> str:
     """`item_on(lettuce1, table2)`."""
     return f"{atom[0]}({', '.join(atom[1:])})"
+
+
+def bound(condition: Condition, binding: Mapping[str, str]) -> Atom:
+    """A condition with its parameters replaced by objects."""
+    return (condition.predicate, *(binding[name] for name in condition.params))
 
 
 @dataclass(frozen=True, slots=True)

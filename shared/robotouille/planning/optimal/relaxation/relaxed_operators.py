@@ -33,9 +33,9 @@ from robotouille.domain.schema import (
 )
 from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects, future_name
 from robotouille.planning.optimal.relaxation.schema_grounding import Grounding
-from robotouille.world.grounding.actions import ActionSchema, bound
+from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS
-from robotouille.world.grounding.objects import Atom
+from robotouille.world.grounding.objects import Atom, bound
 from robotouille.world.world import World
 
 __all__ = ["MAX_COUNTED", "Label", "Prop", "RelaxedOperator", "RelaxedOperators"]

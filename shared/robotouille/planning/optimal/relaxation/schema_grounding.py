@@ -7,8 +7,9 @@ from math import prod
 
 from robotouille.domain.schema import Condition
 from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects
-from robotouille.world.grounding.actions import ActionSchema, bound
+from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import AtomTable
+from robotouille.world.grounding.objects import bound
 
 __all__ = ["MAX_CHOICES", "Grounding", "TooLargeError"]
 

@@ -1,0 +1,83 @@
+"""What a caller may give as a joint action, and in which order it is carried out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from robotouille.errors import UnknownNameError, WrongArgumentError, WrongWorldError, did_you_mean
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.ground_task import GroundTask
+
+__all__ = ["JointAction", "in_order", "not_an_action", "read", "said"]
+
+Wish = GroundAction | str | None
+"""One player's action, the sentence of a valid one, or nothing."""
+
+JointAction = Wish | Sequence[Wish] | Mapping[str, Wish]
+"""One wish, several in the order in which they apply, or one for each player."""
+
+_EXPECTED = (
+    "expected an action (`state.actions(player)` lists the valid ones), its sentence, None for "
+    "nothing, a list of these, or a dict of them by player"
+)
+
+
+def in_order(
+    joint: JointAction, players: Sequence[str]
+) -> Iterator[tuple[str | None, GroundAction | str]]:
+    """What is wanted in a step, with the player where it is said by whom; nothing is left out."""
+    if isinstance(joint, GroundAction | str):
+        yield None, joint
+    elif isinstance(joint, Mapping):
+        for player, wish in joint.items():
+            if player not in players:
+                raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}")
+            if wish is not None:
+                yield player, wish
+    elif isinstance(joint, Iterable):
+        for wish in joint:
+            if wish is not None:
+                yield None, wish
+    elif joint is not None:
+        raise WrongArgumentError(f"{_EXPECTED}; found {joint!r}")
+
+
+def read(wish: object, task: GroundTask, valid: Iterable[GroundAction]) -> GroundAction:
+    """The action of a task that is meant by a sentence, or by an action of another world."""
+    if isinstance(wish, GroundAction):
+        return _own(wish, task)
+    if isinstance(wish, str):
+        return said(wish, valid)
+    raise WrongArgumentError(f"{_EXPECTED}; found {wish!r}")
+
+
+def not_an_action(found: object) -> WrongArgumentError:
+    """What to raise where an action of the world is needed, and nothing else will do."""
+    return WrongArgumentError(
+        f"expected an action, as world.action(name, *arguments) gives, found {found!r}"
+    )
+
+
+def said(sentence: str, valid: Iterable[GroundAction]) -> GroundAction:
+    """The one of some actions that a sentence says, whatever its case and blanks.
+
+    Raises UnknownNameError, which gives the nearest.
+    """
+    if not isinstance(sentence, str):
+        raise WrongArgumentError(f"expected the sentence of an action, found {sentence!r}")
+    wanted = " ".join(sentence.split()).casefold()
+    sentences = {" ".join(action.sentence.split()).casefold(): action for action in valid}
+    if wanted not in sentences:
+        raise UnknownNameError(f"no valid action {sentence!r}{did_you_mean(wanted, sentences)}")
+    return sentences[wanted]
+
+
+def _own(action: GroundAction, task: GroundTask) -> GroundAction:
+    other = action.source.task
+    if other.digest != task.task.digest:
+        raise WrongWorldError(
+            f"{action} is an action of another task, {other.name}; "
+            f"ask this world: world.action({action.name!r}, *arguments)"
+        )
+    task.admit(action.arguments)
+    return task.action(action.name, *action.arguments)
