@@ -5,11 +5,12 @@
     ├── UnknownTaskError     no task goes by that name
     ├── InapplicableError    a caller applied an action whose preconditions do not hold
     ├── RecordingError       a recording is damaged or does not re-simulate
+    ├── IllegalEventError    an episode or a seat was told of what cannot happen to it now
     ├── MissingExtraError    an optional library is needed; the message has the install line
     └── ProtocolError        a peer's message cannot be honoured; `code` is stable on the wire
 
 `FileError` and `ProtocolError` are somebody else's fault (a file's author, a peer);
-`InapplicableError` is the caller's.
+`InapplicableError` and `IllegalEventError` are the caller's.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from dataclasses import dataclass
 __all__ = [
     "Fault",
     "FileError",
+    "IllegalEventError",
     "InapplicableError",
     "MissingExtraError",
     "ProtocolError",
@@ -91,6 +93,15 @@ class InapplicableError(RobotouilleError):
         self.action = action
         self.unmet = unmet
         super().__init__(f"{action}: {'; '.join(unmet)}")
+
+
+class IllegalEventError(RobotouilleError):
+    """Something was to happen that a life cycle has no transition for; nothing has changed."""
+
+    def __init__(self, whose: str, state: str, event: str) -> None:
+        self.state = state
+        self.event = event
+        super().__init__(f"{whose} that is {state} has no transition for {event}")
 
 
 class RecordingError(RobotouilleError):
