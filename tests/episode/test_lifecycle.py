@@ -81,7 +81,7 @@ class TestPhases:
         assert set(PHASES) == set(Phase)
         assert [phase for phase, row in PHASES.items() if not row] == [Phase.ENDED]
 
-    @pytest.mark.parametrize(("phase", "event"), product(Phase, PhaseEvent))
+    @pytest.mark.parametrize(("phase", "event"), list(product(Phase, PhaseEvent)))
     def test_every_pair_goes_on_or_raises(self, phase: Phase, event: PhaseEvent) -> None:
         if event in PHASES[phase]:
             assert next_phase(phase, event) is PHASES[phase][event]
@@ -155,7 +155,7 @@ class TestSeats:
     def test_every_state_has_a_row(self) -> None:
         assert set(SEAT_STATES) == set(SeatState) == set(WAYS)
 
-    @pytest.mark.parametrize(("state", "event"), product(SeatState, SeatEvent))
+    @pytest.mark.parametrize(("state", "event"), list(product(SeatState, SeatEvent)))
     def test_every_pair_goes_on_or_raises_and_changes_nothing(
         self, state: SeatState, event: SeatEvent
     ) -> None:
