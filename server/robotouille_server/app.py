@@ -243,7 +243,7 @@ class Server:
             if room.episode.phase is Phase.WAITING:
                 self._hand_over(room)
         for session in list(self.sessions.by_id.values()):
-            idle = session.room is None or session.room.episode.phase is not Phase.RUNNING
+            idle = session.room is None or not session.room.episode.in_progress
             if idle and session.peer is not None:
                 session.peer.part("server/restart", "restart", retry=True, status=1012)
         loop = asyncio.get_running_loop()
@@ -252,7 +252,7 @@ class Server:
             await asyncio.sleep(DRAIN_LOOK_SECONDS)
 
     def _playing(self) -> bool:
-        return any(room.episode.phase is Phase.RUNNING for room in self.lobby.rooms.values())
+        return any(room.episode.in_progress for room in self.lobby.rooms.values())
 
     async def stop(self, reason: str = "the server shuts down", *, hand_over: bool = False) -> None:
         """End all episodes, or leave them to the next process; tell all clients. The first call
@@ -264,7 +264,7 @@ class Server:
         self.farewell = ShutdownNotice(reason, hand_over)
         self.lobby.drain()
         for room in list(self.lobby.rooms.values()):
-            if hand_over and room.episode.phase is not Phase.OVER:
+            if hand_over and room.episode.phase is not Phase.ENDED:
                 self.lobby.suspend(room)
                 continue
             try:
@@ -408,14 +408,14 @@ class Server:
             if self.lobby.draining and session.player is not None and self._hand_over(room):
                 return
             room.connection_lost(session)
-        if session.player is None or room is None or room.episode.phase is Phase.OVER:
+        if session.player is None or room is None or room.episode.phase is Phase.ENDED:
             grace = room.episode.rules.grace if room is not None else 0.0
             loop = asyncio.get_running_loop()
             self._expiries[session] = loop.call_later(grace, self._expire, session)
 
     def _hand_over(self, room: Room) -> bool:
         """Leave one episode to the next process, while this one drains, if it is not over."""
-        if self.storage is None or room.episode.phase is Phase.OVER:
+        if self.storage is None or room.episode.phase is Phase.ENDED:
             return False
         self.lobby.suspend(room)
         for member in list(room.members):

@@ -201,7 +201,7 @@ async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None
 def first_room(server: Server) -> Room | None:
     """The episode that is there from the start: a new one, or one that was there before; None
     where no new one can be recorded."""
-    live = [r for r in server.lobby.rooms.values() if r.episode.phase is not Phase.OVER]
+    live = [r for r in server.lobby.rooms.values() if r.episode.phase is not Phase.ENDED]
     if live:
         return min(live, key=lambda room: (room.owner != SERVER, room.episode.step))
     from robotouille_server.runtime.logs import get_logger

@@ -8,11 +8,12 @@
     ├── WrongWorldError      a state or an action belongs to another task; also a ValueError
     ├── WrongArgumentError   an argument of the Python API is of no use; also a TypeError
     ├── RecordingError       a recording is damaged or does not re-simulate
+    ├── IllegalEventError    an episode or a seat was told of what cannot happen to it now
     ├── MissingExtraError    an optional library is needed; the message has the install line
     └── ProtocolError        a peer's message cannot be honoured; `code` is stable on the wire
 
 `FileError` and `ProtocolError` are somebody else's fault (a file's author, a peer);
-`InapplicableError` and the three after it are the caller's.
+`InapplicableError`, the three after it and `IllegalEventError` are the caller's.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from dataclasses import dataclass
 __all__ = [
     "Fault",
     "FileError",
+    "IllegalEventError",
     "InapplicableError",
     "MissingExtraError",
     "ProtocolError",
@@ -111,6 +113,15 @@ class WrongWorldError(RobotouilleError, ValueError):
 
 class WrongArgumentError(RobotouilleError, TypeError):
     """An argument that is none of what a method takes; the message says what it takes."""
+
+
+class IllegalEventError(RobotouilleError):
+    """Something was to happen that a life cycle has no transition for; nothing has changed."""
+
+    def __init__(self, whose: str, state: str, event: str) -> None:
+        self.state = state
+        self.event = event
+        super().__init__(f"{whose} that is {state} has no transition for {event}")
 
 
 class RecordingError(RobotouilleError):

@@ -72,10 +72,10 @@ class TestPause:
         episode.events()
         episode.set_present("robot2", False, 1.0)
         assert episode.paused
-        assert episode.holds.shown == (PauseReason.ABSENCE, 31.0)
+        assert episode.pauses.shown == (PauseReason.ABSENCE, 31.0)
         episode.tick(20.0)
         events = episode.events()
-        assert [e.holds for e in events if isinstance(e, Paused)] == [("absence",)]
+        assert [e.reasons for e in events if isinstance(e, Paused)] == [("absence",)]
         assert not any(isinstance(e, Stepped) for e in events)
         episode.set_present("robot2", True, 21.0)
         assert any(isinstance(e, Resumed) for e in episode.events())
@@ -195,20 +195,20 @@ def test_nobody_is_there_any_more(absence: Absence) -> None:
 class TestOperator:
     def test_a_pause_lasts_until_it_is_lifted(self) -> None:
         episode = start(Absence.WAIT)
-        episode.hold(PauseReason.OPERATOR, 1.0)
+        episode.pause(PauseReason.OPERATOR, 1.0)
         episode.tick(500.0)
         assert not stepped(episode)
-        episode.release(PauseReason.OPERATOR, 500.0)
+        episode.resume(PauseReason.OPERATOR, 500.0)
         episode.tick(500.1)
         assert len(stepped(episode)) == 1
 
     def test_in_it_nobody_loses_a_seat_and_has_the_whole_grace_afterwards(self) -> None:
         episode = start(Absence.PAUSE)
-        episode.hold(PauseReason.OPERATOR, 1.0)
+        episode.pause(PauseReason.OPERATOR, 1.0)
         episode.set_present("robot2", False, 2.0)
         episode.tick(400.0)
         assert episode.outcome is None
-        episode.release(PauseReason.OPERATOR, 500.0)
+        episode.resume(PauseReason.OPERATOR, 500.0)
         assert episode.due() == 530.0
         episode.tick(529.0)
         assert episode.outcome is None
@@ -218,15 +218,15 @@ class TestOperator:
     def test_two_reasons_at_a_time(self) -> None:
         episode = start(Absence.PAUSE)
         episode.set_present("robot2", False, 1.0)
-        episode.hold(PauseReason.OPERATOR, 2.0)
+        episode.pause(PauseReason.OPERATOR, 2.0)
         episode.set_present("robot2", True, 3.0)
         assert episode.paused
-        episode.release(PauseReason.OPERATOR, 4.0)
+        episode.resume(PauseReason.OPERATOR, 4.0)
         assert not episode.paused
 
     def test_an_end_lifts_all(self) -> None:
         episode = start(Absence.WAIT)
-        episode.hold(PauseReason.OPERATOR, 1.0)
+        episode.pause(PauseReason.OPERATOR, 1.0)
         episode.abort(2.0, "enough")
         assert any(isinstance(e, Ended) for e in episode.events())
         assert (episode.paused, episode.due()) == (False, None)

@@ -283,7 +283,7 @@ class TestEnds:
         episode = Episode(TWO, Rules(grace=1), now=5.0)
         assert episode.due() == 5.0 + LOBBY_SECONDS
         episode.tick(5.0 + LOBBY_SECONDS)
-        assert episode.phase is Phase.OVER
+        assert episode.phase is Phase.ENDED
 
     def test_aborted_from_outside(self) -> None:
         episode = start()
@@ -404,5 +404,5 @@ def test_no_sequence_of_inputs_breaks_an_episode(inputs: list[tuple], clock: Clo
             over = over or isinstance(event, Ended)
     assert episode.step == seen <= 15
     due = episode.due()
-    assert over == (episode.phase is Phase.OVER)
+    assert over == (episode.phase is Phase.ENDED)
     assert due is None or not over

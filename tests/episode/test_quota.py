@@ -20,8 +20,8 @@ def start(limit: int = 1000) -> Episode:
     episode = Episode(WORLD, RULES, 0.0)
     for player in WORLD.players:
         episode.join(player, player.upper(), "model", 0.0)
-        episode.seat(player).words.limit = limit
-    episode.audience_words.limit = limit
+        episode.seat(player).quota.limit = limit
+    episode.audience_quota.limit = limit
     episode.events()
     return episode
 
@@ -90,7 +90,7 @@ def test_a_newcomer_has_a_share_and_a_seat_has_an_end(monkeypatch: pytest.Monkey
         with pytest.raises(ProtocolError):
             while True:
                 episode.say("EVE", "robot1", line, 0.0)
-        written.append(episode.seat("robot1").words.used)
+        written.append(episode.seat("robot1").quota.used)
         episode.leave("robot1", 0.0)
         episode.join("robot1", "EVE", "model", 0.0)
     assert written == [1000, 1400, 1800] + [2000] * 7
@@ -109,17 +109,17 @@ def test_a_restart_knows_what_is_used() -> None:
     right = played.state.actions("robot2")[0]
     played.submit("robot2", 1, right, 0.0, reasoning="because")
     played.tick(0.1)
-    played.seat("robot2").words.limit = 0
+    played.seat("robot2").quota.limit = 0
     with pytest.raises(ProtocolError):
         played.say("ADA", "robot2", "no more", 0.2)
     stream += recorder.record(played.events())
     restored = restore(Recording(stream), 10.0, 5.0).episode
-    assert restored.seat("robot1").words.used > 200
+    assert restored.seat("robot1").quota.used > 200
     for player in ("robot1", "robot2"):
-        mine, theirs = restored.seat(player).words, played.seat(player).words
+        mine, theirs = restored.seat(player).quota, played.seat(player).quota
         lost = len("not recorded: nothing is done") if player == "robot1" else 0
         assert (mine.used, mine.reached) == (theirs.used - lost, theirs.reached)
-    assert restored.audience_words.used == played.audience_words.used > 0
+    assert restored.audience_quota.used == played.audience_quota.used > 0
 
 
 def test_a_quota_once_reached_stays_so() -> None:

@@ -13,7 +13,6 @@ import pytest
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
-from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.protocol.codec import MSGPACK
@@ -64,7 +63,7 @@ async def playing(folder: Path, seconds: float, **plan: Any) -> AsyncIterator[tu
 
 
 def live(server: Server) -> list[Any]:
-    return [r for r in server.lobby.rooms.values() if r.episode.phase is Phase.RUNNING]
+    return [r for r in server.lobby.rooms.values() if r.episode.in_progress]
 
 
 def test_every_clock_is_played_at_the_rate_that_was_asked_for(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Frames are told apart as the `websockets` library does, whatever comes in whatever pieces."""
 
 from collections.abc import Generator
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -41,7 +42,7 @@ def frames(draw: st.DrawFn) -> tuple[int, bytes]:
 
 def pieces(data: bytes, cuts: list[int]) -> list[bytes]:
     edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
-    return [data[a:b] for a, b in zip(edges, edges[1:], strict=False)]
+    return [data[a:b] for a, b in pairwise(edges)]
 
 
 def ours(parts: list[bytes], *, masked: bool) -> tuple[list[tuple[int, bytes]], bool]:
@@ -65,9 +66,7 @@ def theirs(parts: list[bytes], *, masked: bool) -> tuple[list[tuple[int, bytes]]
 
     def parse() -> Generator[None, None, None]:
         while True:
-            frame: Frame = yield from Frame.parse(
-                stream.read_exact, mask=masked, max_size=MAX_SIZE
-            )
+            frame: Frame = yield from Frame.parse(stream.read_exact, mask=masked, max_size=MAX_SIZE)
             bits = frame.rsv1 << 6 | frame.rsv2 << 5 | frame.rsv3 << 4
             found.append((frame.fin << 7 | bits | frame.opcode, bytes(frame.data)))
 
@@ -101,9 +100,7 @@ def test_frames_are_made_as_the_library_makes_them(frame: tuple[int, bytes], mas
 
 @given(st.binary(max_size=300), st.lists(st.integers(0, 10**6), max_size=8))
 @pytest.mark.parametrize("masked", [True, False])
-def test_noise_is_read_as_the_library_reads_it(
-    masked: bool, noise: bytes, cuts: list[int]
-) -> None:
+def test_noise_is_read_as_the_library_reads_it(masked: bool, noise: bytes, cuts: list[int]) -> None:
     """Up to the first frame that the library refuses: what ours does not judge (opcodes, reserved
     bits, control frames in parts), the server leaves to it."""
     parts = pieces(noise, cuts)

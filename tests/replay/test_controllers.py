@@ -117,7 +117,7 @@ def test_a_restart_is_seen_and_the_rest_is_added_to_the_same_course() -> None:
     game.episode, game.now = found.episode, 100.0
     game.present("robot1", True)
     game.steps(1)
-    assert PauseReason.RESTART in found.episode.holds
+    assert PauseReason.RESTART in found.episode.pauses
     game.now = 110.0
     game.episode.tick(game.now)
     game.steps(2)

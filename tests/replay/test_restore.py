@@ -54,12 +54,12 @@ class Game:
             if episode.phase is Phase.RUNNING and asked:
                 episode.submit(player, self.seq, choose(episode, player), self.now)
                 self.flush()
-        if self.seq % 9 == 0 and episode.phase is not Phase.OVER:
+        if self.seq % 9 == 0 and episode.phase is not Phase.ENDED:
             episode.submit(
                 "robot1", self.seq + 1, WORLD.action("move", "robot1", "table1", "table1"), self.now
             )
             self.seq += 1
-        if self.seq % 7 == 0 and episode.phase is not Phase.OVER:
+        if self.seq % 7 == 0 and episode.phase is not Phase.ENDED:
             episode.say("ROBOT1", "robot1", f"number {self.seq}", self.now)
         if self.seq % 11 == 0:
             episode.set_present("robot2", False, self.now)
@@ -95,7 +95,7 @@ def test_everything_is_as_it_was(clock: Clock) -> None:
         assert (one.name, one.session, one.generation) == (two.name, two.session, two.generation)
         assert one.answer.reasons == two.answer.reasons
         assert not one.present
-    assert ours.holds.shown == (PauseReason.RESTART, 1010.0)
+    assert ours.pauses.shown == (PauseReason.RESTART, 1010.0)
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)
@@ -156,13 +156,13 @@ def test_all_who_were_there_are_waited_for_but_not_for_ever() -> None:
 
 def test_killed_between_the_last_step_and_the_outcome() -> None:
     game = Game(steps=12).play(30)
-    assert game.episode.phase is Phase.OVER
+    assert game.episode.phase is Phase.ENDED
     frames = Recording(game.bytes).frames
     assert frames[-1]["kind"] == "footer"
     from robotouille.replay.container import pack_frame
 
     found = restored(game.bytes[: -len(pack_frame(frames[-1]))])
-    assert found.episode.phase is Phase.OVER
+    assert found.episode.phase is Phase.ENDED
     assert found.episode.outcome is not None
     assert found.episode.outcome.to_json()["steps"] == 12
     assert restored(game.bytes).complete

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille.episode import Absence, Clock, Episode, PauseReason, Phase, Reason, Rules
+from robotouille.episode import Absence, Clock, Episode, PauseReason, Reason, Rules
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
@@ -39,14 +39,14 @@ class Recorded:
 def test_an_operators_pause_outlives_a_restart() -> None:
     game = Recorded()
     game.episode.tick(2.0)
-    game.episode.hold(PauseReason.OPERATOR, 2.0)
+    game.episode.pause(PauseReason.OPERATOR, 2.0)
     episode = game.killed(100.0)
     for player in TWO.players:
         episode.set_present(player, True, 101.0)
     step = episode.step
     episode.tick(200.0)
-    assert (episode.holds.shown, episode.step) == ((PauseReason.OPERATOR, None), step)
-    episode.release(PauseReason.OPERATOR, 200.0)
+    assert (episode.pauses.shown, episode.step) == ((PauseReason.OPERATOR, None), step)
+    episode.resume(PauseReason.OPERATOR, 200.0)
     episode.tick(201.0)
     assert episode.step > step > 0
 
@@ -60,7 +60,7 @@ def test_after_two_crashes_in_a_row_all_are_waited_for() -> None:
     step = episode.step
     episode.set_present("robot1", True, 101.0)
     episode.tick(104.0)
-    assert episode.holds.shown == (PauseReason.RESTART, 100.5 + PATIENCE)
+    assert episode.pauses.shown == (PauseReason.RESTART, 100.5 + PATIENCE)
     assert episode.step == step > 0
     episode.set_present("robot2", True, 105.0)
     episode.tick(106.0)
@@ -91,7 +91,7 @@ def test_who_was_away_has_the_whole_grace_after_a_restart() -> None:
     episode = game.killed(100.0)
     episode.set_present("robot1", True, 107.0)
     episode.tick(107.0)
-    assert episode.phase is Phase.RUNNING
-    assert episode.holds.shown == (PauseReason.ABSENCE, 112.0)
+    assert episode.in_progress
+    assert episode.pauses.shown == (PauseReason.ABSENCE, 112.0)
     episode.tick(112.0)
     assert outcome(episode)[0] is Reason.ABANDONED

@@ -36,7 +36,7 @@ async def begin(ada: Raw, bob: Raw, **options: Any) -> tuple[str, str]:
 
 async def seat_is_taken(room: Room, seconds: float) -> bool:
     await asyncio.sleep(seconds)
-    return room.episode.phase.value == "running" and room.episode.seats["robot2"].taken
+    return room.episode.in_progress and room.episode.seats["robot2"].taken
 
 
 @pytest.mark.parametrize("absence", ["wait", "pause", "end"])

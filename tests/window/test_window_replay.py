@@ -27,9 +27,9 @@ def recording() -> Recording:
     episode.tick(2.0)
     episode.set_present("robot2", True, 2.0)
     episode.tick(3.0)
-    episode.hold(PauseReason.OPERATOR, 3.0)
+    episode.pause(PauseReason.OPERATOR, 3.0)
     episode.announce("lunch", 4.0)
-    episode.release(PauseReason.OPERATOR, 10.0)
+    episode.resume(PauseReason.OPERATOR, 10.0)
     episode.tick(12.0)
     return Recording(record(episode, episode.events()))
 

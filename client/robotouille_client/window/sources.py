@@ -147,7 +147,7 @@ class LocalSource:
 
     @property
     def finished(self) -> bool:
-        return self._episode.phase is Phase.OVER
+        return self._episode.phase is Phase.ENDED
 
 
 def seats_at(recording: Recording) -> list[tuple[SeatView, ...]]:

@@ -26,13 +26,11 @@ __all__ = ["PHASES", "RowBuilder", "phase_of", "recording_name", "shown_code"]
 DEFAULT_PORT = 8765
 PHASES = ("paused", "running", "waiting", "over")
 """Those to look after first."""
-NAMES = {phase: phase.value for phase in Phase}
 
 
 def phase_of(room: Room) -> str:
     """`waiting`, `running`, `paused` or `over`."""
-    episode = room.episode
-    return "paused" if episode.paused else NAMES[episode.phase]
+    return room.episode.phase.value
 
 
 def shown_code(code: str) -> str:
@@ -136,8 +134,8 @@ class RowBuilder:
 
 def _pause(episode: Episode, now: float) -> PauseState | None:
     """Why an episode stands still, or will once it has begun."""
-    shown = episode.holds.shown
-    if shown is None or not (episode.paused or PauseReason.OPERATOR in episode.holds):
+    shown = episode.pauses.shown
+    if shown is None or not (episode.paused or PauseReason.OPERATOR in episode.pauses):
         return None
     why, until = shown
     return PauseState(reason=why.value, left=None if until is None else max(0.0, until - now))
@@ -147,7 +145,7 @@ def recording_name(room: Room) -> str:
     """The file of a room's recording, while it grows and when it is closed; empty if none."""
     if room.recording or room.journal is None:
         return room.recording
-    return "" if room.episode.phase is Phase.OVER and not room.problem else room.journal.name
+    return "" if room.episode.phase is Phase.ENDED and not room.problem else room.journal.name
 
 
 def _recording(room: Room) -> RecordingState | None:

@@ -132,7 +132,7 @@ class AdminService:
         live = {
             recording_name(room): room.id
             for room in self._rooms()
-            if room.episode.phase is not Phase.OVER
+            if room.episode.phase is not Phase.ENDED
         }
         if self._caller.only:
             search = f"{search} {self._only_file()}"
@@ -260,7 +260,7 @@ class AdminService:
 
     def _live(self, name: str) -> Room:
         room = self.room(name)
-        if room.episode.phase is Phase.OVER:
+        if room.episode.phase is Phase.ENDED:
             message = f"{shown_code(room.code)} is over"
             raise RequestRefusedError(HTTPStatus.CONFLICT, "episode/over", message)
         return room

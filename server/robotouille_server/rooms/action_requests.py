@@ -41,7 +41,7 @@ def _at(episode: Episode, player: str, position: int, basis: int | None) -> Grou
 
 
 def in_words(request: messages.Act) -> str:
-    """The wish as it was written."""
+    """The request as it was written."""
     wanted = request.action
     if isinstance(wanted, messages.NamedAction):
         return f"{wanted.name}({', '.join(wanted.args)})"

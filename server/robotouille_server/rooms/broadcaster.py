@@ -361,10 +361,10 @@ class Broadcaster:
     @property
     def phase(self) -> str:
         """The phase as it is told: `paused` while a game that has begun stands still."""
-        return "paused" if self._episode.paused else self._episode.phase.value
+        return self._episode.phase.value
 
     def _pause(self) -> messages.Pause | None:
-        shown = self._episode.holds.shown if self._episode.paused else None
+        shown = self._episode.pauses.shown if self._episode.paused else None
         if shown is None:
             return None
         why, until = shown

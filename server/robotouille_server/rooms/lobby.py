@@ -147,7 +147,7 @@ class Lobby:
         )
         self.rooms[episode_id] = room
         self._codes[plain_code(code)] = room
-        if episode.phase is not Phase.OVER:
+        if episode.phase is not Phase.ENDED:
             self._live.add(room)
             if journal is not None:
                 self._inspection.begin()
@@ -166,7 +166,7 @@ class Lobby:
         """The server can be reached now: only from here on is anybody late."""
         now = self._host.agenda.time()
         for room in self.rooms.values():
-            room.episode.await_anew(now, self._settings.recovery_seconds)
+            room.episode.renew_patience(now, self._settings.recovery_seconds)
             room.flush()
 
     @property
@@ -256,7 +256,7 @@ class Lobby:
         if only:
             room = self._known(only.strip())
             return [info(room)] if room is not None else []
-        order = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.OVER: 2}
+        order = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.PAUSED: 1, Phase.ENDED: 2}
         rooms = sorted(self.rooms.values(), key=lambda room: order[room.episode.phase])
         return [info(room) for room in rooms[:500]]
 

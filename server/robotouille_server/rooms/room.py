@@ -15,6 +15,7 @@ from robotouille.episode import (
     Episode,
     Event,
     Moderated,
+    Moderation,
     Paused,
     PauseReason,
     Phase,
@@ -251,7 +252,7 @@ class Room:
         if self._failing and self.journal is not None and self.journal.waiting > MAX_UNWRITTEN:
             self._check_recording()
         player = self.holds_seat(session_id)
-        if player is not None and self.episode.phase is not Phase.OVER:
+        if player is not None and self.episode.phase is not Phase.ENDED:
             self._take_turnover(player)
 
     def _seat_for(self, request: messages.Join) -> str | None:
@@ -296,7 +297,7 @@ class Room:
 
     def kick(self, session: Session, reason: str) -> None:
         """Send somebody out, with all of their sessions, and do not let them in again."""
-        self._moderate("banned", session)
+        self._moderate(Moderation.BANNED, session)
         for member in list(self.members):
             if self.bans(member.id, member.participant):
                 self._send_out(member, reason)
@@ -311,20 +312,20 @@ class Room:
     def mute(self, session: Session) -> None:
         """Take the right to talk in this episode from somebody, until `unmute`."""
         if not self.mutes(session):
-            self._moderate("muted", session)
+            self._moderate(Moderation.MUTED, session)
             self.flush()
 
     def unmute(self, session: Session) -> None:
         """Let somebody talk again."""
         if self.mutes(session):
-            self._moderate("unmuted", session)
+            self._moderate(Moderation.UNMUTED, session)
             self.flush()
 
     def mutes(self, session: Session) -> bool:
         """Whether somebody may not talk, in this session or another."""
         return session.participant in self.episode.muted
 
-    def _moderate(self, what: str, session: Session) -> None:
+    def _moderate(self, what: Moderation, session: Session) -> None:
         who = (session.id, session.participant, session.name)
         self.episode.moderate(what, *who, self._now())
 
@@ -421,11 +422,11 @@ class Room:
 
     def pause(self) -> None:
         """Let time stand still until `resume`."""
-        self.episode.hold(PauseReason.OPERATOR, self._now())
+        self.episode.pause(PauseReason.OPERATOR, self._now())
         self.flush()
 
     def resume(self) -> None:
-        self.episode.release(PauseReason.OPERATOR, self._now())
+        self.episode.resume(PauseReason.OPERATOR, self._now())
         self.flush()
 
     def announce(self, text: str) -> None:
@@ -452,7 +453,7 @@ class Room:
         self._timer = None
         now = self._now()
         episode = self.episode
-        if episode.scheduled and episode.phase is Phase.RUNNING and not episode.holds.until:
+        if episode.scheduled and episode.running:
             self._metrics.lateness.observe(max(0.0, now - due))
         try:
             episode.tick(max(now, due))
@@ -493,7 +494,7 @@ class Room:
             self._tell(event)
         if events and isinstance(events[0], Stepped):
             self._metrics.age.observe(self._now() - begun)
-        if self.episode.phase is Phase.OVER:
+        if self.episode.phase is Phase.ENDED:
             self._close()
         elif self.journal is not None and self.journal.full:
             self.abort("the recording is as long as one may be")
@@ -513,8 +514,8 @@ class Room:
             if self._failing:
                 self._failing = False
                 self._metrics.failing.dec()
-            if PauseReason.STORAGE in self.episode.holds:
-                self.episode.release(PauseReason.STORAGE, self._now())
+            if PauseReason.STORAGE in self.episode.pauses:
+                self.episode.resume(PauseReason.STORAGE, self._now())
                 self._gather()
                 return self._written()
             return True
@@ -523,8 +524,8 @@ class Room:
         if not self._failing:
             self._failing = True
             self._metrics.failing.inc()
-        if PauseReason.STORAGE not in self.episode.holds and self.episode.phase is not Phase.OVER:
-            self.episode.hold(PauseReason.STORAGE, self._now())
+        if PauseReason.STORAGE not in self.episode.pauses and self.episode.phase is not Phase.ENDED:
+            self.episode.pause(PauseReason.STORAGE, self._now())
             self._gather()
             self.audience.tell_roster()
         return False

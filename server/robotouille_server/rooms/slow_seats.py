@@ -39,7 +39,7 @@ class SlowSeats:
     @property
     def still(self) -> tuple[str, ...]:
         """Of the step whose long wait was told: those that it waits for at present."""
-        if not self.waits_for or self._episode.asked != self._since:
+        if not self.waits_for or self._episode.step_began != self._since:
             return ()
         return self._episode.waits_for
 
@@ -78,8 +78,8 @@ class SlowSeats:
         waits_for = episode.waits_for
         if not waits_for:
             self._look_at(now + WAITING_SECONDS)
-        elif now < (long := episode.asked + WAITING_SECONDS):
+        elif now < (long := episode.step_began + WAITING_SECONDS):
             self._look_at(long)
         else:
-            self.waits_for, self._since = waits_for, episode.asked
+            self.waits_for, self._since = waits_for, episode.step_began
             self._tell()

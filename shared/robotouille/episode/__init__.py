@@ -1,11 +1,14 @@
 """Seats, turn order, clocks as data and the outcome: a state machine without I/O."""
 
-from robotouille.episode.episode import Episode, Phase
+from robotouille.episode.episode import Episode
 from robotouille.episode.events import (
     Announced,
+    Controller,
+    Departure,
     Ended,
     Event,
     Moderated,
+    Moderation,
     Move,
     Outcome,
     Paused,
@@ -20,9 +23,11 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
+from robotouille.episode.lifecycle import Phase
 from robotouille.episode.pauses import PauseReason
+from robotouille.episode.recovery import RecoveredEpisode
 from robotouille.episode.rules import Absence, Clock, Rules
-from robotouille.episode.seats import ActionAnswer, Controller, Departure, Seat
+from robotouille.episode.seats import ActionAnswer, Seat
 
 __all__ = [
     "Absence",
@@ -35,6 +40,7 @@ __all__ = [
     "Episode",
     "Event",
     "Moderated",
+    "Moderation",
     "Move",
     "Outcome",
     "PauseReason",
@@ -42,6 +48,7 @@ __all__ = [
     "Phase",
     "QuotaReached",
     "Reason",
+    "RecoveredEpisode",
     "Rejected",
     "Restarted",
     "Resumed",

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from robotouille.episode.pauses import PauseReason
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import Attempt
 
 __all__ = [
     "Announced",
+    "Controller",
+    "Departure",
     "Ended",
     "Event",
     "Moderated",
+    "Moderation",
     "Move",
     "Outcome",
     "Paused",
@@ -39,6 +43,33 @@ class Reason(StrEnum):
     STEP_LIMIT = "step_limit"
     ABANDONED = "abandoned"
     ABORTED = "aborted"
+
+
+class Controller(StrEnum):
+    """Who moves a seat: its participant (by kind), nobody, or a bot in an absent one's place."""
+
+    FREE = ""
+    HUMAN = "human"
+    BOT = "bot"
+    MODEL = "model"
+    ABSENT = "absent"
+    STAND_IN = "stand-in"
+
+
+class Departure(StrEnum):
+    """Why a participant has no seat any more: it left, was away too long, or was sent out."""
+
+    LEFT = "left"
+    LOST = "lost"
+    REMOVED = "removed"
+
+
+class Moderation(StrEnum):
+    """What an operator decides on somebody: to send them out for good, or whether they may talk."""
+
+    BANNED = "banned"
+    MUTED = "muted"
+    UNMUTED = "unmuted"
 
 
 @dataclass(slots=True)
@@ -115,7 +146,7 @@ class RosterChanged:
     """Somebody came, went, or lost or regained the connection; `controller` moves the seat now.
 
     `session` and `participant` are pseudonyms, `generation` that of the resume token in use.
-    `why` a seat is free: its participant `left`, was away too long (`lost`), or was `removed`.
+    `why` a seat is free, if somebody has just lost it.
     """
 
     player: str
@@ -124,17 +155,17 @@ class RosterChanged:
     present: bool
     time: float
     taken: bool = True
-    controller: str = ""
+    controller: Controller = Controller.FREE
     session: str = ""
     participant: str = ""
     generation: int = 0
-    why: str = ""
+    why: Departure | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
     """An action that was not taken into a step, and why; `recorded` unless the seat's quota of
-    words is used up."""
+    text is used up."""
 
     player: str
     seq: int
@@ -174,12 +205,12 @@ class Announced:
 
 @dataclass(frozen=True, slots=True)
 class Moderated:
-    """Somebody was sent out for good (`banned`), or may not talk (`muted`) or again (`unmuted`).
+    """Somebody was sent out for good, or may not talk, or again.
 
     It holds for the session and for the participant, a pseudonym, under any later session.
     """
 
-    what: str
+    what: Moderation
     session: str
     participant: str
     name: str
@@ -190,7 +221,7 @@ class Moderated:
 class Paused:
     """Time stands still for these reasons: the first, or others than before."""
 
-    holds: tuple[str, ...]
+    reasons: tuple[PauseReason, ...]
     time: float
 
 
@@ -227,9 +258,9 @@ class Stepped(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The episode is over."""
+    """The episode has ended."""
 
-    outcome: Outcome = field()
+    outcome: Outcome
 
 
 Event = (

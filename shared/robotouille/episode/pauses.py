@@ -19,12 +19,12 @@ class PauseReason(StrEnum):
 
 
 OUTER = (PauseReason.OPERATOR, PauseReason.STORAGE, PauseReason.RESTART)
-"""Reasons that are nobody's absence; while one holds, no absence counts."""
+"""Reasons that are nobody's absence; while one applies, no absence counts."""
 
 
 @dataclass(slots=True)
 class PauseReasons:
-    """The reasons that hold at present, each with the time at which it ends (None: open)."""
+    """The reasons that apply at present, each with the time at which it ends (None: open)."""
 
     until: dict[PauseReason, float | None] = field(default_factory=dict)
 

@@ -15,86 +15,91 @@ LOBBY_SECONDS = 600.0
 
 
 class Presence:
-    """The absence policy of an episode. `running` says whether the game has begun.
+    """The absence policy of an episode. `begun` says whether the game has begun.
 
-    `holds` are the reasons for which time stands still at present.
+    `pauses` are the reasons for which time stands still at present.
     """
 
     def __init__(self, seats: Mapping[str, Seat], rules: Rules) -> None:
-        self.holds = PauseReasons()
+        self.pauses = PauseReasons()
         self.complete = False
         self._seats = seats
         self._rules = rules
         self._expected: set[str] = set()
 
-    def watch(self, now: float, *, running: bool) -> None:
+    def watch(self, now: float, *, begun: bool) -> None:
         """Somebody came or went: who is waited for, and until when?"""
         here = [seat.present for seat in self._seats.values()]
         self.complete = all(here)
         grace = self._rules.grace
-        patience = grace if running else max(grace, LOBBY_SECONDS)
+        patience = grace if begun else max(grace, LOBBY_SECONDS)
         self._set(PauseReason.DESERTED, not any(here), now + patience)
-        pausing = running and self._rules.absence is Absence.PAUSE
+        pausing = begun and self._rules.absence is Absence.PAUSE
         self._set(PauseReason.ABSENCE, pausing and not self.complete, now + grace)
         self._expected = {p for p in self._expected if not self._seats[p].present}
-        if not self._expected and PauseReason.RESTART in self.holds:
-            self.lift(PauseReason.RESTART, now, running=running)
+        if not self._expected and PauseReason.RESTART in self.pauses:
+            self.lift(PauseReason.RESTART, now, begun=begun)
 
-    def _set(self, why: PauseReason, holds: bool, until: float) -> None:
-        if not holds:
-            self.holds.until.pop(why, None)
-        elif why not in self.holds:
-            self.holds.until[why] = until
+    def _set(self, why: PauseReason, applies: bool, until: float) -> None:
+        if not applies:
+            self.pauses.until.pop(why, None)
+        elif why not in self.pauses:
+            self.pauses.until[why] = until
 
     def expect(self, players: Iterable[str], until: float) -> None:
         """After a restart: let time stand still until these are back, or that time has come."""
         self._expected = set(players)
         if self._expected:
-            self.holds.until[PauseReason.RESTART] = until
+            self.pauses.until[PauseReason.RESTART] = until
 
-    def lift(self, why: PauseReason, now: float, *, running: bool) -> None:
+    def lift(self, why: PauseReason, now: float, *, begun: bool) -> None:
         """A reason does not hold any more; whoever is absent has its whole grace before it."""
-        self.holds.until.pop(why, None)
+        self.pauses.until.pop(why, None)
         if why is PauseReason.RESTART:
             self._expected.clear()
-        if not self.holds.outer:
-            self.grant_grace(now, running=running)
+        if not self.pauses.outer:
+            self.grant_grace(now, begun=begun)
 
-    def grant_grace(self, now: float, *, running: bool) -> None:
+    def grant_grace(self, now: float, *, begun: bool) -> None:
         """Whoever is absent has its whole grace from now on."""
         for absence in (PauseReason.DESERTED, PauseReason.ABSENCE):
-            self.holds.until.pop(absence, None)
+            self.pauses.until.pop(absence, None)
         for seat in self._seats.values():
             if not seat.present:
                 seat.away = now
-        self.watch(now, running=running)
+        self.watch(now, begun=begun)
 
-    def due(self, *, running: bool) -> float | None:
-        """When the next hold ends by itself, or the next absent participant loses the seat."""
-        times = (self.holds.due(), self._seat_due(running))
+    def due(self, *, begun: bool) -> float | None:
+        """When the next pause ends by itself, or the next absent participant loses the seat."""
+        times = (self.pauses.due(), self._seat_due(begun))
         return min((time for time in times if time is not None), default=None)
 
-    def _seat_due(self, running: bool) -> float | None:
-        away = [seat.away for seat in self._seats.values() if self._may_lose(seat, running)]
+    def _seat_due(self, begun: bool) -> float | None:
+        away = [seat.away for seat in self._seats.values() if self._may_lose(seat, begun)]
         return min(away) + self._rules.grace if away else None
 
-    def overdue(self, now: float, *, running: bool) -> list[Seat]:
+    def overdue(self, now: float, *, begun: bool) -> list[Seat]:
         """The absent whose grace is over."""
         grace = self._rules.grace
         return [
             seat
             for seat in self._seats.values()
-            if self._may_lose(seat, running) and now >= seat.away + grace
+            if self._may_lose(seat, begun) and now >= seat.away + grace
         ]
 
-    def _may_lose(self, seat: Seat, running: bool) -> bool:
-        if seat.present or not seat.taken or PauseReason.DESERTED in self.holds or self.holds.outer:
+    def _may_lose(self, seat: Seat, begun: bool) -> bool:
+        if (
+            seat.present
+            or not seat.taken
+            or PauseReason.DESERTED in self.pauses
+            or self.pauses.outer
+        ):
             return False
-        return not running or self._rules.absence in (Absence.WAIT, Absence.END)
+        return not begun or self._rules.absence in (Absence.WAIT, Absence.END)
 
     def missing(self) -> str:
         """Whom we miss, in words."""
-        if PauseReason.DESERTED in self.holds:
+        if PauseReason.DESERTED in self.pauses:
             return "everybody left"
         names = [seat.name or seat.player for seat in self._seats.values() if not seat.present]
         return f"{' and '.join(names)} did not come back"

@@ -17,12 +17,12 @@ __all__ = [
     "NOTE_BYTES",
     "SEAT_QUOTA_BYTES",
     "Quota",
-    "check_words",
     "size_of_rejection",
+    "spend",
 ]
 
 SEAT_QUOTA_BYTES = 8 * 1024 * 1024
-"""Of one seat's words in an episode."""
+"""Of what is written in the name of one seat in an episode."""
 MAX_AUDIENCE_BYTES = 1024 * 1024
 """Of all that spectators say in an episode."""
 NEWCOMER_BYTES = 512 * 1024
@@ -30,7 +30,7 @@ NEWCOMER_BYTES = 512 * 1024
 MAX_SEAT_BYTES = 11 * 1024 * 1024
 """… up to this, of all who have had the seat."""
 NOTE_BYTES = 100
-"""What a note takes beside its words."""
+"""What a note takes beside its text."""
 
 
 def size_of_rejection(action: str, reasons: Iterable[str]) -> int:
@@ -39,7 +39,7 @@ def size_of_rejection(action: str, reasons: Iterable[str]) -> int:
 
 
 class Quota:
-    """The bytes of somebody's words that are recorded: `used` of `limit`.
+    """The bytes of somebody's text that are recorded: `used` of `limit`.
 
     `reached` says whether something did not fit any more.
     """
@@ -68,8 +68,11 @@ class Quota:
         return True
 
 
-def check_words(quota: Quota, size: int, what: str) -> None:
-    """ProtocolError `rate/words` where words cannot be recorded any more; `what` to do then."""
+def spend(quota: Quota, size: int, instead: str) -> None:
+    """ProtocolError `rate/words` where a text cannot be recorded any more; `instead` says what one
+    can do then."""
     if not quota.take(size):
-        message = f"no more of what is written here is recorded ({quota.used:,} bytes are); {what}"
+        message = (
+            f"no more of what is written here is recorded ({quota.used:,} bytes are); {instead}"
+        )
         raise ProtocolError("rate/words", message)

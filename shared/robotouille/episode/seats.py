@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import NamedTuple
 
-from robotouille.episode.events import SeatTally
+from robotouille.episode.events import Controller, Departure, Move, RosterChanged, SeatTally
+from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.state import State
 
-__all__ = ["ActionAnswer", "Controller", "Departure", "Pending", "Seat"]
-
-
-class Controller(StrEnum):
-    """Who moves a seat: its participant (by kind), nobody, or a bot in an absent one's place."""
-
-    FREE = ""
-    HUMAN = "human"
-    BOT = "bot"
-    MODEL = "model"
-    ABSENT = "absent"
-    STAND_IN = "stand-in"
-
-
-class Departure(StrEnum):
-    """Why a participant has no seat any more."""
-
-    LEFT = "left"
-    LOST = "lost"
-    REMOVED = "removed"
+__all__ = ["ActionAnswer", "Pending", "Seat", "joint_action", "tally"]
 
 
 @dataclass(slots=True)
@@ -57,11 +40,10 @@ class ActionAnswer(NamedTuple):
 class Seat:
     """A player of the world and who plays it.
 
-    `words` is how much of what is written in its name is recorded.
-
     `session` is who holds the seat, `participant` its pseudonym, `generation` that of the resume
-    token which was used last. `asked` is when it was last asked to move, `away` since when it is
-    absent, `answer` what became of the last of its actions that was decided.
+    token which was used last. `asked_at` is when it was last asked to move, `away` since when it
+    is absent, `answer` what became of the last of its actions that was decided, `quota` how much of
+    what is written in its name is recorded.
     """
 
     player: str
@@ -70,34 +52,115 @@ class Seat:
     session: str = ""
     participant: str = ""
     generation: int = 0
-    taken: bool = False
-    present: bool = False
+    state: SeatState = SeatState.FREE
     controller: Controller = Controller.FREE
     seq: int = 0
-    asked: float = 0.0
+    asked_at: float = 0.0
     away: float = 0.0
     pending: Pending | None = None
     answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
-    words: Quota = field(default_factory=lambda: Quota(SEAT_QUOTA_BYTES))
+    quota: Quota = field(default_factory=lambda: Quota(SEAT_QUOTA_BYTES))
+
+    @property
+    def taken(self) -> bool:
+        """Whether it is somebody's, present or not."""
+        return self.state is not SeatState.FREE
+
+    @property
+    def present(self) -> bool:
+        """Whether its participant is here."""
+        return self.state is SeatState.PRESENT
 
     @property
     def active(self) -> bool:
         """Whether somebody decides for it."""
-        return self.present or self.controller is Controller.STAND_IN
+        return self.state is SeatState.PRESENT or self.controller is Controller.STAND_IN
+
+    def decided(self, state: State) -> bool:
+        """Whether a step need not wait for it (any more)."""
+        return self.pending is not None or not self.active or state.busy_steps(self.player) > 0
 
     def take(self, name: str, kind: str, session: str, participant: str, now: float) -> None:
         """A newcomer sits down."""
+        self.state = next_seat_state(self.state, SeatEvent.TAKE)
         self.name, self.kind = name, kind
         self.session, self.participant, self.generation = session, participant, 0
-        self.taken = self.present = True
-        self.words.renew()
-        self.asked = now
+        self.quota.renew()
+        self.asked_at = now
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
-    def free(self) -> None:
+    def lose_connection(self) -> None:
+        """Its participant is away."""
+        self.state = next_seat_state(self.state, SeatEvent.LOSE)
+
+    def come_back(self) -> None:
+        """Its participant is here again."""
+        self.state = next_seat_state(self.state, SeatEvent.RETURN)
+
+    def vacate(self) -> None:
         """Nobody's seat any more."""
-        self.taken = self.present = False
+        self.state = next_seat_state(self.state, SeatEvent.VACATE)
         self.name = self.kind = self.session = self.participant = ""
         self.generation = 0
         self.pending = None
+
+    def roster_change(self, time: float, why: Departure | None = None) -> RosterChanged:
+        """How it is now, as an event."""
+        return RosterChanged(
+            self.player,
+            self.name,
+            self.kind,
+            self.present,
+            time,
+            taken=self.taken,
+            controller=self.controller,
+            session=self.session,
+            participant=self.participant,
+            generation=self.generation,
+            why=why,
+        )
+
+    def take_pending(self, step: int) -> Pending | None:
+        """What it has decided on for the step after `step`, which is its answer; None: nothing."""
+        pending = self.pending
+        if pending is None or pending.due_step > step:
+            return None
+        self.pending = None
+        if pending.seq > 0:
+            self.answer = ActionAnswer(pending.seq, step + 1)
+        return pending
+
+
+def joint_action(
+    seats: Collection[Seat], step: int, *, by_arrival: bool
+) -> tuple[tuple[Move, ...], tuple[tuple[str, int], ...]]:
+    """What all seats do in the step after `step`: their moves, in the order in which they decided
+    or else in seat order; and the decisions to do nothing, with their sequence numbers."""
+    idle = []
+    ready = []
+    for seat in seats:
+        pending = seat.take_pending(step)
+        if pending is None:
+            continue
+        action = pending.action
+        if action is not None:
+            move = Move(seat.player, action, pending.seq, pending.latency, pending.reasoning)
+            ready.append((pending.order, move))
+        elif pending.seq > 0:
+            idle.append((seat.player, pending.seq))
+    if by_arrival and len(ready) > 1:
+        ready.sort(key=lambda pair: pair[0])
+    return tuple([move for _, move in ready]), tuple(idle)
+
+
+def tally(seats: Collection[Seat], applied: Mapping[str, bool], turn: str | None) -> None:
+    """Count what the seats did in a step: whether each action applied, and who could have acted."""
+    for seat in seats:
+        ok = applied.get(seat.player)
+        if ok:
+            seat.tally.applied += 1
+        elif ok is False:
+            seat.tally.rejected += 1
+        elif turn in (None, seat.player):
+            seat.tally.idle += 1

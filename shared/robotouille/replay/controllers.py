@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robotouille.episode.seats import Controller
+from robotouille.episode.events import Controller
 from robotouille.replay.recording import Recording
 
 __all__ = ["Seating", "Span", "controllers", "seatings", "spans"]

@@ -208,11 +208,11 @@ def _note(event: Event) -> dict[str, Any]:
                 "kind": event.kind,
                 "present": event.present,
                 "taken": event.taken,
-                "controller": event.controller,
+                "controller": event.controller.value,
                 "session": event.session,
                 "participant": event.participant,
                 "generation": event.generation,
-                **({"why": event.why} if event.why else {}),
+                **({"why": event.why.value} if event.why else {}),
             }
         case QuotaReached():
             return {"note": "quota", "t": _ms(event.time), "player": event.player}
@@ -222,13 +222,14 @@ def _note(event: Event) -> dict[str, Any]:
             return {
                 "note": "moderated",
                 "t": _ms(event.time),
-                "what": event.what,
+                "what": event.what.value,
                 "session": event.session,
                 "participant": event.participant,
                 "name": event.name,
             }
         case Paused():
-            return {"note": "paused", "t": _ms(event.time), "holds": list(event.holds)}
+            holds = [reason.value for reason in event.reasons]
+            return {"note": "paused", "t": _ms(event.time), "holds": holds}
         case Started():
             return {"note": "started", "t": 0}
         case Resumed():

@@ -1,4 +1,4 @@
-"""An episode that goes on from its recording, after its process stopped."""
+"""Recordings back to episodes, which go on after their process stopped."""
 
 from __future__ import annotations
 
@@ -9,7 +9,19 @@ from typing import Any
 from pydantic import ValidationError
 
 from robotouille.domain.task import Task
-from robotouille.episode import ActionAnswer, Controller, Episode, Move, Outcome, Phase, Rules, Seat
+from robotouille.episode import (
+    ActionAnswer,
+    Controller,
+    Episode,
+    Moderation,
+    Move,
+    Outcome,
+    PauseReason,
+    Phase,
+    RecoveredEpisode,
+    Rules,
+    Seat,
+)
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Comparison, Recording
@@ -70,28 +82,28 @@ def restoring(
     """The same frame by frame, for those who have something else to do in between."""
     recording.world = world_of(recording.task)
     comparison = Comparison(recording)
-    episode = Episode(recording.world, _rules(recording), now)
-    retraced = _Retraced(episode)
+    episode = RecoveredEpisode(recording.world, _rules(recording), now)
+    replayer = _Replayer(episode)
     for frame, _, written in recording.anew():
         comparison.add(written)
         if not comparison.same:
             raise _DifferentError(f"{recording.source}: it does not re-simulate")
-        retraced.frame(recording, frame)
+        replayer.frame(recording, frame)
         yield
     if not comparison.reaches_the_end:
         raise _DifferentError(f"{recording.source}: it does not re-simulate")
     outcome = recording.outcome
     if outcome is not None:
-        episode.conclude(_outcome(recording, outcome))
+        episode.restore_ended(_outcome(recording, outcome))
     else:
-        episode.go_on(
+        episode.resume_after_restart(
             now,
-            elapsed=retraced.milliseconds / 1000,
+            elapsed=replayer.milliseconds / 1000,
             patience=patience,
-            expected=retraced.expected,
-            held="operator" in retraced.holds,
+            expected=replayer.expected,
+            paused=PauseReason.OPERATOR in replayer.pauses,
         )
-    missing, said = comparison.missing, tuple(retraced.said)
+    missing, said = comparison.missing, tuple(replayer.said)
     return Restored(episode, recording.whole, missing, said, outcome is not None)
 
 
@@ -111,14 +123,14 @@ def _rules(recording: Recording) -> Rules:
         raise RecordingError(f"{recording.source}: rules.{field}: {first['msg']}") from None
 
 
-class _Retraced:
+class _Replayer:
     """Goes through the frames of a recording and brings an episode to where they end."""
 
-    def __init__(self, episode: Episode) -> None:
+    def __init__(self, episode: RecoveredEpisode) -> None:
         self.episode = episode
         self.milliseconds = 0
         self.said: list[dict[str, Any]] = []
-        self.holds: list[str] = []
+        self.pauses: list[str] = []
         self.expected: set[str] = set()
 
     def frame(self, recording: Recording, frame: dict[str, Any]) -> None:
@@ -131,8 +143,9 @@ class _Retraced:
                 for row, action in zip(frame["moves"], actions, strict=True)
             ]
             for move in moves:
-                self.episode.seats[move.player].words.take(len(move.reasoning.encode()))
-            self.episode.retrace(moves, [(str(p), int(seq)) for p, seq in frame.get("idle", ())])
+                self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
+            idle = [(str(player), int(seq)) for player, seq in frame.get("idle", ())]
+            self.episode.replay_step(moves, idle)
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])
@@ -150,32 +163,33 @@ class _Retraced:
                 seat.seq = max(seat.seq, note["seq"])
                 seat.answer = ActionAnswer(note["seq"], self.episode.step, tuple(note["reasons"]))
                 seat.tally.rejected += 1
-                seat.words.take(size_of_rejection(note["action"], note["reasons"]))
-                seat.words.take(len(note.get("reasoning", "").encode()))
+                seat.quota.take(size_of_rejection(note["action"], note["reasons"]))
+                seat.quota.take(len(note.get("reasoning", "").encode()))
             case "said":
                 self.said.append(note)
                 self.episode.said += 1
                 size = NOTE_BYTES + len(note["name"].encode()) + len(note["text"].encode())
-                self._words(note).take(size)
+                self._quota(note).take(size)
                 if note["player"]:
                     self._seat(note).tally.said += 1
             case "quota":
-                self._words(note).reached = True
+                self._quota(note).reached = True
             case "moderated":
-                self.episode.retrace_moderation(note["what"], note["session"], note["participant"])
+                what = Moderation(note["what"])
+                self.episode.replay_moderation(what, note["session"], note["participant"])
             case "paused":
-                self.holds = note["holds"]
+                self.pauses = note["holds"]
             case "resumed":
-                self.holds = []
+                self.pauses = []
             case "restarted":
                 seats = self.episode.seats.values()
                 self.expected |= {seat.player for seat in seats if seat.present}
             case "started" if self.episode.phase is Phase.WAITING:
-                self.episode.retrace_start()
+                self.episode.replay_start()
 
-    def _words(self, note: dict[str, Any]) -> Quota:
+    def _quota(self, note: dict[str, Any]) -> Quota:
         """The quota of a seat, or that of all spectators."""
-        return self._seat(note).words if note["player"] else self.episode.audience_words
+        return self._seat(note).quota if note["player"] else self.episode.audience_quota
 
     def _check_players(self, frame: dict[str, Any]) -> None:
         players = [row["player"] for row in frame["moves"]]
@@ -195,13 +209,18 @@ def _sit(seat: Seat, note: dict[str, Any]) -> None:
     if note.get("taken", True):
         newcomer = not seat.taken or seat.session != note.get("session", "")
         if newcomer:
+            if seat.taken:
+                seat.vacate()
             seat.take(
                 note["name"], note["kind"], note.get("session", ""), note.get("participant", ""), 0
             )
         seat.generation = note.get("generation", 0)
-        seat.present = note["present"]
-    else:
-        seat.free()
+        if note["present"]:
+            seat.come_back()
+        elif seat.present:
+            seat.lose_connection()
+    elif seat.taken:
+        seat.vacate()
     try:
         seat.controller = Controller(note.get("controller", ""))
     except ValueError as error:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robotouille.episode import Controller, Episode, Phase, Stepped
+from robotouille.episode import Controller, Episode, Stepped
 from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Deed, Question
 from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
@@ -88,8 +88,7 @@ class SubstituteBot:
         seat = episode.seats[self._player]
         return (
             not self._stopped
-            and episode.phase is Phase.RUNNING
-            and not episode.paused
+            and episode.running
             and seat.controller is Controller.STAND_IN
             and seat.pending is None
             and episode.on_turn in (None, self._player)

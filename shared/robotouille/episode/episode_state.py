@@ -1,0 +1,203 @@
+"""What an episode is at present, and what it reports: state, phase, seats, texts and events."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from robotouille.episode.clocks import clock_for
+from robotouille.episode.events import (
+    Announced,
+    Ended,
+    Event,
+    Moderated,
+    Moderation,
+    Move,
+    Outcome,
+    QuotaReached,
+    Reason,
+    Said,
+    SeatTally,
+    Stepped,
+)
+from robotouille.episode.lifecycle import Phase, PhaseEvent, next_phase
+from robotouille.episode.quota import MAX_AUDIENCE_BYTES, NOTE_BYTES, Quota, spend
+from robotouille.episode.rules import Rules
+from robotouille.episode.seats import ActionAnswer, Seat, tally
+from robotouille.errors import ProtocolError
+from robotouille.world.state import State
+from robotouille.world.world import World
+
+__all__ = ["EpisodeState"]
+
+
+class EpisodeState:
+    """A game under some rules, without the decisions on it: those are `Episode`'s.
+
+    `said` counts chat messages; `used` says whether anybody ever took a seat; `banned` are the
+    sessions and participants that may not come in, `muted` the participants that may not talk.
+    `scheduled` says whether steps follow the wall clock, whoever has acted.
+    """
+
+    __slots__ = (
+        "_clock",
+        "_events",
+        "_started",
+        "audience_quota",
+        "banned",
+        "muted",
+        "outcome",
+        "phase",
+        "rules",
+        "said",
+        "scheduled",
+        "seats",
+        "state",
+        "step",
+        "used",
+        "world",
+    )
+
+    def __init__(self, world: World, rules: Rules) -> None:
+        self.world = world
+        self.rules = rules
+        self.state: State = world.initial
+        self.step = 0
+        self.phase = Phase.WAITING
+        self.outcome: Outcome | None = None
+        self.seats = {p: Seat(p, tally=SeatTally(p)) for p in world.players}
+        self.said = 0
+        self.audience_quota = Quota(MAX_AUDIENCE_BYTES)
+        self.used = False
+        self.banned: set[str] = set()
+        self.muted: set[str] = set()
+        self._clock = clock_for(rules, world.players)
+        self.scheduled = self._clock.scheduled
+        self._started = 0.0
+        self._events: list[Event] = []
+
+    # Phases
+
+    @property
+    def in_progress(self) -> bool:
+        """Whether the game has begun and has not ended; it may stand still."""
+        return self.phase is Phase.RUNNING or self.phase is Phase.PAUSED
+
+    @property
+    def running(self) -> bool:
+        """Whether the game has begun, has not ended, and time runs."""
+        return self.phase is Phase.RUNNING
+
+    @property
+    def paused(self) -> bool:
+        """Whether the game has begun, has not ended, and stands still."""
+        return self.phase is Phase.PAUSED
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has an outcome."""
+        return self.phase is Phase.ENDED
+
+    def _enter_phase(self, event: PhaseEvent) -> None:
+        self.phase = next_phase(self.phase, event)
+
+    def _end(self, reason: Reason, now: float, detail: str = "") -> None:
+        self._enter_phase(PhaseEvent.END)
+        tallies = tuple(replace(seat.tally) for seat in self.seats.values())
+        self.outcome = Outcome(reason, self.step, self._elapsed(now), tallies, detail)
+        self._emit(Ended(self.outcome))
+
+    def _check_open(self) -> None:
+        if self.ended:
+            raise ProtocolError("episode/over", "the episode is over", "episode")
+
+    # Seats and steps
+
+    def seat(self, player: str) -> Seat:
+        """The seat of a player; ProtocolError `seat/unknown` if there is none."""
+        if player not in self.seats:
+            listed = ", ".join(self.seats)
+            raise ProtocolError("seat/unknown", f"no seat {player!r}; there are {listed}", "seat")
+        return self.seats[player]
+
+    @property
+    def on_turn(self) -> str | None:
+        """Whose turn it is, with the turn clock."""
+        return self._clock.on_turn(self.step) if self.in_progress else None
+
+    def _transition(
+        self, moves: tuple[Move, ...], idle: tuple[tuple[str, int], ...], time: float
+    ) -> bool:
+        """Take a joint action; whether it reaches the goal."""
+        before = self.state
+        result = before.step([move.action for move in moves])
+        turn = self.on_turn
+        self.step += 1
+        self.state = result.state
+        applied = {}
+        for move, attempt in zip(moves, result.attempts, strict=True):
+            applied[move.player] = attempt.applied
+            if move.seq > 0:
+                reasons = () if attempt.applied else attempt.unmet
+                self.seats[move.player].answer = ActionAnswer(move.seq, self.step, reasons)
+        tally(self.seats.values(), applied, turn)
+        turn = self.on_turn
+        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn, idle))
+        return result.goal_reached
+
+    # Texts
+
+    def say(self, name: str, player: str, text: str, now: float) -> None:
+        """A chat message to everybody in the episode; it is recorded."""
+        self._check_open()
+        quota = self.seat(player).quota if player else self.audience_quota
+        size = NOTE_BYTES + len(name.encode()) + len(text.encode())
+        self._spend(quota, size, player, now, "you can say no more here")
+        if player:
+            self.seat(player).tally.said += 1
+        self.said += 1
+        self._emit(Said(name, player, text, self._elapsed(now), self.said))
+
+    def _spend(self, quota: Quota, size: int, player: str, now: float, instead: str) -> None:
+        reached = quota.reached
+        try:
+            spend(quota, size, instead)
+        finally:
+            if quota.reached and not reached:
+                self._emit(QuotaReached(player, self._elapsed(now)))
+
+    def announce(self, text: str, now: float) -> None:
+        """Something the operator says to everybody in the episode; it is recorded."""
+        if not self.ended:
+            self._emit(Announced(text, self._elapsed(now)))
+
+    def moderate(
+        self, what: Moderation, session: str, participant: str, name: str, now: float
+    ) -> None:
+        """An operator's decision on somebody; it is recorded, if the episode has not ended."""
+        self._apply_moderation(what, session, participant)
+        if not self.ended:
+            self._emit(Moderated(what, session, participant, name, self._elapsed(now)))
+
+    def _apply_moderation(self, what: Moderation, session: str, participant: str) -> None:
+        match what:
+            case Moderation.BANNED:
+                self.banned |= {session, participant} - {""}
+            case Moderation.MUTED:
+                self.muted.add(participant or session)
+            case Moderation.UNMUTED:
+                self.muted.discard(participant or session)
+
+    # Events
+
+    def events(self) -> list[Event]:
+        """What has happened since this was last asked, in order."""
+        if not self._events:
+            return []
+        events, self._events = self._events, []
+        return events
+
+    def _elapsed(self, now: float) -> float:
+        return max(0.0, now - self._started) if self.phase is not Phase.WAITING else 0.0
+
+    def _emit(self, event: Event) -> None:
+        self._events.append(event)
