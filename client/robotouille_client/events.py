@@ -8,6 +8,7 @@ from typing import Any
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
+from robotouille.world.unmet import Unmet
 
 __all__ = [
     "ActResult",
@@ -53,8 +54,13 @@ class Refused:
     seq: int
     step: int
     action: str
-    reasons: tuple[str, ...]
+    unmet: tuple[Unmet, ...]
     code: str
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why, in words."""
+        return tuple(unmet.words for unmet in self.unmet)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,5 +109,10 @@ class ActResult:
 
     applied: bool
     step: int
-    reasons: tuple[str, ...] = ()
+    unmet: tuple[Unmet, ...] = ()
     code: str = ""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it was rejected, in words."""
+        return tuple(unmet.words for unmet in self.unmet)

@@ -19,7 +19,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 __all__ = [
@@ -95,10 +95,10 @@ class UnknownTaskError(RobotouilleError):
 class InapplicableError(RobotouilleError):
     """An action was applied in a state in which its preconditions do not hold."""
 
-    def __init__(self, action: str, unmet: tuple[str, ...]) -> None:
+    def __init__(self, action: str, unmet: Sequence[object]) -> None:
         self.action = action
         self.unmet = unmet
-        super().__init__(f"{action}: {'; '.join(unmet)}")
+        super().__init__(f"{action}: {'; '.join(map(str, unmet))}")
 
 
 class UnknownNameError(RobotouilleError, KeyError):

@@ -148,7 +148,7 @@ class Controls:
             for action in self._candidates(binding, me, meant, near):
                 unmet = self.world.unmet(state, action)
                 if len(unmet) < fewest:
-                    best, fewest, reason = action, len(unmet), unmet[0]
+                    best, fewest, reason = action, len(unmet), unmet[0].words
         if best is None:
             where = meant[0] if meant else "here"
             return Meaning(None, f"nothing to do at {where}" if meant else "nothing to do here")

@@ -21,7 +21,7 @@ from robotouille.episode import (
 )
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
-from robotouille.protocol.states import StateWriter, unmet_rows
+from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
 from robotouille.replay.recorder import HASH_EVERY
 from robotouille.world.state import State
 from robotouille_server.rooms.session import Session
@@ -190,6 +190,7 @@ class Broadcaster:
             delta["seq"] = [move.seq for move in event.moves]
         if unmet := unmet_rows(event.attempts):
             delta["unmet"] = unmet
+            delta["why"] = why_rows(event.attempts)
         if event.turn is not None:
             delta["turn"] = event.turn
         if event.step % HASH_EVERY == 0:
@@ -209,7 +210,8 @@ class Broadcaster:
                     seq=move.seq,
                     step=event.step,
                     action=move.action.sentence,
-                    reasons=list(attempt.unmet),
+                    reasons=list(attempt.reasons),
+                    why=[messages.Why.of(unmet) for unmet in attempt.unmet],
                 )
                 self.send(session, rejected)
         player = session.player
@@ -227,6 +229,7 @@ class Broadcaster:
                 step=self._episode.step,
                 action=event.action,
                 reasons=list(event.reasons),
+                why=[messages.Why.of(unmet) for unmet in event.unmet],
             )
             self.send(session, rejected)
 

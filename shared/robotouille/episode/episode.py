@@ -27,6 +27,7 @@ from robotouille.episode.rules import Absence, Rules
 from robotouille.episode.seats import ActionAnswer, Pending, Seat, joint_action
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import World
 
 __all__ = ["Episode"]
@@ -234,11 +235,12 @@ class Episode(EpisodeState):
         if reasoning:
             self._spend(seat.quota, len(reasoning.encode()), player, now, "act without")
         seat.seq = seq
-        if reasons := self._faults(seat, action):
-            self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), reasons, now)
+        if unmet := self._faults(seat, action):
+            self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), unmet, now)
             return
         if seat.pending is not None and seat.pending.seq > 0:
-            self._reject(seat, seat.pending, (f"superseded by action {seq}",), now)
+            superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
+            self._reject(seat, seat.pending, (superseded,), now)
         self._decide(seat, action, seq, now, self._clock.delay(think_ms), reasoning)
 
     def substitute(self, player: str, action: GroundAction | None, now: float) -> None:
@@ -270,29 +272,31 @@ class Episode(EpisodeState):
             raise ProtocolError("episode/waiting", message, "episode")
         self._check_open()
 
-    def _faults(self, seat: Seat, action: GroundAction | None) -> tuple[str, ...]:
+    def _faults(self, seat: Seat, action: GroundAction | None) -> tuple[Unmet, ...]:
         """Why an action cannot be taken; empty if it can."""
         turn = self.on_turn
-        if turn not in (None, seat.player):
-            return (f"it is {turn}'s turn",)
+        if turn is not None and turn != seat.player:
+            return (Unmet(UnmetKind.TURN, f"it is {turn}'s turn", objects=(turn,)),)
         if action is None:
             return ()
         if action.player is not None and action.player != seat.player:
-            return (f"{action.player} is not yours to move: you play {seat.player}",)
+            words = f"{action.player} is not yours to move: you play {seat.player}"
+            return (Unmet(UnmetKind.SEAT, words, objects=(action.player,)),)
         if self.world.applicable(self.state, action):
             return ()
         return self.world.unmet(self.state, action)
 
-    def _reject(self, seat: Seat, rejected: Pending, reasons: tuple[str, ...], now: float) -> None:
+    def _reject(self, seat: Seat, rejected: Pending, unmet: tuple[Unmet, ...], now: float) -> None:
         action, seq = rejected.action, rejected.seq
         sentence = action.sentence if action is not None else "nothing"
+        reasons = tuple(each.words for each in unmet)
         seat.answer = ActionAnswer(seq, self.step, reasons)
         seat.tally.rejected += 1
         time, reached = self._elapsed(now), seat.quota.reached
         recorded = seat.quota.take(size_of_rejection(sentence, reasons))
         if seat.quota.reached and not reached:
             self._emit(QuotaReached(seat.player, time))
-        event = Rejected(seat.player, seq, sentence, reasons, time, rejected.reasoning, recorded)
+        event = Rejected(seat.player, seq, sentence, unmet, time, rejected.reasoning, recorded)
         self._emit(event)
 
     # Time

@@ -137,7 +137,7 @@ class EpisodeState:
         for move, attempt in zip(moves, result.attempts, strict=True):
             applied[move.player] = attempt.applied
             if move.seq > 0:
-                reasons = () if attempt.applied else attempt.unmet
+                reasons = () if attempt.applied else attempt.reasons
                 self.seats[move.player].answer = ActionAnswer(move.seq, self.step, reasons)
         tally(self.seats.values(), applied, turn)
         turn = self.on_turn

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from robotouille.episode.pauses import PauseReason
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import Attempt
 
 __all__ = [
@@ -170,10 +171,15 @@ class Rejected:
     player: str
     seq: int
     action: str
-    reasons: tuple[str, ...]
+    unmet: tuple[Unmet, ...]
     time: float
     reasoning: str = ""
     recorded: bool = True
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is unmet, in words."""
+        return tuple(unmet.words for unmet in self.unmet)
 
 
 @dataclass(frozen=True, slots=True)

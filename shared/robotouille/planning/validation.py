@@ -18,10 +18,10 @@ class Rejection:
 
     step: int
     action: GroundAction
-    unmet: tuple[str, ...]
+    reasons: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"step {self.step}: {self.action}: {'; '.join(self.unmet)}"
+        return f"step {self.step}: {self.action}: {'; '.join(self.reasons)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,5 +62,5 @@ def replay(plan: Plan, world: World, start: State | None = None) -> PlanReport:
             reached_at = number
         for attempt in step.attempts:
             if not attempt.applied and rejection is None:
-                rejection = Rejection(number, attempt.action, attempt.unmet)
+                rejection = Rejection(number, attempt.action, attempt.reasons)
     return PlanReport(len(plan), reached_at, rejection, state)

@@ -21,6 +21,7 @@ from robotouille.episode.rules import (
     StepRate,
     Thinking,
 )
+from robotouille.world.unmet import Unmet, UnmetKind
 
 __all__ = [
     "CLIENT_MESSAGES",
@@ -57,6 +58,7 @@ __all__ = [
     "ServerMessage",
     "Snapshot",
     "Welcome",
+    "Why",
     "client_messages",
     "server_messages",
 ]
@@ -236,6 +238,30 @@ class SeatInfo(Message):
     rejected: int = 0
 
 
+class Why(Message):
+    """A reason for which an action was rejected, as a value; its words are in `reasons` (or
+    `unmet`) at the same place."""
+
+    kind: UnmetKind
+    predicate: str = ""
+    objects: list[str] = []
+    expected: bool = True
+
+    @classmethod
+    def of(cls, unmet: Unmet) -> Why:
+        """What goes with the words of a reason."""
+        return cls(
+            kind=unmet.kind,
+            predicate=unmet.predicate,
+            objects=list(unmet.objects),
+            expected=unmet.expected,
+        )
+
+    def value(self, words: str) -> Unmet:
+        """The reason with its words."""
+        return Unmet(self.kind, words, self.predicate, tuple(self.objects), self.expected)
+
+
 class Pause(Message):
     """Why the game stands still (`absence`, `operator`, `storage`, `restart`, `deserted`), and
     the seconds after which that ends by itself."""
@@ -355,8 +381,8 @@ class Delta(Message):
 
     `add` and `remove` are atoms; `timers` gives the new counters of effects (null: gone; an effect
     not known before comes last). `did` is the joint action in the order it applied:
-    `[seat number, action, arguments …]`, with the unmet preconditions in `unmet` under its
-    position if it was rejected. `seq` are the sequence numbers of `did`. `objects` and `atoms`
+    `[seat number, action, arguments …]`, with the unmet preconditions in `unmet` and `why` under
+    its position if it was rejected. `seq` are the sequence numbers of `did`. `objects` and `atoms`
     extend the tables of the snapshot. `hash` is the digest of the state, now and then.
     """
 
@@ -369,6 +395,7 @@ class Delta(Message):
     did: list[list[int | str]] = []
     seq: list[int] = []
     unmet: dict[str, list[str]] = {}
+    why: dict[str, list[Why]] = {}
     turn: str | None = None
     objects: list[list[str]] = []
     atoms: list[list[int]] = []
@@ -395,13 +422,15 @@ class Observation(Message):
 
 
 class Rejected(Message):
-    """An action that was not taken into a step: why (`code`, `reasons`), and at which step."""
+    """An action that was not taken into a step: why (`code`, `reasons`, `why`), and at which
+    step."""
 
     type: Literal["rejected"] = "rejected"
     seq: int
     step: int
     action: str
     reasons: list[str]
+    why: list[Why] = []
     code: str = "action/invalid"
 
 

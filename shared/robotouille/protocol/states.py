@@ -17,7 +17,7 @@ from robotouille.world.grounding.objects import Object
 from robotouille.world.state import State
 from robotouille.world.world import Attempt, World
 
-__all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_rows"]
+__all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_rows", "why_rows"]
 
 
 _tables: WeakKeyDictionary[World, dict[int, dict[str, Any]]] = WeakKeyDictionary()
@@ -43,7 +43,23 @@ def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
 
 def unmet_rows(attempts: Iterable[Attempt]) -> dict[str, list[str]]:
     """The unmet preconditions of the attempts that were rejected, by position."""
-    return {str(i): list(a.unmet) for i, a in enumerate(attempts) if not a.applied}
+    return {str(i): list(a.reasons) for i, a in enumerate(attempts) if not a.applied}
+
+
+def why_rows(attempts: Iterable[Attempt]) -> dict[str, list[dict[str, Any]]]:
+    """The same as values: the fields of `messages.Why`, as plain data."""
+    return {str(i): [_why(unmet) for unmet in a.unmet] for i, a in enumerate(attempts) if a.unmet}
+
+
+def _why(unmet: Unmet) -> dict[str, Any]:
+    row: dict[str, Any] = {"kind": unmet.kind.value}
+    if unmet.predicate:
+        row["predicate"] = unmet.predicate
+    if unmet.objects:
+        row["objects"] = list(unmet.objects)
+    if not unmet.expected:
+        row["expected"] = False
+    return row
 
 
 def _rows(objects: Iterable[Object]) -> list[list[str]]:

@@ -35,6 +35,7 @@ from robotouille.world.joint_action import JointAction, in_order, not_an_action,
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe, observation
 from robotouille.world.timers import Progress, Timers, TimerTable
+from robotouille.world.unmet import Unmet, UnmetKind
 
 __all__ = ["Attempt", "State", "Step", "World", "shared_world"]
 
@@ -169,11 +170,16 @@ def _restore(
 
 
 class Attempt(NamedTuple):
-    """What became of one player's action: applied, or rejected with the unmet preconditions."""
+    """What became of one player's action: applied, or rejected for what is `unmet`."""
 
     action: GroundAction
     applied: bool
-    unmet: tuple[str, ...] = ()
+    unmet: tuple[Unmet, ...] = ()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is unmet, in words."""
+        return tuple(unmet.words for unmet in self.unmet)
 
 
 class Step(NamedTuple):
@@ -322,9 +328,10 @@ class World(GroundTask):
             else:
                 action = read(wish, self, self._valid(state, player))
             actor = action.player or player
-            unmet: tuple[str, ...] = ()
+            unmet: tuple[Unmet, ...] = ()
             if actor is not None and actor in acted:
-                unmet = (f"{actor} has acted in this step already",)
+                words = f"{actor} has acted in this step already"
+                unmet = (Unmet(UnmetKind.ACTED, words, objects=(actor,)),)
             elif facts & action.tested != action.required or timers.busy:
                 unmet = self._unmet(facts, timers, action, actor)
             if unmet:
@@ -348,27 +355,30 @@ class World(GroundTask):
         for name in self.players if player is None else (player,):
             yield from self.actions(state, name)
 
-    def unmet(self, state: State, action: GroundAction) -> tuple[str, ...]:
-        """The preconditions of an action that do not hold in a state, in words."""
+    def unmet(self, state: State, action: GroundAction) -> tuple[Unmet, ...]:
+        """What speaks against an action in a state: preconditions above all; empty if nothing."""
         if not isinstance(action, GroundAction):
             raise not_an_action(action)
         return self._unmet(state.facts, state.timers, action, action.player)
 
     def _unmet(
         self, facts: int, timers: Timers, action: GroundAction, actor: str | None
-    ) -> tuple[str, ...]:
+    ) -> tuple[Unmet, ...]:
         unmet = []
         steps = timers.busy_steps(actor)
-        if steps:
-            unmet.append(f"{actor} is busy for {steps} more step{'s' * (steps > 1)}")
+        if steps and actor is not None:
+            words = f"{actor} is busy for {steps} more step{'s' * (steps > 1)}"
+            unmet.append(Unmet(UnmetKind.BUSY, words, objects=(actor,)))
         binding = action.schema.bind(action.arguments)
         for name in action.arguments:
             if not self.exists(self._things[name], facts):
-                unmet.append(f"{name} does not exist")
+                unmet.append(Unmet(UnmetKind.MISSING, f"{name} does not exist", objects=(name,)))
         for condition in action.schema.definition.precons:
             atom = bound(condition, binding)
             if self.table.holds(atom, facts) != condition.is_true:
-                unmet.append(describe(self.task.domain, atom, condition.is_true))
+                words = describe(self.task.domain, atom, condition.is_true)
+                kind, (predicate, *objects) = UnmetKind.CONDITION, atom
+                unmet.append(Unmet(kind, words, predicate, tuple(objects), condition.is_true))
         return tuple(unmet)
 
     def changes(self, before: State, after: State) -> tuple[list[Atom], list[Atom]]:
