@@ -70,7 +70,7 @@ def type_words(schema: Schema) -> str:
     """A field's type in words."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})" if name in meanings()["parts"] else name.lower()
+        return f"[{name}](#{name.lower()})" if name in meanings()["parts"] else "object"
     if "const" in schema:
         return f"`{json.dumps(schema['const'])}`"
     if "enum" in schema:

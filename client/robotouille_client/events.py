@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,7 +96,7 @@ class Over:
     """The episode is over, or (`outcome` empty) the participant is out of it: `code` is that of
     the server's `bye`, if there was one."""
 
-    outcome: dict[str, Any]
+    outcome: Mapping[str, Any]
     reason: str = ""
     code: str = ""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
 from robotouille.domain.task import Task
@@ -57,8 +57,8 @@ class Game:
         self.phase = "waiting"
         self.turn: str | None = None
         self.seats: tuple[messages.SeatInfo, ...] = ()
-        self.clock: dict[str, Any] = {}
-        self.outcome: dict[str, Any] | None = None
+        self.clock: Mapping[str, Any] = {}
+        self.outcome: Mapping[str, Any] | None = None
         self.observation: Observed | None = None
         self.step_time = 0.0
         self.left: float | None = None
@@ -391,7 +391,7 @@ class Game:
         self._resolve(message.seq, ActResult(False, message.step, reasons, message.code))
         self._emit(Refused(message.seq, message.step, message.action, reasons, message.code))
 
-    def _finish(self, outcome: dict[str, Any]) -> None:
+    def _finish(self, outcome: Mapping[str, Any]) -> None:
         self.outcome, self.phase = outcome, "over"
         self._give_up(str(outcome.get("reason", "")))
 

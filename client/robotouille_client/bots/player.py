@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from robotouille.planning.policies.policy import Policy
@@ -21,7 +21,7 @@ MakePolicy = Callable[[State, str], Policy]
 MAX_TRIES = 5
 
 
-async def play(game: Game, make_policy: MakePolicy, *, threaded: bool = True) -> dict[str, Any]:
+async def play(game: Game, make_policy: MakePolicy, *, threaded: bool = True) -> Mapping[str, Any]:
     """Play a game to its end; returns the outcome as data, empty if the connection was lost.
 
     `threaded` thinks in a thread, so that the connection stays alive while a policy searches.

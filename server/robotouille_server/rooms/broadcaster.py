@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import msgpack
 from pydantic import BaseModel
@@ -315,9 +315,8 @@ class Broadcaster:
     def ended(self, outcome: Outcome) -> messages.Ended:
         """How the game ended."""
         episode = self._episode
-        return messages.Ended(
-            step=episode.step, outcome=outcome.to_json(), hash=episode.state.digest
-        )
+        row = cast("messages.OutcomeRow", outcome.to_json())
+        return messages.Ended(step=episode.step, outcome=row, hash=episode.state.digest)
 
     def _own_fields(self, session: Session) -> dict[str, Any]:
         """The fields of a `snapshot` message that change between steps, or by who gets it."""

@@ -2,15 +2,23 @@
 
 Clients send `ClientMessage`s, the server sends `ServerMessage`s; `type` tells which. Requests may
 carry `ref`, a number that the answer repeats. docs/protocol.md is generated from these models.
+
+What the server says by an enumeration is read leniently (`Known`): a value that this version does
+not know, from a newer server, stays the text it is. What clients say is read strictly.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from enum import StrEnum
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, WithJsonSchema, with_config
+from typing_extensions import TypedDict
 
 from robotouille.domain.task import Timing
+from robotouille.episode.events import Controller, Reason
+from robotouille.episode.lifecycle import Phase
+from robotouille.episode.pauses import PauseReason
 from robotouille.episode.rules import (
     Absence,
     Clock,
@@ -21,6 +29,7 @@ from robotouille.episode.rules import (
     StepRate,
     Thinking,
 )
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille.world.unmet import Unmet, UnmetKind
 
 __all__ = [
@@ -43,20 +52,24 @@ __all__ = [
     "Leave",
     "Left",
     "ListEpisodes",
+    "Message",
     "Moved",
     "NamedAction",
     "Notice",
     "Observation",
+    "OutcomeRow",
     "Pause",
     "Rejected",
     "Resync",
     "Roster",
+    "RulesRow",
     "Said",
     "Say",
     "SeatInfo",
     "Seen",
     "ServerMessage",
     "Snapshot",
+    "TallyRow",
     "Welcome",
     "Why",
     "client_messages",
@@ -73,11 +86,23 @@ Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
 
+E = TypeVar("E", bound=StrEnum)
+ByValue = Annotated[E, Field(strict=False)]
+"""A member of an enumeration, which comes as its value."""
+Known = Annotated[
+    ByValue[E] | str, Field(union_mode="left_to_right"), WithJsonSchema({"type": "string"})
+]
+"""A member of an enumeration if it is one that this version knows, else the text as it came."""
+
 
 class Message(BaseModel):
     """Base of all messages: immutable, typed strictly, unknown fields refused, numbers finite."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+OPEN = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
+"""Of rows that a newer server may have more fields in."""
 
 
 # From client to server
@@ -130,14 +155,14 @@ class Create(Message):
     ref: Ref | None = None
     task: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     seats: Annotated[int, Field(ge=1, le=16)] | None = None
-    clock: Annotated[Clock, Field(strict=False)] | None = None
-    timing: Annotated[Timing, Field(strict=False)] | None = None
+    clock: ByValue[Clock] | None = None
+    timing: ByValue[Timing] | None = None
     step_rate: StepRate | None = None
     move_budget: MoveBudget | None = None
     max_steps: MaxSteps | None = None
     thinking: Thinking | None = None
     seed: Annotated[int, Field(ge=0, le=2**53)] | None = None
-    absence: Annotated[Absence, Field(strict=False)] | None = None
+    absence: ByValue[Absence] | None = None
     stand_in: StandIn | None = None
     grace: Grace | None = None
 
@@ -233,7 +258,7 @@ class SeatInfo(Message):
     name: str = ""
     kind: str = ""
     present: bool = False
-    controller: str = ""
+    controller: Known[Controller] = Controller.FREE
     applied: int = 0
     rejected: int = 0
 
@@ -242,7 +267,7 @@ class Why(Message):
     """A reason for which an action was rejected, as a value; its words are in `reasons` (or
     `unmet`) at the same place."""
 
-    kind: UnmetKind
+    kind: Known[UnmetKind]
     predicate: str = ""
     objects: list[str] = []
     expected: bool = True
@@ -259,25 +284,60 @@ class Why(Message):
 
     def value(self, words: str) -> Unmet:
         """The reason with its words."""
-        return Unmet(self.kind, words, self.predicate, tuple(self.objects), self.expected)
+        return Unmet(UnmetKind(self.kind), words, self.predicate, tuple(self.objects), self.expected)
 
 
 class Pause(Message):
-    """Why the game stands still (`absence`, `operator`, `storage`, `restart`, `deserted`), and
-    the seconds after which that ends by itself."""
+    """Why the game stands still, and the seconds after which that ends by itself."""
 
-    reason: str
+    reason: Known[PauseReason]
     left: float | None = None
 
 
+@with_config(OPEN)
+class RulesRow(TypedDict, total=False):
+    """The rules of an episode, as `Rules` has them; a newer server may have more."""
+
+    clock: Known[Clock]
+    step_rate: float
+    move_budget: float | None
+    max_steps: int
+    thinking: str
+    grace: float
+    absence: Known[Absence]
+    stand_in: str
+
+
+@with_config(OPEN)
+class TallyRow(TypedDict, total=False):
+    """What one seat did over an episode: how many actions applied, were rejected, and so on."""
+
+    player: str
+    applied: int
+    rejected: int
+    idle: int
+    said: int
+
+
+@with_config(OPEN)
+class OutcomeRow(TypedDict, total=False):
+    """How an episode ended, as `Outcome.to_json` has it."""
+
+    reason: Known[Reason]
+    steps: int
+    seconds: float
+    detail: str
+    seats: list[TallyRow]
+
+
 class EpisodeInfo(Message):
-    """An episode as the lobby lists it; `phase` is waiting, running, paused or over."""
+    """An episode as the lobby lists it."""
 
     episode: Identifier
     code: Identifier
     task: str
-    clock: str
-    phase: str
+    clock: Known[Clock]
+    phase: Known[Phase]
     step: int
     max_steps: int
     seats: list[SeatInfo]
@@ -351,7 +411,7 @@ class Snapshot(Message):
     type: Literal["snapshot"] = "snapshot"
     episode: Identifier
     step: int
-    phase: str
+    phase: Known[Phase]
     digest: str
     task: dict[str, Any] | None = None
     predicates: list[str]
@@ -367,13 +427,13 @@ class Snapshot(Message):
     last_step: int = 0
     last_reasons: list[str] = []
     turn: str | None = None
-    clock: dict[str, Any]
+    clock: RulesRow
     left: float | None = None
     pause: Pause | None = None
     said: int = 0
     seats: list[SeatInfo]
     spectators: int = 0
-    outcome: dict[str, Any] | None = None
+    outcome: OutcomeRow | None = None
 
 
 class Delta(Message):
@@ -412,7 +472,7 @@ class Observation(Message):
     type: Literal["observation"] = "observation"
     episode: Identifier
     step: int
-    phase: str = "running"
+    phase: Known[Phase] = Phase.RUNNING
     seat: str | None = None
     text: str
     actions: list[str]
@@ -431,7 +491,7 @@ class Rejected(Message):
     action: str
     reasons: list[str]
     why: list[Why] = []
-    code: str = "action/invalid"
+    code: Known[ErrorCode] = ErrorCode.ACTION_INVALID
 
 
 class Said(Message):
@@ -460,7 +520,7 @@ class Roster(Message):
     """
 
     type: Literal["roster"] = "roster"
-    phase: str
+    phase: Known[Phase]
     turn: str | None = None
     pause: Pause | None = None
     seats: list[SeatInfo]
@@ -473,7 +533,7 @@ class Ended(Message):
 
     type: Literal["ended"] = "ended"
     step: int
-    outcome: dict[str, Any]
+    outcome: OutcomeRow
     hash: str
 
 
@@ -491,7 +551,7 @@ class Error(Message):
 
     type: Literal["error"] = "error"
     ref: Ref | None = None
-    code: str
+    code: Known[ErrorCode]
     message: str
     field: str = ""
 
@@ -501,7 +561,7 @@ class Bye(Message):
 
     type: Literal["bye"] = "bye"
     reason: str
-    code: str = "server/bye"
+    code: Known[ErrorCode] = ErrorCode.SERVER_BYE
     retry: bool = False
 
 
