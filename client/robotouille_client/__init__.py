@@ -7,6 +7,13 @@ async with connect("ws://127.0.0.1:8765", name="ada") as client:
 """
 
 from robotouille_client.client import Client, connect
+from robotouille_client.errors import (
+    ConnectionFailedError,
+    NotYetError,
+    ProtocolError,
+    RobotouilleError,
+    StrangerError,
+)
 from robotouille_client.events import (
     ActResult,
     Announced,
@@ -25,12 +32,17 @@ __all__ = [
     "Announced",
     "Changed",
     "Client",
+    "ConnectionFailedError",
     "Game",
     "GameEvent",
     "Heard",
+    "NotYetError",
     "Observed",
     "Over",
+    "ProtocolError",
     "Refused",
+    "RobotouilleError",
     "RosterChanged",
+    "StrangerError",
     "connect",
 ]
