@@ -152,7 +152,7 @@ class Client:
         role: Literal["player", "spectator"] = "player",
         view: messages.View = "state",
     ) -> Game:
-        """Enter an episode by id or code; returns once the first picture is there."""
+        """Enter an episode by id or code; returns once its state, or its text, is there."""
         request = messages.Join(episode=episode, seat=seat, role=role, view=view)
         await self._ask(request, messages.Joined)
         if self.game is None:

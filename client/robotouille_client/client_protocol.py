@@ -44,7 +44,7 @@ G = TypeVar("G", bound=GameReplica)
 
 @dataclass(frozen=True, slots=True)
 class RequestDone:
-    """A request was answered; a join once there is a picture."""
+    """A request was answered; a join once its first snapshot or observation is there."""
 
     ref: int
     answer: messages.ServerMessage
@@ -277,7 +277,7 @@ class ClientProtocol(Generic[G]):
 
     def _game_timer(self) -> float | None:
         """Nothing is sent again before the server has told what we missed."""
-        here = self.state in (State.ENTERING, State.PLAYING)
+        here = self.state in (State.SYNCING, State.PLAYING)
         return self.game.get_timer() if here and self.game is not None else None
 
     def _overdue(self, ref: int, pending: _Pending, now: float) -> None:
@@ -410,7 +410,7 @@ class ClientProtocol(Generic[G]):
         if isinstance(message, messages.Bye):
             self.close(message.reason)
         elif isinstance(message, messages.Snapshot | messages.Observation):
-            self._pictured()
+            self._synced()
         else:
             self._answered(message, now)
 
@@ -422,16 +422,16 @@ class ClientProtocol(Generic[G]):
             self._enter(Trigger.ENTERED)
             self.game = self._make_game(joined)
         else:
-            self._enter(Trigger.RETURNED if game.pictured else Trigger.ENTERED)
+            self._enter(Trigger.RETURNED if game.synced else Trigger.ENTERED)
             game.rejoined(joined, now, anew=asked)
         self.resume = joined.resume or self.resume
         self._rejoin = self._rejoin_at = None
         self._joined = joined
 
-    def _pictured(self) -> None:
-        """A join is answered once its first picture is there."""
-        if self.state is State.ENTERING:
-            self._enter(Trigger.PICTURED)
+    def _synced(self) -> None:
+        """A join is answered once its first snapshot or observation is there."""
+        if self.state is State.SYNCING:
+            self._enter(Trigger.SYNCED)
             for ref, pending in list(self._pending.items()):
                 if pending.joined is not None:
                     self._done(ref, pending.joined)
@@ -451,7 +451,7 @@ class ClientProtocol(Generic[G]):
         if isinstance(message, messages.Error):
             message = self._done_before(pending.request, message)
         match message:
-            case messages.Joined() if self.state is State.ENTERING:
+            case messages.Joined() if self.state is State.SYNCING:
                 pending.joined = message
             case messages.Error(code="server/handover"):
                 pending.again_at = now + AGAIN_SECONDS

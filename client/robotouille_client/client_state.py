@@ -18,7 +18,7 @@ class State(Enum):
     LOBBY = "welcome, and in no episode"
     RESUMING = "welcomed back; if we are in an episode, joined follows"
     REJOINING = "welcome, but forgotten; our seat is asked for anew"
-    ENTERING = "joined; the first picture is on its way"
+    SYNCING = "joined; the first snapshot or observation is on its way"
     PLAYING = "in an episode"
     CLOSED = "for good"
 
@@ -42,9 +42,9 @@ class Trigger(Enum):
     WELCOMED = "welcome, as somebody new"
     RESUMED = "welcome back"
     FORGOTTEN = "welcome, although we were in an episode"
-    ENTERED = "joined, without a picture so far"
-    RETURNED = "joined, in an episode of which we have a picture"
-    PICTURED = "the first picture"
+    ENTERED = "joined, and nothing seen of the episode so far"
+    RETURNED = "joined, in an episode of which we have a copy"
+    SYNCED = "the first snapshot or observation"
     REFUSED = "our seat is not given back"
     LEFT = "out of the episode"
     MOVED = "another process has what we want"
@@ -73,14 +73,14 @@ TRANSITIONS: dict[State, dict[Trigger, State]] = {
         Trigger.CLOSE: State.CLOSED,
     },
     State.LOBBY: {
-        Trigger.ENTERED: State.ENTERING,
+        Trigger.ENTERED: State.SYNCING,
         Trigger.LEFT: State.LOBBY,
         Trigger.MOVED: State.MOVING,
         Trigger.LOST: State.OFFLINE,
         Trigger.CLOSE: State.CLOSED,
     },
     State.RESUMING: {
-        Trigger.ENTERED: State.ENTERING,
+        Trigger.ENTERED: State.SYNCING,
         Trigger.RETURNED: State.PLAYING,
         Trigger.LEFT: State.LOBBY,
         Trigger.MOVED: State.MOVING,
@@ -88,7 +88,7 @@ TRANSITIONS: dict[State, dict[Trigger, State]] = {
         Trigger.CLOSE: State.CLOSED,
     },
     State.REJOINING: {
-        Trigger.ENTERED: State.ENTERING,
+        Trigger.ENTERED: State.SYNCING,
         Trigger.RETURNED: State.PLAYING,
         Trigger.REFUSED: State.LOBBY,
         Trigger.LEFT: State.LOBBY,
@@ -96,16 +96,16 @@ TRANSITIONS: dict[State, dict[Trigger, State]] = {
         Trigger.LOST: State.OFFLINE,
         Trigger.CLOSE: State.CLOSED,
     },
-    State.ENTERING: {
-        Trigger.ENTERED: State.ENTERING,
-        Trigger.PICTURED: State.PLAYING,
+    State.SYNCING: {
+        Trigger.ENTERED: State.SYNCING,
+        Trigger.SYNCED: State.PLAYING,
         Trigger.LEFT: State.LOBBY,
         Trigger.MOVED: State.MOVING,
         Trigger.LOST: State.OFFLINE,
         Trigger.CLOSE: State.CLOSED,
     },
     State.PLAYING: {
-        Trigger.ENTERED: State.ENTERING,
+        Trigger.ENTERED: State.SYNCING,
         Trigger.RETURNED: State.PLAYING,
         Trigger.LEFT: State.LOBBY,
         Trigger.MOVED: State.MOVING,

@@ -115,14 +115,14 @@ class GameReplica:
         return self.phase == "paused"
 
     @property
-    def pictured(self) -> bool:
-        """Whether a picture has come: a state, or one in words."""
+    def synced(self) -> bool:
+        """Whether a snapshot or an observation has come."""
         return self._reader is not None or self.observation is not None
 
     @property
     def seen(self) -> messages.Seen | None:
-        """What a server need not tell again; None before the first picture."""
-        if not self.pictured:
+        """What a server need not tell again; None before the first snapshot or observation."""
+        if not self.synced:
             return None
         return messages.Seen(
             episode=self.episode, step=self.step, said=self.said, stale=self._resyncing

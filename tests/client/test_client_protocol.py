@@ -95,7 +95,7 @@ def test_hello_is_first_and_requests_wait_for_its_answer(server: ScriptedServer)
     assert client.events() == [RequestDone(ref, messages.Episodes(ref=ref, episodes=[]))]
 
 
-def test_a_join_is_answered_once_its_first_picture_is_there(server: ScriptedServer) -> None:
+def test_a_join_is_answered_once_its_first_snapshot_is_there(server: ScriptedServer) -> None:
     client = in_lobby(server)
     ref = client.request(JOIN, 0.0)
     client.receive(server.joined(ref, resume="seat"), 0.0)

@@ -56,12 +56,12 @@ class Script:
         self.client.connection_made(NOW)
         self.tell(self.server.welcome())
 
-    def to_entering(self) -> None:
+    def to_syncing(self) -> None:
         self.to_lobby()
         self.tell(self.server.joined(self.join()))
 
     def to_playing(self) -> None:
-        self.to_entering()
+        self.to_syncing()
         self.tell(self.server.observation())
 
     def to_resuming(self) -> None:
@@ -107,7 +107,7 @@ class Script:
     def returned(self) -> None:
         self.tell(self.server.joined())
 
-    def pictured(self) -> None:
+    def synced(self) -> None:
         self.tell(self.server.observation())
 
     def refused(self) -> None:

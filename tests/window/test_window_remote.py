@@ -21,7 +21,7 @@ from robotouille_client import Client, Game, connect
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
-from robotouille_client.window.remote import RemoteSource
+from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import View
 from robotouille_client.window.window import Window
 from robotouille_server import Server

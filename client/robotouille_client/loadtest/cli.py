@@ -90,11 +90,11 @@ def command(
         )  # fmt: skip
         _check(plan)
         keep_to_cores(cores)
-        conductor = LoadTest(
+        load_test = LoadTest(
             plan, token=token, pid=pid, metrics=metrics, cpus=cores, progress=ProgressDisplay()
         )
-        asyncio.run(conductor.run())
-        report = make_report(conductor)
+        asyncio.run(load_test.run())
+        report = make_report(load_test)
         print_summary(report, Console())
         if json_file is not None:
             json_file.write_text(json.dumps(report.to_json(), indent=1) + "\n")

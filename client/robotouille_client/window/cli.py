@@ -71,7 +71,7 @@ async def _show(
     screenshot_step: int | None,
     linger: float | None,
 ) -> None:
-    from robotouille_client.window.remote import RemoteSource
+    from robotouille_client.window.sources.remote import RemoteSource
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()

@@ -32,7 +32,7 @@ def watch(recording: Recording, speed: float) -> None:
     """Show a recording in a window until it is closed."""
     require_pygame()
     require_screen()
-    from robotouille_client.window.sources import ReplaySource
+    from robotouille_client.window.sources.replay import ReplaySource
     from robotouille_client.window.window import Window
 
     source = ReplaySource(recording, speed, time.monotonic)
@@ -44,8 +44,8 @@ def watch(recording: Recording, speed: float) -> None:
 def film(recording: Recording, output: Path, speed: float, size: str) -> int:
     """Write a recording as a video; returns the number of frames."""
     require_pygame()
-    from robotouille_client.window.pause_texts import outcome_words
-    from robotouille_client.window.sources import NOTICE_SECONDS, notices_at, seats_at
+    from robotouille_client.window.sources.replay import NOTICE_SECONDS, notices_at, seats_at
+    from robotouille_client.window.sources.texts import outcome_words
     from robotouille_client.window.video import frames_of, write_video
     from robotouille_client.window.view import Bubble
 

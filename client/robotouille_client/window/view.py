@@ -10,7 +10,18 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Bubble", "FarewellView", "PauseView", "SeatView", "Source", "View"]
+__all__ = [
+    "GLIDE_SECONDS",
+    "Bubble",
+    "FarewellView",
+    "PauseView",
+    "SeatView",
+    "Source",
+    "View",
+]
+
+GLIDE_SECONDS = 0.3
+"""For how long a step is seen where no clock says how long it takes."""
 
 
 _PLAIN = (
