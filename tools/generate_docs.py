@@ -28,6 +28,7 @@ from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.protocol import messages
 from robotouille.protocol.codec import SUBPROTOCOLS
+from robotouille_client.cli.lazy_group import LazyGroup
 from robotouille_server.admin import openapi
 from robotouille_server.limit_table import limits_page
 from robotouille_server.runtime.settings import ServerSettings
@@ -299,6 +300,8 @@ def command_options() -> str:
 
 
 def walk_commands(path: str, command: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(command, LazyGroup):
+        command.load()
     inner = getattr(command, "commands", None)
     if inner is None:
         yield path, command

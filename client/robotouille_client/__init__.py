@@ -6,31 +6,58 @@ async with connect("ws://127.0.0.1:8765", name="ada") as client:
         ...
 """
 
-from robotouille_client.client import Client, connect
-from robotouille_client.events import (
-    ActResult,
-    Announced,
-    Changed,
-    GameEvent,
-    Heard,
-    Observed,
-    Over,
-    Refused,
-    RosterChanged,
-)
-from robotouille_client.game import Game
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robotouille_client.client import Client, connect
+    from robotouille_client.errors import (
+        ConnectionFailedError,
+        NotYetError,
+        ProtocolError,
+        RobotouilleError,
+        StrangerError,
+    )
+    from robotouille_client.events import (
+        ActResult,
+        Announced,
+        Changed,
+        GameEvent,
+        Heard,
+        Observed,
+        Over,
+        Refused,
+        RosterChanged,
+    )
+    from robotouille_client.game import Game
+else:
+    from robotouille.lazy_exports import lazy_exports
+
+    __getattr__ = lazy_exports(
+        __name__,
+        "robotouille_client.errors",
+        "robotouille_client.events",
+        "robotouille_client.game",
+        "robotouille_client.client",
+    )
 
 __all__ = [
     "ActResult",
     "Announced",
     "Changed",
     "Client",
+    "ConnectionFailedError",
     "Game",
     "GameEvent",
     "Heard",
+    "NotYetError",
     "Observed",
     "Over",
+    "ProtocolError",
     "Refused",
+    "RobotouilleError",
     "RosterChanged",
+    "StrangerError",
     "connect",
 ]

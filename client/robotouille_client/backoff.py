@@ -5,18 +5,18 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 
-__all__ = ["FIRST_DELAY", "LONGEST_DELAY", "pauses"]
+__all__ = ["FIRST_DELAY", "MAX_DELAY", "pauses"]
 
-FIRST_DELAY, LONGEST_DELAY = 0.1, 5.0
+FIRST_DELAY, MAX_DELAY = 0.1, 5.0
 
 
-def pauses(chance: random.Random) -> Iterator[float]:
-    """Seconds before each attempt, without end: from FIRST_DELAY to LONGEST_DELAY.
+def pauses(rng: random.Random) -> Iterator[float]:
+    """Seconds before each attempt, without end: from FIRST_DELAY to MAX_DELAY.
 
-    They double on the whole; each is drawn by chance, the last ones too, so that the clients of a
+    They double on the whole; each is drawn at random, the last ones too, so that the clients of a
     server do not come back all at once.
     """
     longest = FIRST_DELAY
     while True:
-        longest = min(2 * longest, LONGEST_DELAY)
-        yield longest * chance.uniform(0.5, 1.0)
+        longest = min(2 * longest, MAX_DELAY)
+        yield longest * rng.uniform(0.5, 1.0)

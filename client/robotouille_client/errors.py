@@ -1,28 +1,34 @@
-"""Why a connection cannot be had, or leads elsewhere."""
+"""Why a connection cannot be had, or is over.
+
+    RobotouilleError                  of everything, in `robotouille.errors`
+    ├── ProtocolError                 the server refuses; `code` says what
+    └── ConnectionFailedError         the server cannot be reached, or does not answer
+        ├── NotYetError               the server asks us to try again in a moment
+        └── StrangerError             the server sends us where our tokens do not go
+
+All are the peer's or the network's fault, never the caller's.
+"""
 
 from __future__ import annotations
 
-from robotouille.errors import RobotouilleError
-from robotouille.protocol import messages
+from robotouille.errors import ProtocolError, RobotouilleError
 
-__all__ = ["ConnectionFailedError", "MovedError", "NotYetError", "StrangerError"]
+__all__ = [
+    "ConnectionFailedError",
+    "NotYetError",
+    "ProtocolError",
+    "RobotouilleError",
+    "StrangerError",
+]
 
 
 class ConnectionFailedError(RobotouilleError):
     """The server cannot be reached, or would not have us."""
 
 
-class StrangerError(ConnectionFailedError):
-    """The server sends us to another host, or away from TLS: our tokens do not go there."""
-
-
 class NotYetError(ConnectionFailedError):
     """The server asks us to try again in a moment."""
 
 
-class MovedError(RobotouilleError):
-    """What we want is with another process of the server."""
-
-    def __init__(self, moved: messages.Moved) -> None:
-        self.moved = moved
-        super().__init__(f"{moved.episode} is on port {moved.port}")
+class StrangerError(ConnectionFailedError):
+    """The server sends us to another host, or away from TLS: our tokens do not go there."""

@@ -8,23 +8,40 @@ for action in state.actions("robot1"):
     print(action.sentence, state.step(action).goal_reached)
 """
 
-from robotouille.domain.catalogue import load_task, task_names
-from robotouille.domain.task import Task, Timing
-from robotouille.errors import (
-    Fault,
-    FileError,
-    InapplicableError,
-    ProtocolError,
-    RecordingError,
-    RobotouilleError,
-    UnknownNameError,
-    UnknownTaskError,
-    WrongArgumentError,
-    WrongWorldError,
-)
-from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import Progress, State
-from robotouille.world.world import Attempt, Step, World
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robotouille.domain.catalogue import load_task, task_names
+    from robotouille.domain.task import Task, Timing
+    from robotouille.errors import (
+        Fault,
+        FileError,
+        InapplicableError,
+        ProtocolError,
+        RecordingError,
+        RobotouilleError,
+        UnknownNameError,
+        UnknownTaskError,
+        WrongArgumentError,
+        WrongWorldError,
+    )
+    from robotouille.world.grounding.actions import GroundAction
+    from robotouille.world.state import Progress, State
+    from robotouille.world.world import Attempt, Step, World
+else:
+    from robotouille.lazy_exports import lazy_exports
+
+    __getattr__ = lazy_exports(
+        __name__,
+        "robotouille.errors",
+        "robotouille.domain.task",
+        "robotouille.domain.catalogue",
+        "robotouille.world.grounding.actions",
+        "robotouille.world.state",
+        "robotouille.world.world",
+    )
 
 __all__ = [
     "Attempt",

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from robotouille.release import RELEASE
-
 __all__ = ["VersionOption", "printable", "printable_json", "tell"]
 
 
 def _tell(wanted: bool) -> None:
     if wanted:
+        from robotouille.release import RELEASE
+
         typer.echo(RELEASE)
         raise typer.Exit
 

@@ -14,7 +14,7 @@ from robotouille.errors import Fault, FileError, ProtocolError
 from robotouille.program import printable, printable_json, tell
 from robotouille_client.bots import cli as bots
 from robotouille_client.cli.console import explain, fail
-from robotouille_client.client import ConnectionFailedError
+from robotouille_client.errors import ConnectionFailedError
 from tests.test_architecture import SOURCES
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b31mc\u202ed\u2066e\u2028f\rg\x00h"

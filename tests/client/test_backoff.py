@@ -1,4 +1,4 @@
-"""A lost connection is sought again after pauses that grow from 100 ms to 5 s, by chance."""
+"""A lost connection is sought again after pauses that grow from 100 ms to 5 s, at random."""
 
 from __future__ import annotations
 
@@ -115,8 +115,8 @@ def test_a_bot_of_the_load_tester_tries_at_those_times(monkeypatch: pytest.Monke
 
     async def main() -> list[float]:
         attempts = Attempts(refuse)
-        monkeypatch.setattr(participant, "open_link", attempts.open)
-        environment = Environment(server_address("ws://127.0.0.1:9"), chance=random.Random(1))
+        monkeypatch.setattr(participant, "open_connection", attempts.open)
+        environment = Environment(server_address("ws://127.0.0.1:9"), rng=random.Random(1))
         attempts.begin()
         returning = asyncio.ensure_future(Participant(environment, "ada").return_to_seat())
         times = await attempts.all()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_client import Announced, Client, Game, Heard, connect
-from robotouille_client.client import ConnectionFailedError
+from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.events import GameEvent
 from robotouille_server import Server
 from tests.client.test_reconnect import cut, start

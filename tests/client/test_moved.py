@@ -162,12 +162,12 @@ def test_a_client_that_comes_back_and_is_sent_to_strangers_gives_up() -> None:
                     f"ws://127.0.0.1:{port}", name="ada", encoding="json", token="secret"
                 ) as client,
             ):
-                client._join = messages.Join(episode="x")
+                client.protocol.membership = messages.Join(episode="x")
                 assert client._socket is not None
                 client._socket.transport.abort()
                 async with asyncio.timeout(600):
-                    assert client._reader is not None
-                    await client._reader
+                    while not client.farewell:
+                        await asyncio.sleep(0.1)
                 assert "another host" in client.farewell
             assert heard == []
 

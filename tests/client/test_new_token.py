@@ -23,12 +23,11 @@ def test_a_new_token_counts_where_the_old_one_was_revoked(tmp_path: Path) -> Non
             async with connect(server.url, name="ada", token=old) as ada:
                 created = await ada.create("multi_agent/02")
                 await ada.join(created.code)
-                resume = ada._resume
+                resume = ada.resume
             grant = server.tokens.check_role(old)
             path = server.settings.state_folder / "revoked.json"
             revoke(path, [grant.token_id], grant.expires, NOW)
-            client = Client(server.url, name="ada", token=new)
-            client._resume = resume
+            client = Client(server.url, name="ada", token=new, resume=resume)
             async with client:
                 assert (await client.join(created.code)).seat == "robot2"
             with pytest.raises(ProtocolError) as caught:
@@ -45,12 +44,11 @@ def test_a_token_counts_where_the_server_asks_for_one_by_now(tmp_path: Path) -> 
             async with connect(server.url, name="ada") as ada:
                 created = await ada.create("multi_agent/02")
                 await ada.join(created.code)
-                resume = ada._resume
+                resume = ada.resume
             await server.stop("restart", hand_over=True)
         async with serving(tmp_path, seed=2, require_token=True) as server:
             token = server.tokens.mint_role(Role.PLAYER, "p-1", seconds=60)
-            client = Client(server.url, name="ada", token=token)
-            client._resume = resume
+            client = Client(server.url, name="ada", token=token, resume=resume)
             async with client:
                 assert (await client.join(created.code)).seat == "robot2"
 

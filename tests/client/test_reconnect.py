@@ -11,7 +11,7 @@ from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Changed, Client, Game, Heard, Over, connect
 from robotouille_client.bots import RandomPolicy, play
-from robotouille_client.client import ConnectionFailedError
+from robotouille_client.errors import ConnectionFailedError
 from robotouille_server import ServerSettings, serve
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
@@ -97,6 +97,22 @@ def test_bots_finish_although_their_lines_break(tmp_path: Path, clock: str) -> N
     assert [o["reason"] for o in outcomes] == ["step_limit"] * 2
     (file,) = tmp_path.glob("*.rbt")
     assert read_recording(file).verify().ok
+
+
+def test_a_line_that_breaks_after_the_end_breaks_nothing_else(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, max_steps=2) as server, connect(server.url, name="ada") as ada:
+            game = await ada.join((await ada.create("synchronous/01")).code)
+            while not game.over:
+                await game.act(None)
+            cut(ada)
+            await asyncio.sleep(2)
+            assert ada.connected.is_set()
+            assert ada.game is game
+            await ada.leave()
+            assert (await ada.join((await ada.create("synchronous/02")).code)).step == 0
+
+    run(main())
 
 
 def test_who_was_away_too_long_loses_the_seat_and_joins_anew(tmp_path: Path) -> None:

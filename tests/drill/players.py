@@ -25,7 +25,7 @@ from robotouille_client import Client, Game
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.player import MakePolicy
-from robotouille_client.client import ConnectionFailedError
+from robotouille_client.errors import ConnectionFailedError
 from tests.drill.games import GameSpec, draw_game, plan_of
 from tests.drill.witness import Witness
 
@@ -158,7 +158,7 @@ class Participant:
             "pause": game.pause.model_dump() if game and game.pause else None,
             "turn": game.turn if game else None,
             "seats": [seat.model_dump() for seat in game.seats] if game else [],
-            "unanswered": [act.model_dump() for act in game._unanswered.values()] if game else [],
+            "unanswered": game.unanswered.model_dump() if game and game.unanswered else None,
         }
 
 

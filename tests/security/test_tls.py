@@ -17,7 +17,7 @@ from websockets.asyncio.client import connect
 from websockets.asyncio.server import ServerConnection, serve
 
 from robotouille_client import Client
-from robotouille_client.client import ConnectionFailedError
+from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.transport.tls import POLL_SECONDS, ServerTLS, TLSFileError
 from tests.support.servers import serving
 from tests.support.virtual_time import run

@@ -150,7 +150,7 @@ class TestStandIn:
                     one, two = await two_people(ada, bob, absence="bot", stand_in="planner")
                     await asyncio.gather(one.act(None), two.act(None))
                     assert ada._socket is not None
-                    ada._reconnect = False
+                    ada.protocol.reconnect = False
                     ada._socket.transport.abort()
                     await asyncio.sleep(0.5)
                     assert [s.controller for s in two.seats] == ["stand-in", "bot"]
@@ -158,7 +158,7 @@ class TestStandIn:
                         await two.act(None)
                     assert ada.game is not None
                     async with raw(server, hello=False) as back:
-                        await back.ask({**HELLO, "resume": ada._resume}, "welcome")
+                        await back.ask({**HELLO, "resume": ada.resume}, "welcome")
                         joined = await back.expect("joined")
                         assert joined["seat"] == "robot1"
                         await asyncio.sleep(0.5)

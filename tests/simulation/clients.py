@@ -14,7 +14,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
 from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
-from robotouille_client.client import ConnectionFailedError, NotYetError
+from robotouille_client.errors import ConnectionFailedError
 from robotouille_server.rooms.broadcaster import KEPT_SAID
 from tests.simulation.loop import Process, current_process
 
@@ -71,9 +71,9 @@ class WatchedClient(Client):
     def come_back_with(self, resume: str) -> None:
         """Begin with the resume token of another machine."""
         plan, participant = self.participant.plan, self.participant
-        self.came_back, self._resume = True, resume
+        self.came_back, self.protocol.resume = True, resume
         if plan.code is not None:
-            self._join = messages.Join(
+            self.protocol.membership = messages.Join(
                 episode=plan.code, role=participant.role, view=participant.view
             )
 
@@ -188,7 +188,7 @@ class Participant:
     @property
     def token(self) -> str | None:
         """The resume token of the present connection."""
-        return self.client._resume if self.client is not None else None
+        return self.client.resume if self.client is not None else None
 
     async def _live(self, mine: Process, incarnation: str, resume: str | None) -> None:
         tries = 0
@@ -214,9 +214,6 @@ class Participant:
             except ProtocolError as error:
                 self.sim.trace("refused", incarnation, error.code)
                 over = self._refused(error)
-            except NotYetError as error:
-                self.sim.trace("fails", incarnation, str(error))
-                over = False
             if over or self.plan.over:
                 self.done = True
             elif "elsewhere" in client.farewell and self._others_try(mine):

@@ -70,7 +70,9 @@ def source() -> Script:
 @pytest.fixture
 def window(tmp_path):
     timer = Timer()
-    window = Window(SIZE, fps=50, headless=True, pictures=tmp_path, clock=timer, sleep=timer.sleep)
+    window = Window(
+        SIZE, fps=50, headless=True, screenshots=tmp_path, clock=timer, sleep=timer.sleep
+    )
     window.timer = timer
     yield window
     window.close()
@@ -262,7 +264,7 @@ def test_pictures(window: Window, source: Script, tmp_path) -> None:
 
 
 def test_a_picture_that_cannot_be_saved_is_no_error(window, source, tmp_path) -> None:
-    window.pictures = tmp_path / "missing"
+    window.screenshots = tmp_path / "missing"
     window.frame(source)
     press(pygame.K_F12)
     window.frame(source)

@@ -16,9 +16,9 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 
 
-def picture(view: View, size=(640, 400), chrome: UiOverlay | None = None) -> bytes:
+def picture(view: View, size=(640, 400), ui_overlay: UiOverlay | None = None) -> bytes:
     surface = pygame.Surface(size)
-    Painter().paint(surface, view, chrome)
+    Painter().paint(surface, view, ui_overlay)
     return pygame.image.tobytes(surface, "RGB")
 
 
@@ -131,7 +131,7 @@ def _floor(world: World) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize(
-    "chrome",
+    "ui_overlay",
     [
         UiOverlay(prompt="E: cut"),
         UiOverlay(typing=""),
@@ -139,9 +139,9 @@ def _floor(world: World) -> tuple[int, int]:
         UiOverlay(pointer=(200, 200), tips=("Move", "there")),
     ],
 )
-def test_chrome_is_seen(chrome: UiOverlay) -> None:
+def test_chrome_is_seen(ui_overlay: UiOverlay) -> None:
     view = full_view(World("multi_agent/09"), 5)
-    assert picture(view, chrome=chrome) != picture(view)
+    assert picture(view, ui_overlay=ui_overlay) != picture(view)
 
 
 def test_any_text_can_be_drawn() -> None:

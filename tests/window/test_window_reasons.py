@@ -6,7 +6,7 @@ import pytest
 
 from robotouille.episode import PauseReason
 from robotouille.protocol.messages import SeatInfo
-from robotouille_client.window.pause_texts import farewell, outcome_words, pause_words
+from robotouille_client.window.sources.texts import farewell, outcome_words, pause_words
 
 
 def seats(*present: bool) -> list[SeatInfo]:

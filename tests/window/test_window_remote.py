@@ -18,10 +18,10 @@ from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 
 from robotouille_client import Client, Game, connect
-from robotouille_client.client import ConnectionFailedError
+from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
-from robotouille_client.window.remote import RemoteSource
+from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import View
 from robotouille_client.window.window import Window
 from robotouille_server import Server
@@ -252,7 +252,7 @@ async def stays_open(source: RemoteSource) -> None:
 def test_a_seat_that_is_played_from_elsewhere_says_so(tmp_path: Path) -> None:
     async def main() -> None:
         async with table(tmp_path) as at:
-            resume = at.ada.client._resume
+            resume = at.ada.client.resume
             async with raw(at.server, hello=False) as other:
                 hello = {"type": "hello", "protocol": 1, "name": "ada", "resume": resume}
                 assert (await other.ask(hello, "welcome"))["resumed"]

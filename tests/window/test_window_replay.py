@@ -8,7 +8,7 @@ from tests.support.games import record
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, PauseReason, Rules
 from robotouille.replay.recording import Recording
-from robotouille_client.window.sources import ReplaySource, notices_at, seats_at
+from robotouille_client.window.sources.replay import ReplaySource, notices_at, seats_at
 
 WORLD = World("multi_agent/01")
 

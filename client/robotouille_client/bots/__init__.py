@@ -1,6 +1,19 @@
 """Bots on top of the client library."""
 
-from robotouille.planning.policies.policy import Policy, RandomPolicy
-from robotouille_client.bots.player import play
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robotouille.planning.policies.policy import Policy, RandomPolicy
+    from robotouille_client.bots.player import play
+else:
+    from robotouille.lazy_exports import lazy_exports
+
+    __getattr__ = lazy_exports(
+        __name__,
+        "robotouille.planning.policies.policy",
+        "robotouille_client.bots.player",
+    )
 
 __all__ = ["Policy", "RandomPolicy", "play"]

@@ -6,18 +6,18 @@ import asyncio
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.bots.player import MakePolicy, play
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
-from robotouille_client.client import Client, connect
-from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+
+if TYPE_CHECKING:
+    from robotouille_client.bots.player import MakePolicy
+    from robotouille_client.client import Client
 
 __all__ = ["main"]
 
@@ -27,6 +27,8 @@ LOOK_SECONDS = 0.5
 
 async def _waiting(url: str, name: str, token: str | None) -> str:
     """The code of the first episode that waits for players."""
+    from robotouille_client.client import connect
+
     async with connect(url, name=name, kind="bot", token=token) as client:
         waiting = [e for e in await client.episodes() if e.phase == "waiting"]
     if not waiting:
@@ -43,6 +45,10 @@ async def _run(
     make: MakePolicy,
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
+    from robotouille_client.bots.player import play
+    from robotouille_client.client import connect
+    from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+
     code = episode or await _waiting(url, name, token)
     with kept_seat(state_folder(), url, code, name) as kept:
         resume = kept.token if kept is not None else None
@@ -92,6 +98,8 @@ def command(
     version: VersionOption = False,
 ) -> None:
     """Play a seat of an episode to its end."""
+    from pydantic import ValidationError
+
     try:
         make = policy_maker(kind, seed, plan)
         address = server_url(url, host, port)

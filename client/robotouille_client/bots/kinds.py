@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.planning.policies.policy import Policy, RandomPolicy
-from robotouille.world.state import State
-from robotouille.world.world import World
-from robotouille_client.bots.player import MakePolicy
+
+if TYPE_CHECKING:
+    from robotouille.planning.policies.policy import Policy
+    from robotouille.world.state import State
+    from robotouille_client.bots.player import MakePolicy
 
 __all__ = ["BotKind", "policy_maker"]
 
@@ -29,6 +31,8 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 
     def make(state: State, player: str) -> Policy:
         if kind is BotKind.RANDOM:
+            from robotouille.planning.policies.policy import RandomPolicy
+
             return RandomPolicy(player, seed)
         if kind is BotKind.SCRIPTED:
             return _scripted(state, player, plan)
@@ -42,6 +46,7 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:
     from robotouille.planning.plan import read_plan
     from robotouille.planning.policies.script import Script
+    from robotouille.world.world import World
 
     if plan is None:
         raise RobotouilleError("a scripted bot plays a plan file: --plan FILE")

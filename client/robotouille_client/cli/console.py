@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, NoReturn
 
 import typer
-from pydantic import ValidationError
 
 from robotouille.errors import FileError, ProtocolError
 from robotouille.program import printable, tell
@@ -29,6 +28,8 @@ def explain(error: Exception) -> str:
         return printable(error.message)
     if isinstance(error, FileError):
         return str(error)
+    from pydantic import ValidationError
+
     if not isinstance(error, ValidationError):
         return printable(str(error.args[0]) if isinstance(error, KeyError) else str(error))
     first = error.errors()[0]

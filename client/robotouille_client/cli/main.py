@@ -4,34 +4,53 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
-from pydantic import ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.program import VersionOption, tell
-from robotouille_client.cli.certify import certify
 from robotouille_client.cli.console import explain, fail
-from robotouille_client.cli.export import pddl
-from robotouille_client.cli.generate import generate
-from robotouille_client.cli.plan import plan
-from robotouille_client.cli.play import play
-from robotouille_client.cli.replay import replay
+from robotouille_client.cli.lazy_group import LazyCommand, LazyGroup
 
 __all__ = ["app", "main"]
 
+
+class _Commands(LazyGroup):
+    lazy: ClassVar = {
+        "play": LazyCommand(
+            "robotouille_client.cli.play:play",
+            "Play a task in a window, without a server. Bots play the other seats.",
+        ),
+        "pddl": LazyCommand(
+            "robotouille_client.cli.export:pddl",
+            "Write a task in PDDL, for planners of other people.",
+        ),
+        "plan": LazyCommand(
+            "robotouille_client.cli.plan:plan",
+            "Find the shortest plan of a task, and prove that it is.",
+        ),
+        "certify": LazyCommand(
+            "robotouille_client.cli.certify:certify",
+            "Certify the shortest plans of all problems in a folder, and write a manifest of them.",
+        ),
+        "generate": LazyCommand(
+            "robotouille_client.cli.generate:generate",
+            "Make new instances of a task from a seed, each proven solvable.",
+        ),
+        "replay": LazyCommand(
+            "robotouille_client.cli.replay:replay",
+            "Look at, verify, measure, watch and export recordings.",
+        ),
+    }
+
+
 app = typer.Typer(
+    cls=_Commands,
     no_args_is_help=True,
     add_completion=False,
     help="Robotouille kitchens: tasks, linting, local play and recordings.",
 )
-app.add_typer(replay, name="replay")
-app.command()(play)
-app.command()(pddl)
-app.command()(plan)
-app.command()(certify)
-app.command()(generate)
 
 
 @app.callback()
@@ -126,6 +145,8 @@ def text(
     player: Annotated[str | None, typer.Option(help="Whose valid actions to list.")] = None,
 ) -> None:
     """Print a task's first observation in words."""
+    from pydantic import ValidationError
+
     from robotouille import World, load_task
 
     try:

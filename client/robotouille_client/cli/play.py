@@ -45,7 +45,7 @@ def play(
         require_pygame()
         if screenshot is not None and not screenshot.parent.is_dir():
             raise RobotouilleError(f"there is no folder {screenshot.parent}")
-        from robotouille_client.window.sources import LocalSource
+        from robotouille_client.window.sources.local import LocalSource
         from robotouille_client.window.window import Window
 
         profile = timing or ("people" if mode is Clock.REALTIME else "benchmark")

@@ -6,17 +6,17 @@ import asyncio
 import json
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import ValidationError
-from rich.console import Console
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption
 from robotouille_client.cli.console import explain, fail, server_url
 from robotouille_client.loadtest.cores import keep_to_cores, parse_cores
-from robotouille_client.loadtest.workload import LoadPlan, parse_mix
+
+if TYPE_CHECKING:
+    from robotouille_client.loadtest.workload import LoadPlan
 
 __all__ = ["main"]
 
@@ -74,10 +74,14 @@ def command(
     Latencies are counted from the moment an action was due by an absolute schedule, whenever it
     could be sent. Ctrl+C ends the test early and reports what was measured so far.
     """
+    from pydantic import ValidationError
+    from rich.console import Console
+
     from robotouille_client.loadtest.load_test import LoadTest
     from robotouille_client.loadtest.progress import ProgressDisplay
     from robotouille_client.loadtest.report.report import make_report
     from robotouille_client.loadtest.report.terminal_summary import print_summary
+    from robotouille_client.loadtest.workload import LoadPlan, parse_mix
 
     try:
         _check_files(json_file, html_file)
@@ -90,11 +94,11 @@ def command(
         )  # fmt: skip
         _check(plan)
         keep_to_cores(cores)
-        conductor = LoadTest(
+        load_test = LoadTest(
             plan, token=token, pid=pid, metrics=metrics, cpus=cores, progress=ProgressDisplay()
         )
-        asyncio.run(conductor.run())
-        report = make_report(conductor)
+        asyncio.run(load_test.run())
+        report = make_report(load_test)
         print_summary(report, Console())
         if json_file is not None:
             json_file.write_text(json.dumps(report.to_json(), indent=1) + "\n")

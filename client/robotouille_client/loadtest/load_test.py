@@ -55,7 +55,7 @@ class LoadObservation:
 
 
 class LoadTest:
-    """One load test. `observed` and `fleet.totals` hold what there is at any time."""
+    """One load test. `observed` and `pool.totals` hold what there is at any time."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class LoadTest:
         progress: ProgressDisplay | None = None,
     ) -> None:
         self.plan = plan
-        self.fleet = WorkerPool(plan, token, cpus)
+        self.pool = WorkerPool(plan, token, cpus)
         self.observed = LoadObservation()
         self.process: ServerProcess | None = None
         self._token = token
@@ -120,20 +120,20 @@ class LoadTest:
 
     async def _drive(self) -> None:
         plan, observed = self.plan, self.observed
-        await self.fleet.start()
+        await self.pool.start()
         self._remember_memory("empty")
         self._progress.phase(f"opening {plan.rooms:,} rooms", plan.ramp)
-        await self.fleet.do("open")
+        await self.pool.do("open")
         await asyncio.sleep(SETTLE_SECONDS)
         self._check_begun()
         self._remember_memory("rooms")
         if plan.spectators:
             self._progress.phase(f"letting {plan.spectators:,} spectators in", plan.ramp)
-            await self.fleet.do("spectate")
+            await self.pool.do("spectate")
             await asyncio.sleep(SETTLE_SECONDS)
             self._remember_memory("spectators")
         observed.before = await fetch_page(self._metrics)
-        await self.fleet.do("measure")
+        await self.pool.do("measure")
         observed.begun = time.monotonic()
         self._progress.phase("measuring", plan.duration)
         if plan.storm:
@@ -143,33 +143,33 @@ class LoadTest:
 
     def _check_begun(self) -> None:
         """Whether any room plays, if any was to."""
-        if self.plan.rooms and not any(self.fleet.playing):
-            reasons = refusals(self.fleet.ramp.counts)
+        if self.plan.rooms and not any(self.pool.playing):
+            reasons = refusals(self.pool.ramp.counts)
             raise NothingBegunError(f"no room could begin: {'; '.join(reasons) or 'no answer'}")
 
     async def _storm(self) -> None:
         observed = self.observed
         observed.storm_at = time.monotonic()
-        await self.fleet.do("storm")
+        await self.pool.do("storm")
         give_up = observed.storm_at + max(RETURN_SECONDS, self.plan.duration / 2)
         while time.monotonic() < give_up:
-            await self.fleet.news(SAMPLE_SECONDS)
-            back = self.fleet.totals.duration("return").count
-            lost = self.fleet.totals.counts.get("lost in the storm", 0)
-            if back + lost >= self.fleet.storm_cut:
+            await self.pool.news(SAMPLE_SECONDS)
+            back = self.pool.totals.duration("return").count
+            lost = self.pool.totals.counts.get("lost in the storm", 0)
+            if back + lost >= self.pool.storm_cut:
                 observed.storm_over = time.monotonic()
                 return
 
     async def _sleep_until(self, at: float) -> None:
         while (left := at - time.monotonic()) > 0:
-            await self.fleet.news(min(left, SAMPLE_SECONDS))
+            await self.pool.news(min(left, SAMPLE_SECONDS))
 
     async def _finish(self) -> None:
         self._progress.phase("collecting the results", None)
         self.observed.ended = time.monotonic()
         if self.observed.begun:
             self.observed.after = await fetch_page(self._metrics)
-        await self.fleet.stop()
+        await self.pool.stop()
 
     # Watching
 
@@ -192,7 +192,7 @@ class LoadTest:
         while True:
             if self.process is not None and (sample := self.process.sample()):
                 self.observed.samples.append(sample)
-            self._progress.update(self.fleet, self.observed.samples)
+            self._progress.update(self.pool, self.observed.samples)
             await asyncio.sleep(SAMPLE_SECONDS)
 
 

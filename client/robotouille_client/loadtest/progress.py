@@ -55,11 +55,11 @@ class ProgressDisplay:
             self._console.print(f"{name}{about}", highlight=False)
         self._show()
 
-    def update(self, fleet: WorkerPool, samples: Sequence[ServerSample]) -> None:
+    def update(self, pool: WorkerPool, samples: Sequence[ServerSample]) -> None:
         """What there is to see by now."""
-        parts = [f"{sum(fleet.connected):,} connected, {sum(fleet.playing):,} rooms play"]
-        if fleet.seconds:
-            last = fleet.seconds[max(fleet.seconds)].all
+        parts = [f"{sum(pool.connected):,} connected, {sum(pool.playing):,} rooms play"]
+        if pool.seconds:
+            last = pool.seconds[max(pool.seconds)].all
             parts.append(f"{last.counts.get('steps', 0):,.0f} steps/s")
             age = last.duration("delta age")
             if age.count:

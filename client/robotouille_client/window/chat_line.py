@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-__all__ = ["LONGEST", "ChatLine"]
+__all__ = ["MAX_LENGTH", "ChatLine"]
 
-LONGEST = 200
+MAX_LENGTH = 200
 
 
 class ChatLine:
@@ -27,7 +27,7 @@ class ChatLine:
         if swallow and text.casefold() == swallow:
             return
         letters = "".join(letter for letter in text if letter.isprintable())
-        self.typed = (self.typed + letters)[:LONGEST]
+        self.typed = (self.typed + letters)[:MAX_LENGTH]
 
     def key(self, name: str) -> str:
         """A key was pressed; what is to be said, if that ended the line."""

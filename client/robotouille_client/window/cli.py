@@ -8,18 +8,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from pydantic import ValidationError
 
-from robotouille.episode.rules import Absence
+from robotouille.absence import Absence
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
-from robotouille_client.client import Client, connect
-from robotouille_client.game import Game
-from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+
+if TYPE_CHECKING:
+    from robotouille_client.client import Client
+    from robotouille_client.game import Game
 
 __all__ = ["main"]
 
@@ -71,7 +71,7 @@ async def _show(
     screenshot_step: int | None,
     linger: float | None,
 ) -> None:
-    from robotouille_client.window.remote import RemoteSource
+    from robotouille_client.window.sources.remote import RemoteSource
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
@@ -104,6 +104,9 @@ async def _run(
     opening: Opening | None,
     **show: object,
 ) -> None:
+    from robotouille_client.client import connect
+    from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+
     if code is None:
         async with connect(url, name=name, kind="human", token=token) as client:
             code = await _find_code(client, opening)
@@ -158,6 +161,8 @@ def command(
     version: VersionOption = False,
 ) -> None:
     """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
+    from pydantic import ValidationError
+
     from robotouille_client.window import require_pygame, require_screen
     from robotouille_client.window.playback import parse_size
 

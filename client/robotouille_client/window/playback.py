@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
+from robotouille.world.unmet import from_words
 from robotouille_client.window import require_pygame, require_screen
 
 __all__ = ["film", "parse_size", "watch"]
@@ -32,7 +33,7 @@ def watch(recording: Recording, speed: float) -> None:
     """Show a recording in a window until it is closed."""
     require_pygame()
     require_screen()
-    from robotouille_client.window.sources import ReplaySource
+    from robotouille_client.window.sources.replay import ReplaySource
     from robotouille_client.window.window import Window
 
     source = ReplaySource(recording, speed, time.monotonic)
@@ -44,8 +45,8 @@ def watch(recording: Recording, speed: float) -> None:
 def film(recording: Recording, output: Path, speed: float, size: str) -> int:
     """Write a recording as a video; returns the number of frames."""
     require_pygame()
-    from robotouille_client.window.pause_texts import outcome_words
-    from robotouille_client.window.sources import NOTICE_SECONDS, notices_at, seats_at
+    from robotouille_client.window.sources.replay import NOTICE_SECONDS, notices_at, seats_at
+    from robotouille_client.window.sources.texts import outcome_words
     from robotouille_client.window.video import frames_of, write_video
     from robotouille_client.window.view import Bubble
 
@@ -55,7 +56,7 @@ def film(recording: Recording, output: Path, speed: float, size: str) -> int:
             if note["note"] == "said":
                 bubble = Bubble(note["player"], note["text"], "chat")
             else:
-                bubble = Bubble.rejection(note["player"], note["reasons"])
+                bubble = Bubble.rejection(note["player"], from_words(*note["reasons"]))
             for step in range(note["step"], note["step"] + 3):
                 bubbles[step] = (*bubbles.get(step, ()), bubble)
     fps = 12 if output.suffix == ".gif" else FPS

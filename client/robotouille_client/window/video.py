@@ -82,12 +82,12 @@ def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 3
         import av
     except ImportError:
         raise MissingExtraError("writing a video", "video") from None
-    pictures = (_frame(av, surface) for surface in frames)
-    first = next(pictures, None)
+    video_frames = (_frame(av, surface) for surface in frames)
+    first = next(video_frames, None)
     if first is None:
         raise ValueError("a video needs at least one frame")
     write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
-    return write(path, itertools.chain([first], pictures), first, fps)
+    return write(path, itertools.chain([first], video_frames), first, fps)
 
 
 def _frame(av_: Any, surface: pygame.Surface) -> av.VideoFrame:

@@ -8,20 +8,21 @@ from typing import Literal, Protocol
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
+from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import World
 
-__all__ = ["Bubble", "FarewellView", "PauseView", "SeatView", "Source", "View"]
+__all__ = [
+    "GLIDE_SECONDS",
+    "Bubble",
+    "FarewellView",
+    "PauseView",
+    "SeatView",
+    "Source",
+    "View",
+]
 
-
-_PLAIN = (
-    " is busy for ",
-    " does not exist",
-    " has acted in this step",
-    "'s turn",
-    "too late",
-    " is not yours",
-    " waits for ",
-)
+GLIDE_SECONDS = 0.3
+"""For how long a step is seen where no clock says how long it takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +88,16 @@ class Bubble:
     kind: Literal["rejected", "chat"] = "rejected"
 
     @classmethod
-    def rejection(cls, player: str, unmet: Sequence[str]) -> Bubble:
-        """The first of an attempt's unmet preconditions, as something a player could say."""
-        reason = unmet[0] if unmet else "this cannot be done now"
-        if reason.startswith("not: "):
-            return cls(player, f"But {reason.removeprefix('not: ')}!")
-        if any(words in reason for words in _PLAIN):
-            return cls(player, f"{reason[0].upper()}{reason[1:]}.")
-        return cls(player, f"Needs: {reason}.")
+    def rejection(cls, player: str, unmet: Sequence[Unmet]) -> Bubble:
+        """The first of what is unmet, as something a player could say."""
+        if not unmet:
+            return cls(player, "This cannot be done now.")
+        first, words = unmet[0], unmet[0].words
+        if first.kind is UnmetKind.CONDITION and not first.expected:
+            return cls(player, f"But {words.removeprefix('not: ')}!")
+        if first.kind is UnmetKind.CONDITION:
+            return cls(player, f"Needs: {words}.")
+        return cls(player, f"{words[0].upper()}{words[1:]}.")
 
 
 @dataclass(frozen=True, slots=True)

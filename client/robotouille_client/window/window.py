@@ -27,7 +27,7 @@ _Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
 _OWN_KEYS = (
     ("T or Enter", "say something (Enter sends, Esc cancels)"),
     ("H", "this help"),
-    ("F12", "save a picture of the window"),
+    ("F12", "save a screenshot of the window"),
 )
 
 
@@ -45,7 +45,7 @@ class Window:
         caption: str = "Robotouille",
         fps: int = 60,
         headless: bool = False,
-        pictures: Path | None = None,
+        screenshots: Path | None = None,
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
@@ -54,7 +54,7 @@ class Window:
         self.caption = caption
         self.fps = fps
         self.headless = headless
-        self.pictures = pictures or Path.cwd()
+        self.screenshots = screenshots or Path.cwd()
         self.closed = False
         self.frames = 0
         self._extra_keys = extra_keys or {}
@@ -135,11 +135,11 @@ class Window:
         self._surface = surface
         hover = None if view.frozen else self._target(view)
         shown = dataclasses.replace(view, hover=view.hover or hover)
-        self._painter.paint(surface, shown, self._chrome(view, hover))
+        self._painter.paint(surface, shown, self._ui_overlay(view, hover))
         pygame.display.flip()
         self.frames += 1
 
-    def _chrome(self, view: View, hover: str | None) -> UiOverlay:
+    def _ui_overlay(self, view: View, hover: str | None) -> UiOverlay:
         interrupted = (view.pause is not None, view.offline is not None, view.frozen)
         key = (view.state, view.me, hover, interrupted)
         if self._advice is None or self._advice[0] != key:
@@ -217,7 +217,7 @@ class Window:
         elif name == "escape":
             self._help, self._pending = False, None
         elif name == "f12":
-            self._save_picture()
+            self._save_screenshot()
         elif me is not None and name in self._controls_of(view).keys:
             self._do(partial(self._pressed, me, name), source, view)
         elif name == "h":
@@ -265,13 +265,13 @@ class Window:
             self._controls = Controls(view.world)
         return self._controls
 
-    def _save_picture(self) -> None:
+    def _save_screenshot(self) -> None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
-        path = self.pictures / f"robotouille-{stamp}-{self.frames}.png"
+        path = self.screenshots / f"robotouille-{stamp}-{self.frames}.png"
         try:
             self.screenshot(path)
         except (pygame.error, OSError) as error:
-            self._tell(f"The picture cannot be saved: {error}")
+            self._tell(f"The screenshot cannot be saved: {error}")
         else:
             self._tell(f"Saved {path}")
 

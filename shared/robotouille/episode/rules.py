@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
+from robotouille.absence import Absence
+
 __all__ = [
     "MOVE_BUDGET",
     "Absence",
@@ -49,15 +51,6 @@ class Clock(StrEnum):
     TURN = "turn"
     LOCKSTEP = "lockstep"
     REALTIME = "realtime"
-
-
-class Absence(StrEnum):
-    """What happens while a participant is away."""
-
-    WAIT = "wait"
-    PAUSE = "pause"
-    BOT = "bot"
-    END = "end"
 
 
 class Rules(BaseModel):

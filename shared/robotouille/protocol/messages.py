@@ -284,7 +284,9 @@ class Why(Message):
 
     def value(self, words: str) -> Unmet:
         """The reason with its words."""
-        return Unmet(UnmetKind(self.kind), words, self.predicate, tuple(self.objects), self.expected)
+        return Unmet(
+            UnmetKind(self.kind), words, self.predicate, tuple(self.objects), self.expected
+        )
 
 
 class Pause(Message):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-__all__ = ["Unmet", "UnmetKind"]
+__all__ = ["Unmet", "UnmetKind", "from_words", "only_words"]
 
 
 class UnmetKind(StrEnum):
@@ -46,3 +47,30 @@ class Unmet:
 
     def __str__(self) -> str:
         return self.words
+
+
+def only_words(*reasons: str) -> tuple[Unmet, ...]:
+    """Reasons of which no more than the words are known."""
+    return tuple(Unmet(UnmetKind.OTHER, words) for words in reasons)
+
+
+def from_words(*reasons: str) -> tuple[Unmet, ...]:
+    """Reasons as recordings hold them, and messages of older servers: in words alone."""
+    return tuple(map(_from_words, reasons))
+
+
+_PHRASES = {
+    UnmetKind.BUSY: re.compile(r"(\S+) is busy for \d+ more steps?"),
+    UnmetKind.MISSING: re.compile(r"(\S+) does not exist"),
+    UnmetKind.ACTED: re.compile(r"(\S+) has acted in this step already"),
+    UnmetKind.TURN: re.compile(r"it is (\S+)'s turn"),
+    UnmetKind.SEAT: re.compile(r"(\S+) is not yours to move: .*"),
+    UnmetKind.SUPERSEDED: re.compile(r"superseded by action \d+"),
+}
+
+
+def _from_words(words: str) -> Unmet:
+    for kind, phrase in _PHRASES.items():
+        if found := phrase.fullmatch(words):
+            return Unmet(kind, words, objects=found.groups())
+    return Unmet(UnmetKind.CONDITION, words, expected=not words.startswith("not: "))

@@ -59,13 +59,13 @@ class LoadReport:
         }
 
 
-def make_report(conductor: LoadTest) -> LoadReport:
+def make_report(load_test: LoadTest) -> LoadReport:
     """The report of a load test that is over, by itself or by an interrupt."""
-    plan, observed, fleet = conductor.plan, conductor.observed, conductor.fleet
+    plan, observed, pool = load_test.plan, load_test.observed, load_test.pool
     measured = Measurements()
-    measured.merge(fleet.totals)
-    if "opening" not in measured.durations and "opening" in fleet.ramp.durations:
-        measured.durations["opening"] = fleet.ramp.durations["opening"]
+    measured.merge(pool.totals)
+    if "opening" not in measured.durations and "opening" in pool.ramp.durations:
+        measured.durations["opening"] = pool.ramp.durations["opening"]
     seconds = max(0.0, observed.ended - observed.begun) if observed.begun else 0.0
     figures: dict[str, Any] = {
         "when": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -74,18 +74,18 @@ def make_report(conductor: LoadTest) -> LoadReport:
         "machine": _machine(),
         "seconds": seconds,
         "interrupted": observed.interrupted,
-        "rooms playing": sum(fleet.playing),
-        "connections": sum(fleet.connected),
+        "rooms playing": sum(pool.playing),
+        "connections": sum(pool.connected),
         "durations": {name: _summary(h) for name, h in sorted(measured.durations.items())},
         "steps": _steps(measured, observed),
         "traffic": _traffic(measured, seconds),
-        "counts": _counts(measured, fleet.ramp),
+        "counts": _counts(measured, pool.ramp),
         "server process": _process(observed),
-        "storm": _storm(plan, observed, measured, fleet.storm_cut),
-        "clients": _clients(conductor),
+        "storm": _storm(plan, observed, measured, pool.storm_cut),
+        "clients": _clients(load_test),
     }
-    series = _series(conductor)
-    return LoadReport(plan, observed, measured, figures, series, _notes(conductor, figures))
+    series = _series(load_test)
+    return LoadReport(plan, observed, measured, figures, series, _notes(load_test, figures))
 
 
 def _machine() -> dict[str, Any]:
@@ -198,9 +198,9 @@ def _storm(
     }
 
 
-def _clients(conductor: LoadTest) -> dict[str, float]:
+def _clients(load_test: LoadTest) -> dict[str, float]:
     """Cores that the busiest process of the load tester used, and all of them."""
-    seconds = [second for second in conductor.fleet.seconds.values() if second.measured]
+    seconds = [second for second in load_test.pool.seconds.values() if second.measured]
     count = max(1, len(seconds))
     return {
         "busiest process, of a core": sum(second.busiest for second in seconds) / count,
@@ -208,11 +208,11 @@ def _clients(conductor: LoadTest) -> dict[str, float]:
     }
 
 
-def _series(conductor: LoadTest) -> list[dict[str, Any]]:
+def _series(load_test: LoadTest) -> list[dict[str, Any]]:
     """A row for each second, its time since the measuring began."""
-    base = conductor.observed.begun or conductor.observed.ended
+    base = load_test.observed.begun or load_test.observed.ended
     rows = []
-    for at, second in sorted(conductor.fleet.seconds.items()):
+    for at, second in sorted(load_test.pool.seconds.items()):
         row: dict[str, Any] = {
             "at": at - base,
             "measured": second.measured,
@@ -234,13 +234,13 @@ def _series(conductor: LoadTest) -> list[dict[str, Any]]:
     return rows
 
 
-def _notes(conductor: LoadTest, figures: dict[str, Any]) -> list[str]:
+def _notes(load_test: LoadTest, figures: dict[str, Any]) -> list[str]:
     """What a reader has to know before believing the figures."""
     notes = []
-    plan, observed = conductor.plan, conductor.observed
+    plan, observed = load_test.plan, load_test.observed
     if observed.interrupted:
         notes.append("Interrupted: this is what was measured until then.")
-    lag = conductor.fleet.totals.duration("client lag").percentile(99)
+    lag = load_test.pool.totals.duration("client lag").percentile(99)
     busy = figures["clients"]["busiest process, of a core"]
     if lag > LAG_LIMIT or busy > BUSY_LIMIT:
         notes.append(
@@ -250,9 +250,9 @@ def _notes(conductor: LoadTest, figures: dict[str, Any]) -> list[str]:
         )
     if plan.rooms and figures["rooms playing"] < plan.rooms:
         missing = plan.rooms - figures["rooms playing"]
-        reasons = refusals(conductor.fleet.ramp.counts)
+        reasons = refusals(load_test.pool.ramp.counts)
         notes.append(f"{missing:,} of {plan.rooms:,} rooms did not play. " + " ".join(reasons))
-    if conductor.process is None:
+    if load_test.process is None:
         notes.append(
             "CPU and memory of the server were not measured: its process was not found on this "
             "machine (name it with --pid)."

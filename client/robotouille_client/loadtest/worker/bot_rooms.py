@@ -48,7 +48,7 @@ class BotRoom:
 
     @property
     def playing(self) -> bool:
-        return self.actor.playing and self.actor.link is not None
+        return self.actor.playing and self.actor.connection is not None
 
     async def open(self) -> None:
         """Connect all players and let them begin; RobotouilleError where that cannot be."""
@@ -124,12 +124,12 @@ class SlowReader(Spectator):
 
     async def watch(self, code: str) -> None:
         await super().watch(code)
-        if self.link is not None:
-            self.link.stop_reading()
+        if self.connection is not None:
+            self.connection.stop_reading()
         self._demand()
 
     def _demand(self) -> None:
-        if self.link is not None:
+        if self.connection is not None:
             self.send({"type": "resync"})
             loop = asyncio.get_running_loop()
             self._timer = loop.call_later(RESYNC_SECONDS, self._demand)
@@ -154,14 +154,14 @@ class Pinger(Participant):
 
     async def start(self) -> None:
         await self.introduce()
-        if self.link is not None:
-            self.link.ponged = self._ponged
+        if self.connection is not None:
+            self.connection.ponged = self._ponged
         self._ping(self._loop.time())
 
     def _ping(self, due: float) -> None:
-        if self.link is not None:
+        if self.connection is not None:
             self._sent.append(due)
-            self.link.ping()
+            self.connection.ping()
             self._timer = self._loop.call_at(due + PING_SECONDS, self._ping, due + PING_SECONDS)
 
     def _ponged(self) -> None:

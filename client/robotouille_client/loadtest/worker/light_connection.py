@@ -40,7 +40,7 @@ __all__ = [
     "LightConnection",
     "Traffic",
     "UnreachableError",
-    "open_link",
+    "open_connection",
     "server_address",
 ]
 
@@ -212,22 +212,22 @@ def server_address(url: str) -> WebSocketURI:
         raise RobotouilleError(f"{url!r} is no WebSocket URL like ws://host:8765") from error
 
 
-async def open_link(uri: WebSocketURI, traffic: Traffic, seconds: float) -> LightConnection:
+async def open_connection(uri: WebSocketURI, traffic: Traffic, seconds: float) -> LightConnection:
     """A connection after its handshake; UnreachableError or HandshakeRefusedError says
     why there is none."""
     loop = asyncio.get_running_loop()
     context = ssl.create_default_context() if uri.secure else None
     where = f"{uri.host}:{uri.port}"
-    link: LightConnection | None = None
+    connection: LightConnection | None = None
     try:
         async with asyncio.timeout(seconds):
-            _, link = await loop.create_connection(
+            _, connection = await loop.create_connection(
                 lambda: LightConnection(uri, traffic), uri.host, uri.port, ssl=context
             )
-            await link.opened
+            await connection.opened
     except TimeoutError:
-        if link is not None:
-            link.abort()
+        if connection is not None:
+            connection.abort()
         raise UnreachableError(f"{where} did not answer in {seconds:g} s") from None
     except OSError as error:
         raise UnreachableError(f"no server at {where}: {error.strerror or error}") from None
@@ -235,7 +235,7 @@ async def open_link(uri: WebSocketURI, traffic: Traffic, seconds: float) -> Ligh
         raise HandshakeRefusedError(f"{where}: {error}") from None
     except RobotouilleError as error:
         raise type(error)(f"{where}: {error}") from None
-    return link
+    return connection
 
 
 def _said(response: Response) -> str:

@@ -48,7 +48,7 @@ class LoadWorker:
     ) -> None:
         self.share = share
         self.environment = Environment(
-            server_address(share.url), token=token, chance=random.Random(share.seed)
+            server_address(share.url), token=token, rng=random.Random(share.seed)
         )
         self.rooms: list[BotRoom] = []
         self.quiet: list[BotRoom] = []
@@ -124,9 +124,9 @@ class LoadWorker:
             (room, player)
             for room in self.rooms
             for player in room.players
-            if player.link is not None and player.seat is not None
+            if player.connection is not None and player.seat is not None
         ]
-        chosen: list[tuple[BotRoom, Player]] = self.environment.chance.sample(
+        chosen: list[tuple[BotRoom, Player]] = self.environment.rng.sample(
             seated, min(self.share.storm, len(seated))
         )
         now = self._loop.time()

@@ -19,7 +19,7 @@ from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.worker.light_connection import (
     LightConnection,
     Traffic,
-    open_link,
+    open_connection,
     server_address,
 )
 
@@ -40,7 +40,7 @@ class Environment:
 
     uri: WebSocketURI
     token: str | None = None
-    chance: random.Random = field(default_factory=random.Random)
+    rng: random.Random = field(default_factory=random.Random)
     traffic: Traffic = field(default_factory=Traffic)
     measured: Measurements = field(default_factory=Measurements)
     connected: int = 0
@@ -54,7 +54,7 @@ class Participant:
     def __init__(self, environment: Environment, name: str) -> None:
         self.environment = environment
         self.name = name
-        self.link: LightConnection | None = None
+        self.connection: LightConnection | None = None
         self.seat: str | None = None
         self.closing = False
         self._uri = environment.uri
@@ -82,10 +82,10 @@ class Participant:
     async def introduce(self) -> Message:
         """Open a connection and say hello; the server's `welcome`."""
         environment = self.environment
-        link = await open_link(self._uri, environment.traffic, ANSWER_SECONDS)
-        self.link = link
-        link.receive = self._receive
-        link.lost = self._lost
+        connection = await open_connection(self._uri, environment.traffic, ANSWER_SECONDS)
+        self.connection = connection
+        connection.receive = self._receive
+        connection.lost = self._lost
         environment.connected += 1
         hello: Message = {
             "type": "hello", "protocol": PROTOCOL_VERSION, "name": self.name, "kind": "bot",
@@ -117,7 +117,7 @@ class Participant:
 
         ProtocolError where the server does not let us.
         """
-        waits = pauses(self.environment.chance)
+        waits = pauses(self.environment.rng)
         while True:
             await asyncio.sleep(next(waits))
             try:
@@ -160,16 +160,16 @@ class Participant:
         self._drop(politely=True)
 
     def _drop(self, politely: bool = False) -> None:
-        link, self.link = self.link, None
-        if link is None:
+        connection, self.connection = self.connection, None
+        if connection is None:
             return
         self.environment.connected -= 1
-        link.lost = _nothing
-        link.receive = _ignore
+        connection.lost = _nothing
+        connection.receive = _ignore
         if politely:
-            link.close()
+            connection.close()
         else:
-            link.abort()
+            connection.abort()
 
     def _lost(self) -> None:
         self._drop()
@@ -181,8 +181,8 @@ class Participant:
     # Talking
 
     def send(self, message: Message) -> None:
-        if self.link is not None:
-            self.link.send(message)
+        if self.connection is not None:
+            self.connection.send(message)
 
     async def ask(self, message: Message, *kinds: str) -> Message:
         """Send a request and wait for an answer of one of these types."""
@@ -194,7 +194,7 @@ class Participant:
 
         ProtocolError if the server refuses, LostError if the connection ends or nothing comes.
         """
-        if self.link is None:
+        if self.connection is None:
             raise LostError("the connection was lost")
         return await _within(ANSWER_SECONDS, self._expect(*kinds))
 

@@ -239,7 +239,7 @@ class Actor(Player):
         """The first action is due somewhere in the middle of a step."""
         if not self._begun:
             self._begun = True
-            phase = self.environment.chance.uniform(0.25, 0.75)
+            phase = self.environment.rng.uniform(0.25, 0.75)
             self._next_due = base + phase * self._period
             self._wait()
 
@@ -267,7 +267,9 @@ class Actor(Player):
             self._wait()
 
     def _may_act(self) -> bool:
-        if not (self._begun and self.playing and not self._unanswered and self.link is not None):
+        if not (
+            self._begun and self.playing and not self._unanswered and self.connection is not None
+        ):
             return False
         return self.clock is not Clock.TURN or self._turn == self.seat
 

@@ -12,8 +12,8 @@ from robotouille.world.world import World
 from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import (
+    Appearance,
     AppearanceResolver,
-    Look,
     SpritePiece,
     Stage,
 )
@@ -43,13 +43,13 @@ class KitchenLayer:
         self._world = world
         self._rendering = rendering
         self._sprites = sprites
-        self._artist = AppearanceResolver(world.task.domain, rendering)
+        self._resolver = AppearanceResolver(world.task.domain, rendering)
         self._background: pygame.Surface | None = None
-        self._background_of: tuple[Layout, dict[str, Look]] | None = None
+        self._background_of: tuple[Layout, dict[str, Appearance]] | None = None
 
     def stage(self, state: State) -> Stage:
         """What to draw of a state."""
-        return self._artist.stage(state)
+        return self._resolver.stage(state)
 
     def background(self, layout: Layout, stage: Stage) -> pygame.Surface:
         """Everything behind what moves."""
@@ -90,8 +90,8 @@ class KitchenLayer:
         for name in order:
             tile = stage.placed[name].tile
             if tile is not None:
-                look = stage.stations[name]
-                surface.blit(self._sprites.of(look, layout.tile), layout.cell(tile))
+                appearance = stage.stations[name]
+                surface.blit(self._sprites.of(appearance, layout.tile), layout.cell(tile))
         return surface
 
     def _floor(self, surface: pygame.Surface, layout: Layout) -> None:
@@ -138,7 +138,7 @@ class KitchenLayer:
     ) -> None:
         x, y = middle
         for piece in pieces:
-            self._centred(target, piece.look, x, y - piece.rise * tile, piece.scale * tile)
+            self._centred(target, piece.appearance, x, y - piece.rise * tile, piece.scale * tile)
         top = pieces[-1]
         if top.contents:
             self._contents(target, top, x, y - top.rise * tile, tile)
@@ -147,15 +147,19 @@ class KitchenLayer:
         self, target: pygame.Surface, piece: SpritePiece, x: float, y: float, tile: float
     ) -> None:
         """Small pictures of what is in a pot, along its lower edge."""
-        looks = piece.contents[:4]
-        gap = min(_MINI * 0.8, piece.scale / len(looks)) * tile
-        start = x - gap * (len(looks) - 1) / 2
-        for i, look in enumerate(looks):
-            self._centred(target, look, start + i * gap, y + 0.3 * piece.scale * tile, _MINI * tile)
+        appearances = piece.contents[:4]
+        gap = min(_MINI * 0.8, piece.scale / len(appearances)) * tile
+        start = x - gap * (len(appearances) - 1) / 2
+        for i, appearance in enumerate(appearances):
+            self._centred(
+                target, appearance, start + i * gap, y + 0.3 * piece.scale * tile, _MINI * tile
+            )
 
-    def _centred(self, target: pygame.Surface, look: Look, x: float, y: float, side: float) -> None:
+    def _centred(
+        self, target: pygame.Surface, appearance: Appearance, x: float, y: float, side: float
+    ) -> None:
         size = max(1, round(side))
-        target.blit(self._sprites.of(look, size), (round(x - size / 2), round(y - size / 2)))
+        target.blit(self._sprites.of(appearance, size), (round(x - size / 2), round(y - size / 2)))
 
     def _player(
         self,
@@ -174,13 +178,13 @@ class KitchenLayer:
             self._spot(target, x, y, size, index)
         hop = 0.035 * abs(math.sin(math.pi * 2 * pose.stride)) if pose.walking else 0.0
         x, y = x + size / 2, y + (0.5 - RAISED - hop) * size
-        look = self._artist.player(self._world.thing(name).kind, index, pose.facing)
+        appearance = self._resolver.player(self._world.thing(name).kind, index, pose.facing)
         held = stage.piles.get(name, ())
         dx, dy = _HELD[pose.facing]
         hands = (x + dx * size, y + dy * size)
         if held and pose.facing == "back":
             self._pile(target, held, hands, size * _HELD_SCALE)
-        self._centred(target, look, x, y, size)
+        self._centred(target, appearance, x, y, size)
         if held and pose.facing != "back":
             self._pile(target, held, hands, size * _HELD_SCALE)
 

@@ -24,16 +24,18 @@ class Notices:
         self._sprites = sprites
         self._text = text
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View, chrome: UiOverlay) -> None:
+    def draw(
+        self, target: pygame.Surface, layout: Layout, view: View, ui_overlay: UiOverlay
+    ) -> None:
         """The notices of a view that has any."""
         if view.outcome:
             self._outcome(target, layout, view.outcome)
-        if chrome.typing is not None:
-            self._typing(target, layout, chrome.typing)
-        elif chrome.prompt:
-            self._prompt(target, layout, chrome.prompt)
-        if chrome.help:
-            self._help(target, layout, chrome.help)
+        if ui_overlay.typing is not None:
+            self._typing(target, layout, ui_overlay.typing)
+        elif ui_overlay.prompt:
+            self._prompt(target, layout, ui_overlay.prompt)
+        if ui_overlay.help:
+            self._help(target, layout, ui_overlay.help)
 
     def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str) -> None:
         """A ribbon across the kitchen."""

@@ -52,7 +52,7 @@ class Overlays:
         stage: Stage,
         poses: dict[str, Pose],
         *,
-        chrome: UiOverlay,
+        ui_overlay: UiOverlay,
     ) -> None:
         """All of it, the more urgent over the less."""
         self._highlight(target, layout, stage, view.hover)
@@ -64,8 +64,8 @@ class Overlays:
             if bubble.player in poses:
                 pose, above = poses[bubble.player], lift[bubble.player]
                 lift[bubble.player] += self._bubble(target, layout, bubble, pose, above)
-        if chrome.tips and chrome.pointer is not None:
-            self._tips(target, layout, chrome.pointer, chrome.tips)
+        if ui_overlay.tips and ui_overlay.pointer is not None:
+            self._tips(target, layout, ui_overlay.pointer, ui_overlay.tips)
 
     # The station under the mouse
 

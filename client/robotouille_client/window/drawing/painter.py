@@ -36,9 +36,11 @@ class Painter:
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
 
-    def paint(self, surface: pygame.Surface, view: View, chrome: UiOverlay | None = None) -> None:
+    def paint(
+        self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
+    ) -> None:
         """Draw a view, and what a window's owner sees over it, on all of a surface."""
-        chrome = chrome or UiOverlay()
+        ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         place = self.layout(surface.get_size(), view.world)
         stage = self.stage(view.state)
@@ -46,10 +48,10 @@ class Painter:
         poses = self._motion.poses(view.state, stage.placed, before, view.step, view.phase)
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._kitchen.draw(surface, place, stage, poses, view.me)
-        self._overlays.draw(surface, place, view, stage, poses, chrome=chrome)
+        self._overlays.draw(surface, place, view, stage, poses, ui_overlay=ui_overlay)
         self._interruptions.draw(surface, place, view)
         self._panel.draw(surface, place, view)
-        self._notices.draw(surface, place, view, chrome)
+        self._notices.draw(surface, place, view, ui_overlay)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
         """Where things are on a surface of a size."""

@@ -223,11 +223,11 @@ class Panel:
     def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
         if seat.player not in view.world.players:
             return None
-        artist = AppearanceResolver(view.world.task.domain, self._rendering)
-        look = artist.player(view.world.thing(seat.player).kind, index, "front")
-        if not seat.connected and look.asset:
-            return self._sprites.faded(look.asset, side)
-        return self._sprites.of(look, side)
+        resolver = AppearanceResolver(view.world.task.domain, self._rendering)
+        appearance = resolver.player(view.world.thing(seat.player).kind, index, "front")
+        if not seat.connected and appearance.asset:
+            return self._sprites.faded(appearance.asset, side)
+        return self._sprites.of(appearance, side)
 
     def _counts(
         self, surface: pygame.Surface, right: int, card: pygame.Rect, seat: SeatView, size: int

@@ -14,7 +14,7 @@ from robotouille.domain.schema import DomainFile
 from robotouille.world.scene import Placed, scene
 from robotouille.world.state import State
 
-__all__ = ["AppearanceResolver", "Look", "SpritePiece", "Stage"]
+__all__ = ["Appearance", "AppearanceResolver", "SpritePiece", "Stage"]
 
 Role = Literal["station", "item", "container", "player"]
 
@@ -24,7 +24,7 @@ _HEIGHT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Appearance:
     """What one thing looks like: a picture, or a tile made up from its kind and `words`."""
 
     kind: str
@@ -36,13 +36,13 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class SpritePiece:
-    """One thing of a pile: its look and its height above the pile's base, in tiles."""
+    """One thing of a pile: its appearance and its height above the pile's base, in tiles."""
 
     name: str
-    look: Look
+    appearance: Appearance
     scale: float
     rise: float
-    contents: tuple[Look, ...] = ()
+    contents: tuple[Appearance, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +54,13 @@ class Stage:
     """
 
     placed: dict[str, Placed]
-    stations: dict[str, Look]
+    stations: dict[str, Appearance]
     piles: dict[str, tuple[SpritePiece, ...]]
     bases: dict[str, float]
 
 
 class AppearanceResolver:
-    """Chooses looks by a domain's rendering file."""
+    """Chooses appearances by a domain's rendering file."""
 
     def __init__(self, domain: DomainFile, rendering: RenderingFile) -> None:
         self.rendering = rendering
@@ -75,7 +75,7 @@ class AppearanceResolver:
         stations, hosted = {}, defaultdict(list)
         for name, thing in placed.items():
             if thing.thing.type in self._stations:
-                stations[name] = self.look(thing, placed, related)
+                stations[name] = self.appearance(thing, placed, related)
             elif self._is_inside(thing, placed):
                 continue
             elif thing.host is not None:
@@ -89,9 +89,9 @@ class AppearanceResolver:
             bases[host] = self._constant(things[0], "station_offset", _OFFSET)
         return Stage(placed, stations, piles, bases)
 
-    def look(
+    def appearance(
         self, thing: Placed, placed: dict[str, Placed], related: dict[str, list[Fact]]
-    ) -> Look:
+    ) -> Appearance:
         """What a thing that is no player looks like."""
         kind = thing.thing.kind
         entity = self._entity(kind)
@@ -105,16 +105,16 @@ class AppearanceResolver:
                     break
             asset = art.choose(thing.facts, about)
         words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
-        return Look(kind, self._role(thing), asset, "" if asset else words)
+        return Appearance(kind, self._role(thing), asset, "" if asset else words)
 
-    def player(self, kind: str, index: int, facing: str) -> Look:
+    def player(self, kind: str, index: int, facing: str) -> Appearance:
         """What the player in seat `index` looks like from one side."""
-        looks = self.rendering.player
-        choices = looks.get(kind) or next(iter(looks.values()), None)
+        appearances = self.rendering.player
+        choices = appearances.get(kind) or next(iter(appearances.values()), None)
         if choices is None:
-            return Look(kind, "player", None, "", facing)
+            return Appearance(kind, "player", None, "", facing)
         facings = choices[index % len(choices)]
-        return Look(kind, "player", getattr(facings, facing), "", facing)
+        return Appearance(kind, "player", getattr(facings, facing), "", facing)
 
     def _pile(
         self, things: list[Placed], placed: dict[str, Placed], related: dict[str, list[Fact]]
@@ -123,14 +123,16 @@ class AppearanceResolver:
         for thing in things:
             name = thing.thing.name
             scale = self._constant(thing, "scale", _SCALES[self._role(thing)])
-            contents = [self.look(placed[n], placed, related) for n in _contents(name, placed)]
-            look = self.look(thing, placed, related)
-            pieces.append(SpritePiece(name, look, scale, rise, tuple(contents)))
+            contents = [
+                self.appearance(placed[n], placed, related) for n in _contents(name, placed)
+            ]
+            appearance = self.appearance(thing, placed, related)
+            pieces.append(SpritePiece(name, appearance, scale, rise, tuple(contents)))
             rise += self._constant(thing, "stack_offset", _HEIGHT)
         return tuple(pieces)
 
     def _is_inside(self, thing: Placed, placed: dict[str, Placed]) -> bool:
-        """Whether a thing is in a container, whose look shows it."""
+        """Whether a thing is in a container, whose appearance shows it."""
         host = placed.get(thing.host or "")
         return host is not None and host.thing.type not in self._stations | self._players
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pygame
 
-from robotouille_client.window.pictures.appearance import Look
+from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import INK, PAPER, Colour, kind_colour, mixed
 
@@ -14,18 +14,18 @@ _FINE = 3
 _EYES = {"front": 0.0, "left": -0.1, "right": 0.1}
 
 
-def generate(look: Look, size: int, text: Typesetter) -> pygame.Surface:
+def generate(appearance: Appearance, size: int, text: Typesetter) -> pygame.Surface:
     """A square tile for a thing; drawn large first, so that its edges are smooth."""
     large = pygame.Surface((size * _FINE, size * _FINE), pygame.SRCALPHA)
-    colour = kind_colour(look.kind)
-    if look.role == "station":
+    colour = kind_colour(appearance.kind)
+    if appearance.role == "station":
         _bench(large, colour)
-    elif look.role == "player":
-        _figure(large, colour, look.facing)
+    elif appearance.role == "player":
+        _figure(large, colour, appearance.facing)
     else:
-        _block(large, colour, round_top=look.role == "container")
+        _block(large, colour, round_top=appearance.role == "container")
     tile = pygame.transform.smoothscale(large, (size, size))
-    _label(tile, look, text)
+    _label(tile, appearance, text)
     return tile
 
 
@@ -68,17 +68,17 @@ def _figure(surface: pygame.Surface, colour: Colour, facing: str) -> None:
         pygame.draw.ellipse(surface, INK, eye.inflate(-eye.width // 2, -eye.height // 2))
 
 
-def _label(tile: pygame.Surface, look: Look, text: Typesetter) -> None:
+def _label(tile: pygame.Surface, appearance: Appearance, text: Typesetter) -> None:
     side = tile.get_width()
-    lines = [look.kind, *look.words.split()[:2]]
-    middle = {"station": 0.86, "player": 0.76}.get(look.role, 0.52)
+    lines = [appearance.kind, *appearance.words.split()[:2]]
+    middle = {"station": 0.86, "player": 0.76}.get(appearance.role, 0.52)
     height = max(7, min(13, side // 5 if len(lines) == 1 else side // 6))
     total = (len(lines) - 1) * height
     for i, line in enumerate(lines):
         size = height
         while size > 7 and text.width(line, size) > side * 0.86:
             size -= 1
-        colour = PAPER if look.role == "station" else INK
+        colour = PAPER if appearance.role == "station" else INK
         words = text.line(text.fit(line, size, round(side * 0.96)), size, colour)
         y = side * middle - total / 2 + i * height
         tile.blit(words, words.get_rect(center=(side // 2, round(y))))

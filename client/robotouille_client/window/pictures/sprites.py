@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pygame
 
-from robotouille_client.window.pictures.appearance import Look
+from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.generated_tiles import generate
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 
@@ -25,7 +25,7 @@ class Sprites:
         self.folder = folder
         self._text = text
         self._files: dict[tuple[str, int], pygame.Surface | None] = {}
-        self._made: dict[tuple[Look, int], pygame.Surface] = {}
+        self._made: dict[tuple[Appearance, int], pygame.Surface] = {}
         self._faded: dict[tuple[str, int], pygame.Surface] = {}
 
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
@@ -52,17 +52,17 @@ class Sprites:
             self._faded[name, size] = copy
         return self._faded[name, size]
 
-    def of(self, look: Look, size: int) -> pygame.Surface:
+    def of(self, appearance: Appearance, size: int) -> pygame.Surface:
         """The picture of a thing as a square of `size` pixels."""
         size = max(1, size)
-        picture = self.file(look.asset, size)
+        picture = self.file(appearance.asset, size)
         if picture is not None:
             return picture
-        key = (look, size)
+        key = (appearance, size)
         if key not in self._made:
             if len(self._made) >= _KEPT:
                 self._made.clear()
-            self._made[key] = generate(look, size, self._text)
+            self._made[key] = generate(appearance, size, self._text)
         return self._made[key]
 
     def _load(self, name: str, size: int) -> pygame.Surface | None:

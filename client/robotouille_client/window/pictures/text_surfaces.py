@@ -12,7 +12,7 @@ __all__ = ["Typesetter"]
 
 _FINE = 3
 _KEPT = 800
-_LONGEST = 600
+_MAX_LENGTH = 600
 
 
 class Typesetter:
@@ -109,7 +109,7 @@ class Typesetter:
 
 def printable(text: str) -> str:
     """A text without control characters, lone surrogates and excess length."""
-    text = text[:_LONGEST]
+    text = text[:_MAX_LENGTH]
     if text.isascii() and text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " for c in text)

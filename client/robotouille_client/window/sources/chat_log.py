@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille_client.window.view import Bubble
 
 __all__ = ["ChatLog"]
@@ -25,10 +26,10 @@ class ChatLog:
         self._notice = ""
         self._notice_until = 0.0
 
-    def refused(self, player: str, reasons: tuple[str, ...]) -> None:
-        if any(reason.startswith("superseded") for reason in reasons):
-            return
-        self._add(Bubble.rejection(player, reasons))
+    def rejected(self, player: str, unmet: Sequence[Unmet]) -> None:
+        """A player's action was rejected; no word of those that a later one has replaced."""
+        if all(each.kind is not UnmetKind.SUPERSEDED for each in unmet):
+            self._add(Bubble.rejection(player, unmet))
 
     def said(self, name: str, player: str, text: str) -> None:
         self._lines.append((name, text))

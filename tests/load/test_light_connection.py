@@ -23,7 +23,7 @@ from robotouille_client.loadtest.worker.light_connection import (
     LightConnection,
     Traffic,
     UnreachableError,
-    open_link,
+    open_connection,
     server_address,
 )
 from tests.support.servers import serving
@@ -61,12 +61,12 @@ def test_messages_arrive_however_the_stream_is_cut(
     messages, content, ends = stream
 
     async def read() -> list[bytes]:
-        link = LightConnection(server_address(URL), Traffic())
-        link.opened.set_result(None)
+        connection = LightConnection(server_address(URL), Traffic())
+        connection.opened.set_result(None)
         received: list[bytes] = []
-        link.receive = received.append
+        connection.receive = received.append
         for start, end in zip([0, *ends], [*ends, len(content)], strict=True):
-            link.data_received(content[start:end])
+            connection.data_received(content[start:end])
         return received
 
     assert asyncio.run(read()) == messages
@@ -92,16 +92,16 @@ def test_the_library_understands_what_is_sent_and_counts_agree() -> None:
     async def converse() -> None:
         async with echoing(max_size=None, **PROTOCOL) as url:
             traffic = Traffic()
-            link = await open_link(server_address(url), traffic, 5)
+            connection = await open_connection(server_address(url), traffic, 5)
             received: asyncio.Queue[bytes] = asyncio.Queue()
-            link.receive = received.put_nowait
+            connection.receive = received.put_nowait
             for size in (1, 100, 200, 70_000):
                 message = {"type": "echo", "content": "x" * size}
-                link.send(message)
+                connection.send(message)
                 assert msgpack.unpackb(await received.get()) == message
             ponged = asyncio.Event()
-            link.ponged = ponged.set
-            link.ping()
+            connection.ponged = ponged.set
+            connection.ping()
             await ponged.wait()
             assert (traffic.messages_in, traffic.messages_out) == (4, 4)
             assert min(traffic.bytes_in, traffic.bytes_out) > 70_000
@@ -120,12 +120,14 @@ def test_pings_of_the_server_are_answered_and_a_close_is_noticed() -> None:
 
         async with serve(handle, "127.0.0.1", 0, **PROTOCOL) as server:
             port = next(iter(server.sockets)).getsockname()[1]
-            link = await open_link(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            connection = await open_connection(
+                server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5
+            )
             lost = asyncio.Event()
-            link.lost = lost.set
+            connection.lost = lost.set
             await answered.wait()
             await lost.wait()
-            link.send({"type": "too late"})
+            connection.send({"type": "too late"})
             await asyncio.sleep(1)
 
     run(converse())
@@ -134,9 +136,9 @@ def test_pings_of_the_server_are_answered_and_a_close_is_noticed() -> None:
 def test_a_server_that_refuses_is_quoted(tmp_path: Path) -> None:
     async def knock() -> None:
         async with serving(tmp_path, max_connections=1) as server:
-            first = await open_link(server_address(server.url), Traffic(), 5)
+            first = await open_connection(server_address(server.url), Traffic(), 5)
             with pytest.raises(HandshakeRefusedError, match=r"503 .*: the server is full"):
-                await open_link(server_address(server.url), Traffic(), 5)
+                await open_connection(server_address(server.url), Traffic(), 5)
             first.close()
 
     run(knock())
@@ -148,7 +150,7 @@ def test_other_servers_are_told_apart() -> None:
             with pytest.raises(
                 HandshakeRefusedError, match=r"does not speak robotouille\.v1\.msgpack"
             ):
-                await open_link(server_address(url), Traffic(), 5)
+                await open_connection(server_address(url), Traffic(), 5)
 
         async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
             await reader.readuntil(b"\r\n\r\n")
@@ -161,7 +163,7 @@ def test_other_servers_are_told_apart() -> None:
         with pytest.raises(
             HandshakeRefusedError, match=r"'220 mail\.example ESMTP', which opens no"
         ):
-            await open_link(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            await open_connection(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
         mail.close()
         await asyncio.sleep(1)
 
@@ -177,11 +179,11 @@ def test_nobody_there_and_nobody_who_answers() -> None:
         silent = await asyncio.start_server(listen, "127.0.0.1", 0)
         port = silent.sockets[0].getsockname()[1]
         with pytest.raises(UnreachableError, match=f"127.0.0.1:{port} did not answer in 5 s"):
-            await open_link(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            await open_connection(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
         silent.close()
         await asyncio.sleep(1)
         with pytest.raises(UnreachableError, match=f"no server at 127.0.0.1:{port}"):
-            await open_link(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
+            await open_connection(server_address(f"ws://127.0.0.1:{port}"), Traffic(), 5)
 
     run(knock())
 

@@ -1,4 +1,4 @@
-"""A window's pictures of an episode on a server."""
+"""An episode on a server as a window's source."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
+from robotouille.world.unmet import only_words
 from robotouille_client.events import Announced, Changed, Heard, Over, Refused
 from robotouille_client.game import Game
-from robotouille_client.window.chat_log import ChatLog
-from robotouille_client.window.pause_texts import clock_words, farewell, outcome_words, pause_words
-from robotouille_client.window.sources import GLIDE_SECONDS
-from robotouille_client.window.view import FarewellView, PauseView, SeatView, View
+from robotouille_client.window.sources.chat_log import ChatLog
+from robotouille_client.window.sources.texts import (
+    clock_words,
+    farewell,
+    outcome_words,
+    pause_words,
+)
+from robotouille_client.window.view import GLIDE_SECONDS, FarewellView, PauseView, SeatView, View
 
 __all__ = ["RemoteSource"]
 
@@ -55,7 +60,7 @@ class RemoteSource:
         self._game = game
         self._connected = connected
         self._now = now
-        self._talk = ChatLog(now)
+        self._chat_log = ChatLog(now)
         self._countdown = _Countdown()
         self._previous: State | None = None
         self._lost_at: float | None = None
@@ -69,11 +74,11 @@ class RemoteSource:
                     self._previous = event.previous
                     self._show_rejections(event)
                 case Refused() if game.seat:
-                    self._talk.refused(game.seat, event.reasons)
+                    self._chat_log.rejected(game.seat, event.unmet)
                 case Heard():
-                    self._talk.said(event.name, event.seat, event.text)
+                    self._chat_log.said(event.name, event.seat, event.text)
                 case Announced():
-                    self._talk.announced(event.text)
+                    self._chat_log.announced(event.text)
                 case Over() if not event.outcome:
                     self._farewell = farewell(event.code, event.reason)
                 case _:
@@ -88,13 +93,13 @@ class RemoteSource:
             phase=self._phase(),
             seats=tuple(map(self._seat, game.seats)),
             me=game.seat,
-            bubbles=self._talk.bubbles,
-            chat=self._talk.lines,
+            bubbles=self._chat_log.bubbles,
+            chat=self._chat_log.lines,
             status=self._status(),
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
-            notice=self._talk.notice,
+            notice=self._chat_log.notice,
             pause=self._pause(),
             offline=self._offline(),
             farewell=self._farewell,
@@ -129,7 +134,7 @@ class RemoteSource:
     def _show_rejections(self, event: Changed) -> None:
         for player, action, applied in event.did:
             if not applied:
-                self._talk.refused(player, (f"too late: {action.sentence}",))
+                self._chat_log.rejected(player, only_words(f"too late: {action.sentence}"))
 
     def _phase(self) -> float:
         elapsed = self._now() - self._game.step_time

@@ -50,7 +50,7 @@ def with_facts(state: State, *atoms: tuple[str, ...]) -> State:
 def shown(state: State, name: str) -> str | None:
     pieces = [p for pile in stage_of(state).piles.values() for p in pile if p.name == name]
     assert len(pieces) == 1
-    return pieces[0].look.asset
+    return pieces[0].appearance.asset
 
 
 @pytest.mark.parametrize(("name", "facts", "asset"), FOODS)
@@ -90,7 +90,7 @@ def test_containers(play, lines: list[str], container: str, asset: str) -> None:
 def test_a_pot_shows_what_was_added(play) -> None:
     state = play(World("asynchronous/09"), *SOUP, *ONION)[-1]
     (pot,) = stage_of(state).piles["stove1"]
-    assert [look.asset for look in pot.contents] == ["onion.svg"]
+    assert [appearance.asset for appearance in pot.contents] == ["onion.svg"]
     assert all(piece.name != "water1" for pile in stage_of(state).piles.values() for piece in pile)
 
 
@@ -114,11 +114,15 @@ def test_the_facts_of_a_kind_without_pictures_are_words(play) -> None:
     lines = ["grab gear1", "walk anvil1", "drop gear1", "hammer", "hammer"]
     state = play(world, *lines)[-1]
     (gear,) = stage_of(state).piles["anvil1"]
-    assert (gear.look.asset, gear.look.kind, gear.look.words) == (None, "gear", "flat")
+    assert (gear.appearance.asset, gear.appearance.kind, gear.appearance.words) == (
+        None,
+        "gear",
+        "flat",
+    )
 
 
 def test_players_without_pictures_borrow_some() -> None:
     world = World("workshop/02")
-    artist = AppearanceResolver(world.task.domain, rendering_of(world.task))
-    assert artist.player("fitter", 0, "left").asset == "robot1_left.svg"
-    assert artist.player("fitter", 5, "back").asset == "robot2_back.svg"
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    assert resolver.player("fitter", 0, "left").asset == "robot1_left.svg"
+    assert resolver.player("fitter", 5, "back").asset == "robot2_back.svg"

@@ -1,0 +1,510 @@
+"""A client's side of the protocol without I/O: messages and the time in, messages and events out.
+
+Whoever owns the connection tells of it (`connection_made`, `connection_failed`,
+`connection_lost`), hands over what comes (`receive`), sends what `next_message` gives, calls
+`handle_timer` at the time of `get_timer`, and heeds `state`: in OFFLINE and MOVING it connects to
+`url` at `connect_at`, and otherwise it closes a connection that `state` says there is not.
+
+A lost connection is sought again with growing pauses, and taken up where it was cut: requests and
+actions without an answer are sent again.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.protocol import messages
+from robotouille_client.addresses import moved_url
+from robotouille_client.backoff import pauses
+from robotouille_client.client_state import State, Trigger, next_state
+from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
+from robotouille_client.game_replica import GameReplica
+
+__all__ = ["ClientProtocol", "Request", "RequestDone", "RequestFailed"]
+
+ANSWER_SECONDS = 15.0
+"""Within which hello and requests are answered; only time with a connection counts."""
+AGAIN_SECONDS = 0.5
+"""After which a request is sent again that the server asked us to repeat."""
+MAX_MOVES = 4
+
+LOST_TOKEN = ("auth/expired", "auth/invalid", "auth/required", "auth/revoked")
+TEMPORARY = ("server/handover", "server/recording", "rate/limited")
+CLOSED = "the connection was closed"
+
+Request = messages.ListEpisodes | messages.Create | messages.Join | messages.Leave
+
+G = TypeVar("G", bound=GameReplica)
+
+
+@dataclass(frozen=True, slots=True)
+class RequestDone:
+    """A request was answered; a join once its first snapshot or observation is there."""
+
+    ref: int
+    answer: messages.ServerMessage
+
+
+@dataclass(frozen=True, slots=True)
+class RequestFailed:
+    """A request was refused, or cannot be answered any more."""
+
+    ref: int
+    error: RobotouilleError
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A request without an answer."""
+
+    request: Request
+    due: float
+    again_at: float | None = None
+    sent: bool = False
+    joined: messages.Joined | None = None
+    moves: int = 0
+
+
+class ClientProtocol(Generic[G]):
+    """A participant's conversation with a server, over any number of connections.
+
+    `make_game` makes the game of an episode that one has joined. `membership` is the join that
+    takes us back into it where the server has forgotten us.
+    """
+
+    def __init__(
+        self,
+        make_game: Callable[[messages.Joined], G],
+        *,
+        url: str,
+        name: str,
+        kind: messages.Kind = "bot",
+        reconnect: bool = True,
+        token: str | None = None,
+        resume: str | None = None,
+        rng: random.Random,
+    ) -> None:
+        self.state = State.OFFLINE
+        self.url = url
+        self.name = name
+        self.kind: messages.Kind = kind
+        self.reconnect = reconnect
+        self.resume = resume
+        self.role = ""
+        self.game: G | None = None
+        self.membership: messages.Join | None = None
+        self.connect_at = 0.0
+        self.error: RobotouilleError | None = None
+        self.farewell = ""
+        self._make_game = make_game
+        self._token = token
+        self._rng = rng
+        self._pauses: Iterator[float] = pauses(rng)
+        self._welcomed = False
+        self._moves = 0
+        self._greeting_due = 0.0
+        self._up_since = 0.0
+        self._refs = 0
+        self._pending: dict[int, _Pending] = {}
+        self._rejoin: messages.Join | None = None
+        self._rejoin_at: float | None = None
+        self._joined: messages.Joined | None = None
+        self._first: deque[messages.Message] = deque()
+        self._outbox: deque[messages.Message] = deque()
+        self._events: list[RequestDone | RequestFailed] = []
+
+    def _enter(self, trigger: Trigger) -> None:
+        self.state = next_state(self.state, trigger)
+
+    # The connection
+
+    def connection_made(self, now: float) -> None:
+        """There is a connection: say hello."""
+        self._enter(Trigger.CONNECTED)
+        self._greeting_due = now + ANSWER_SECONDS
+        self._first.clear()
+        self._rejoin = self._rejoin_at = None
+        self._hello()
+
+    def connection_failed(self, error: RobotouilleError, now: float) -> None:
+        """There is no connection, or no welcome on it: try again later, if that may help."""
+        hopeless = isinstance(error, StrangerError) or not isinstance(error, ConnectionFailedError)
+        if hopeless or not self._welcomed or not self.reconnect:
+            self.close(str(error), error)
+        else:
+            self._enter(Trigger.FAILED)
+            self.connect_at = now + next(self._pauses)
+
+    def connection_lost(self, now: float, reason: str = "") -> None:
+        """The connection is gone."""
+        if self.state is State.GREETING:
+            self._not_welcome(reason, now)
+        elif self.reconnect:
+            self._enter(Trigger.LOST)
+            self.connect_at = now + next(self._pauses)
+        else:
+            self.close(CLOSED)
+
+    def fail(self, error: RobotouilleError) -> None:
+        """What the server sends cannot be made sense of."""
+        greeting = self.state is State.GREETING
+        prefix = "" if greeting else "the server's messages cannot be read: "
+        self.close(f"{prefix}{error}", error)
+
+    def close(self, reason: str = "", error: RobotouilleError | None = None) -> None:
+        """The end, and why; without a reason we have had enough."""
+        if self.state is State.CLOSED:
+            return
+        self._enter(Trigger.CLOSE)
+        self.farewell, self.error = reason, error
+        for ref in list(self._pending):
+            self._fail(ref, self._gone(self._pending[ref]))
+        if self.game is not None and not self.game.over:
+            self.game.receive(messages.Bye(reason=reason or CLOSED), 0.0)
+
+    def _gone(self, pending: _Pending | None = None) -> ConnectionFailedError:
+        """Why a request is not answered."""
+        reason = self.farewell or CLOSED
+        if pending is not None and pending.moves:
+            return ConnectionFailedError(f"{self.url}, where the episode is: {reason}")
+        return ConnectionFailedError(f"{self.url}: {reason}")
+
+    # Requests
+
+    def request(self, request: Request, now: float) -> int:
+        """Ask the server; an event tells the answer by the number that is returned.
+
+        Raises ConnectionFailedError where the connection is closed for good.
+        """
+        if self.state is State.CLOSED:
+            raise self._gone()
+        ref = self._next_ref()
+        request = request.model_copy(update={"ref": ref})
+        self._pending[ref] = _Pending(request, now + ANSWER_SECONDS)
+        self._outbox.append(request)
+        return ref
+
+    def forget(self, ref: int) -> None:
+        """Nobody waits for this answer any more."""
+        self._pending.pop(ref, None)
+
+    def events(self) -> list[RequestDone | RequestFailed]:
+        """What became of requests since this was last asked."""
+        events, self._events = self._events, []
+        return events
+
+    def _next_ref(self) -> int:
+        self._refs += 1
+        return self._refs
+
+    def _done(self, ref: int, answer: messages.ServerMessage) -> None:
+        request = self._pending.pop(ref).request
+        if isinstance(request, messages.Join):
+            self.membership = request
+        elif isinstance(request, messages.Leave):
+            self.game = None
+        self._events.append(RequestDone(ref, answer))
+
+    def _fail(self, ref: int, error: RobotouilleError) -> None:
+        del self._pending[ref]
+        self._events.append(RequestFailed(ref, error))
+
+    # What is sent
+
+    def next_message(self) -> messages.Message | None:
+        """What is to be sent next; `message_sent` says that it was."""
+        if self.state.connected and self._first:
+            return self._first[0]
+        if not self.state.online:
+            return None
+        if self.game is not None:
+            self._outbox.extend(self.game.messages_to_send())
+        while self._outbox and not self._wanted(self._outbox[0]):
+            self._outbox.popleft()
+        return self._outbox[0] if self._outbox else None
+
+    def message_sent(self) -> None:
+        """The last message of `next_message` is on its way. Without this it is sent again, over
+        the next connection."""
+        message = (self._first or self._outbox).popleft()
+        pending = self._pending.get(getattr(message, "ref", None) or 0)
+        if pending is not None:
+            pending.sent = True
+
+    def _wanted(self, message: messages.Message) -> bool:
+        """Whether an action still is: its game, and our seat in it, may be lost."""
+        if not isinstance(message, messages.Act):
+            return True
+        game = self.game
+        return self.state is not State.REJOINING and game is not None and game.unanswered is message
+
+    # Time
+
+    def get_timer(self) -> float | None:
+        """When to call `handle_timer`; None while there is nothing to wait for."""
+        if self.state is State.GREETING:
+            return self._greeting_due
+        if self.state is State.CLOSED:
+            return None
+        times = [t for p in self._pending.values() for t in (p.due, p.again_at) if t is not None]
+        if self._rejoin_at is not None:
+            times.append(self._rejoin_at)
+        if (game_timer := self._game_timer()) is not None:
+            times.append(game_timer)
+        return min(times, default=None)
+
+    def handle_timer(self, now: float) -> None:
+        """Send again what is due, and give up what has had no answer for too long."""
+        if self.state is State.GREETING and self._greeting_due <= now:
+            self._not_welcome("", now)
+        for ref, pending in list(self._pending.items()):
+            if pending.again_at is not None and pending.again_at <= now:
+                pending.again_at = None
+                self._outbox.append(pending.request)
+            if pending.due <= now:
+                self._overdue(ref, pending, now)
+        if self._rejoin_at is not None and self._rejoin_at <= now and self._rejoin is not None:
+            self._rejoin_at = None
+            self._outbox.append(self._rejoin)
+        game_timer = self._game_timer()
+        if game_timer is not None and game_timer <= now and self.game is not None:
+            self.game.handle_timer(now)
+
+    def _game_timer(self) -> float | None:
+        """Nothing is sent again before the server has told what we missed."""
+        here = self.state in (State.SYNCING, State.PLAYING)
+        return self.game.get_timer() if here and self.game is not None else None
+
+    def _overdue(self, ref: int, pending: _Pending, now: float) -> None:
+        if self.state.online and now - self._up_since >= ANSWER_SECONDS:
+            self._fail(ref, ConnectionFailedError(f"{self.url} does not answer"))
+        else:
+            pending.due = now + ANSWER_SECONDS
+
+    # Hello
+
+    def _hello(self) -> None:
+        """Say hello; with a resume token, also what we have seen."""
+        resume, game = self.resume, self.game
+        self._first.append(
+            messages.Hello(
+                protocol=messages.PROTOCOL_VERSION,
+                name=self.name,
+                kind=self.kind,
+                token=None if resume else self._token,
+                resume=resume,
+                seen=game.seen if resume and game is not None else None,
+                view=self._view() if resume else None,
+            )
+        )
+
+    def _view(self) -> messages.View | None:
+        """The view that we have asked for, whether or not that was answered."""
+        join = next(
+            (p.request for p in self._pending.values() if isinstance(p.request, messages.Join)),
+            self.membership,
+        )
+        return join.view if join is not None else None
+
+    def _not_welcome(self, reason: str, now: float) -> None:
+        error = ConnectionFailedError(f"{self.url} did not welcome us: {reason}")
+        self.connection_failed(error, now)
+
+    def _greeted(self, answer: messages.ServerMessage, now: float) -> None:
+        """The answer to hello."""
+        match answer:
+            case messages.Welcome():
+                self._welcome(answer, now)
+            case messages.Error() if self.resume and answer.code in LOST_TOKEN:
+                self._enter(Trigger.UNKNOWN)
+                self.resume = None
+                self._hello()
+            case messages.Moved():
+                self._greeted_elsewhere(answer, now)
+            case messages.Error(code="server/handover"):
+                self.connection_failed(NotYetError(answer.message), now)
+            case messages.Bye(retry=True):
+                self.connection_failed(NotYetError(answer.reason), now)
+            case messages.Error():
+                error = ProtocolError(answer.code, answer.message, answer.field)
+                self.connection_failed(error, now)
+            case messages.Bye():
+                self.connection_failed(ProtocolError(answer.code, answer.reason), now)
+            case _:
+                reason = f"{type(answer).__name__} in answer to hello"
+                self.connection_failed(NotYetError(reason), now)
+
+    def _greeted_elsewhere(self, moved: messages.Moved, now: float) -> None:
+        """Go on at once, but not round and round."""
+        self._moves += 1
+        try:
+            self.url = moved_url(self.url, moved)
+        except StrangerError as error:
+            self.connection_failed(error, now)
+            return
+        if self._moves < MAX_MOVES:
+            self._enter(Trigger.MOVED)
+            self.connect_at = now
+        else:
+            self._moves = 0
+            self.connection_failed(self._round_and_round(), now)
+
+    def _round_and_round(self) -> ConnectionFailedError:
+        return ConnectionFailedError(f"{self.url} sends us from one process to the next")
+
+    def _welcome(self, welcome: messages.Welcome, now: float) -> None:
+        """Ask again what was not answered, and join again where the server has forgotten us."""
+        join = self.membership or self._joined_without_asking()
+        if welcome.resumed:
+            self._enter(Trigger.RESUMED)
+        elif join is None:
+            self._enter(Trigger.WELCOMED)
+        else:
+            self._enter(Trigger.FORGOTTEN)
+            seat = self.game.seat if self.game is not None else join.seat
+            self._rejoin = join.model_copy(update={"ref": self._next_ref(), "seat": seat})
+            self._first.append(self._rejoin)
+        for pending in self._pending.values():
+            if pending.sent and not isinstance(pending.request, messages.Create):
+                self._first.append(pending.request)
+        self.resume, self.role = welcome.resume, welcome.role
+        self._up_since, self._welcomed, self._moves = now, True, 0
+        self._pauses = pauses(self._rng)
+
+    def _joined_without_asking(self) -> messages.Join | None:
+        """What would bring us into a game that a resume token alone has brought us into."""
+        game = self.game
+        if game is None or game.ended:
+            return None
+        role: Literal["player", "spectator"] = "player" if game.seat else "spectator"
+        view: messages.View = "state" if game.has_state else "text"
+        return messages.Join(episode=game.episode, role=role, seat=game.seat, view=view)
+
+    # Messages
+
+    def receive(self, message: messages.ServerMessage, now: float) -> None:
+        """Take a message of the server into account.
+
+        Raises ProtocolError where it must not come now, or cannot be applied.
+        """
+        if self.state is State.GREETING:
+            self._greeted(message, now)
+            return
+        if not self.state.online or isinstance(message, messages.Welcome):
+            name = type(message).__name__
+            raise ProtocolError("message/unexpected", f"{name}, while {self.state.value}")
+        if isinstance(message, messages.Bye) and message.retry:
+            return
+        if isinstance(message, messages.Joined):
+            self._take_up(message, now)
+        elif isinstance(message, messages.Left):
+            self._enter(Trigger.LEFT)
+            self.membership = None
+        if self.game is not None:
+            self.game.receive(message, now)
+        if isinstance(message, messages.Bye):
+            self.close(message.reason)
+        elif isinstance(message, messages.Snapshot | messages.Observation):
+            self._synced()
+        else:
+            self._answered(message, now)
+
+    def _take_up(self, joined: messages.Joined, now: float) -> None:
+        """We are in an episode: in another, or again."""
+        game, asked = self.game, joined.ref is not None
+        anew = joined.ref in self._pending or (asked and game is not None and game.ended)
+        if game is None or game.episode != joined.episode or anew:
+            self._enter(Trigger.ENTERED)
+            self.game = self._make_game(joined)
+        else:
+            self._enter(Trigger.RETURNED if game.synced else Trigger.ENTERED)
+            game.rejoined(joined, now, anew=asked)
+        self.resume = joined.resume or self.resume
+        self._rejoin = self._rejoin_at = None
+        self._joined = joined
+
+    def _synced(self) -> None:
+        """A join is answered once its first snapshot or observation is there."""
+        if self.state is State.SYNCING:
+            self._enter(Trigger.SYNCED)
+            for ref, pending in list(self._pending.items()):
+                if pending.joined is not None:
+                    self._done(ref, pending.joined)
+
+    def _answered(self, message: messages.ServerMessage, now: float) -> None:
+        ref = getattr(message, "ref", None)
+        if isinstance(message, messages.Joined) and ref is None:
+            ref = next(
+                (r for r, p in self._pending.items() if isinstance(p.request, messages.Join)), None
+            )
+        if self._rejoin is not None and ref == self._rejoin.ref:
+            self._rejoin_refused(message, now)
+            return
+        pending = self._pending.get(ref) if ref is not None else None
+        if ref is None or pending is None:
+            return
+        if isinstance(message, messages.Error):
+            message = self._done_before(pending.request, message)
+        match message:
+            case messages.Joined() if self.state is State.SYNCING:
+                pending.joined = message
+            case messages.Error(code="server/handover"):
+                pending.again_at = now + AGAIN_SECONDS
+            case messages.Error():
+                self._fail(ref, ProtocolError(message.code, message.message, message.field))
+            case messages.Moved():
+                self._join_elsewhere(ref, pending, message, now)
+            case _:
+                self._done(ref, message)
+
+    def _done_before(self, request: Request, error: messages.Error) -> messages.ServerMessage:
+        """A request that was sent twice since its first answer was lost: it has been done."""
+        if isinstance(request, messages.Leave) and error.code == "episode/none":
+            return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
+        joined = self._joined
+        if isinstance(request, messages.Join) and error.code == "episode/joined" and joined:
+            asked = request.episode.replace("-", "").upper()
+            if asked in (joined.episode.upper(), joined.code.replace("-", "").upper()):
+                return joined
+        return error
+
+    def _join_elsewhere(
+        self, ref: int, pending: _Pending, moved: messages.Moved, now: float
+    ) -> None:
+        """The episode is with another process: join there."""
+        pending.moves += 1
+        if pending.moves >= MAX_MOVES:
+            self._fail(ref, self._round_and_round())
+            return
+        try:
+            self._move(moved, now)
+        except StrangerError as error:
+            self._fail(ref, error)
+
+    def _rejoin_refused(self, answer: messages.ServerMessage, now: float) -> None:
+        """Our place was lost, and it is not simply given back."""
+        if isinstance(answer, messages.Moved):
+            try:
+                self._move(answer, now)
+            except StrangerError as error:
+                self.close(str(error), error)
+        elif isinstance(answer, messages.Error) and answer.code in TEMPORARY:
+            self._rejoin_at = now + AGAIN_SECONDS
+        elif isinstance(answer, messages.Error):
+            self._enter(Trigger.REFUSED)
+            self.membership = self._rejoin = None
+            if self.game is not None:
+                lost = messages.Left(episode=self.game.episode, reason=answer.message)
+                self.game.receive(lost, 0.0)
+
+    def _move(self, moved: messages.Moved, now: float) -> None:
+        """Go to another process; StrangerError where that is none of this server."""
+        url = moved_url(self.url, moved)
+        self._enter(Trigger.MOVED)
+        self.url, self.resume = url, None
+        self.connect_at = now + next(self._pauses)

@@ -1,0 +1,130 @@
+"""A game in this process as a window's source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from robotouille.episode import (
+    Ended,
+    Episode,
+    Phase,
+    Rejected,
+    Said,
+    Stepped,
+)
+from robotouille.errors import ProtocolError
+from robotouille.planning.policies.policy import Policy
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.state import State
+from robotouille.world.unmet import only_words
+from robotouille_client.window.sources.chat_log import ChatLog
+from robotouille_client.window.sources.texts import clock_words, outcome_words
+from robotouille_client.window.view import GLIDE_SECONDS, SeatView, View
+
+__all__ = ["LocalSource"]
+
+
+class LocalSource:
+    """An episode in this process; bots play the seats of others."""
+
+    def __init__(
+        self,
+        episode: Episode,
+        me: str,
+        bots: Mapping[str, tuple[str, Policy]],
+        now: Callable[[], float],
+    ) -> None:
+        self._episode = episode
+        self._me = me
+        self._bots = bots
+        self._now = now
+        self._chat_log = ChatLog(now)
+        self._previous: State | None = None
+        self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
+        self._step_time = now()
+        self._decided = dict.fromkeys(bots, -1)
+        episode.join(me, "you", "human", now())
+        for player, (name, _) in bots.items():
+            episode.join(player, name, "bot", now())
+
+    def view(self) -> View:
+        self._episode.tick(self._now())
+        self._let_bots_move()
+        self._take_events()
+        episode = self._episode
+        rules = episode.rules
+        scheduled = rules.scheduled
+        elapsed = self._now() - self._step_time
+        outcome = episode.outcome
+        return View(
+            world=episode.world,
+            state=episode.state,
+            previous=self._previous,
+            step=episode.step,
+            max_steps=rules.max_steps,
+            clock=clock_words(rules.clock.value, rules.model_dump(mode="json")),
+            phase=min(1.0, elapsed / (rules.period if scheduled else GLIDE_SECONDS)),
+            seats=tuple(
+                SeatView(s.player, s.name, s.kind, s.present, s.tally.applied, s.tally.rejected)
+                for s in episode.seats.values()
+            ),
+            me=self._me,
+            bubbles=self._chat_log.bubbles,
+            chat=self._chat_log.lines,
+            status=self._status(),
+            outcome=outcome_words(outcome.to_json()) if outcome else "",
+        )
+
+    def _status(self) -> str:
+        turn = self._episode.on_turn
+        if turn is None:
+            return ""
+        return "Your turn" if turn == self._me else f"{turn}'s turn"
+
+    def _let_bots_move(self) -> None:
+        """At most one bot thinks in a frame, so that the window stays smooth."""
+        episode = self._episode
+        for player, (_, policy) in self._bots.items():
+            may = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
+            if episode.phase is Phase.RUNNING and may and self._decided[player] < episode.step:
+                self._decided[player] = episode.step
+                self._submit(player, policy.act(episode.state))
+                return
+
+    def _submit(self, player: str, action: GroundAction | None) -> None:
+        self._seq[player] += 1
+        try:
+            self._episode.submit(player, self._seq[player], action, self._now())
+        except ProtocolError as error:
+            self._chat_log.rejected(player, only_words(error.message))
+
+    def _take_events(self) -> None:
+        for event in self._episode.events():
+            match event:
+                case Stepped():
+                    self._previous, self._step_time = event.before, self._now()
+                    did = [
+                        (move.player, move.action, attempt.applied)
+                        for move, attempt in zip(event.moves, event.attempts, strict=True)
+                    ]
+                    for player, (_, policy) in self._bots.items():
+                        policy.observe(did)
+                        self._decided[player] = min(self._decided[player], event.step - 1)
+                case Rejected():
+                    self._chat_log.rejected(event.player, event.unmet)
+                case Said():
+                    self._chat_log.said(event.name, event.player, event.text)
+                case Ended():
+                    self._step_time = self._now()
+                case _:
+                    pass
+
+    def act(self, action: GroundAction) -> None:
+        self._submit(self._me, action)
+
+    def say(self, text: str) -> None:
+        self._episode.say("you", self._me, text, self._now())
+
+    @property
+    def finished(self) -> bool:
+        return self._episode.phase is Phase.ENDED

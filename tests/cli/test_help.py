@@ -1,0 +1,68 @@
+"""`--help` comes at once: what only a command needs is imported by that command."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+import typer
+from typer.core import TyperGroup
+from typer.testing import CliRunner
+
+from robotouille_client.cli.lazy_group import LazyGroup
+from robotouille_client.cli.main import app
+
+HEAVY = [
+    "av",
+    "matplotlib",
+    "msgpack",
+    "numba",
+    "numpy",
+    "pydantic",
+    "pygame",
+    "robotouille.episode",
+    "robotouille.planning",
+    "robotouille.protocol",
+    "robotouille.world",
+    "websockets",
+]
+PROGRAMS = {
+    "robotouille": "robotouille_client.cli.main",
+    "robotouille-bot": "robotouille_client.bots.cli",
+    "robotouille-client": "robotouille_client.window.cli",
+    "robotouille-loadtest": "robotouille_client.loadtest.cli",
+}
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_help_imports_nothing_heavy(program: str) -> None:
+    source = (
+        f"import sys; sys.argv = [{program!r}, '--help']\n"
+        f"from {PROGRAMS[program]} import main\n"
+        "try:\n    main()\n"
+        "except SystemExit as end:\n    assert end.code == 0\n"
+        f"print('imported:', *[m for m in {HEAVY!r} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "Usage" in done.stdout
+    assert done.stdout.splitlines()[-1].split() == ["imported:"]
+
+
+def test_commands_are_listed_with_the_help_that_they_have() -> None:
+    group = typer.main.get_command(app)
+    assert isinstance(group, LazyGroup)
+    listed = {name: command.help for name, command in group.commands.items()}
+    group.load()
+    for name, command in group.commands.items():
+        line = " ".join((command.help or "").partition("\n\n")[0].split())
+        assert line == " ".join((listed[name] or "").partition("\n\n")[0].split())
+        assert command.name == name
+    assert isinstance(group.commands["replay"], TyperGroup)
+
+
+def test_a_command_that_is_none_is_named_with_the_nearest() -> None:
+    result = CliRunner().invoke(app, ["plam"])
+    assert result.exit_code == 2
+    assert "plan" in result.output

@@ -1,0 +1,54 @@
+"""Who uses the library can catch what it raises, and import all that it needs from one place."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import robotouille_client
+from robotouille import RobotouilleError
+from robotouille_client import errors
+
+ROOT = Path(__file__).resolve().parents[2]
+PUBLIC = [
+    "ActResult",
+    "Announced",
+    "Changed",
+    "Client",
+    "ConnectionFailedError",
+    "Game",
+    "GameEvent",
+    "Heard",
+    "NotYetError",
+    "Observed",
+    "Over",
+    "ProtocolError",
+    "Refused",
+    "RobotouilleError",
+    "RosterChanged",
+    "StrangerError",
+    "connect",
+]
+
+
+def test_the_public_names_are_these() -> None:
+    assert robotouille_client.__all__ == PUBLIC
+
+
+def test_every_error_that_is_documented_can_be_imported() -> None:
+    page = (ROOT / "docs/api.md").read_text("utf-8")
+    documented = set(re.findall(r"^\| `(\w+Error)` \|", page, re.MULTILINE))
+    assert documented == {name for name in errors.__all__ if name != "RobotouilleError"}
+    assert set(errors.__all__) <= set(robotouille_client.__all__)
+
+
+def test_the_tree_that_is_drawn_is_that_of_the_classes() -> None:
+    drawn = re.findall(r"^ {4}([│├└─ ]*)(\w+Error)\b", errors.__doc__ or "", re.MULTILINE)
+    assert {name for _, name in drawn} == set(errors.__all__)
+    above: list[type] = []
+    for prefix, name in drawn:
+        depth = len(prefix) // 4
+        kind = getattr(errors, name)
+        assert depth == 0 or kind.__bases__ == (above[depth - 1],)
+        above[depth:] = [kind]
+    assert above[0] is RobotouilleError
