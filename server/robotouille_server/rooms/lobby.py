@@ -286,10 +286,14 @@ class Lobby:
         if self._closing:
             await asyncio.wait(self._closing)
 
-    def suspend(self, room: Room) -> None:
-        """Leave an episode to another process."""
+    def suspend(self, episode: str) -> list[Session]:
+        """Leave an episode to another process, unless that was done before; who was in it."""
+        room = self.rooms.get(episode)
+        if room is None:
+            return []
         room.suspend()
         self._drop(room)
+        return list(room.members)
 
     def stop(self) -> None:
         """Look after nothing any more."""

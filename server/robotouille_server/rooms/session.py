@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from robotouille.episode import Episode
+from robotouille.protocol import messages
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.visitors import CountedConnection, Visitor
 from robotouille_server.transport.peer import Peer
 
-if TYPE_CHECKING:
-    from robotouille_server.rooms.room import Room
+__all__ = ["JoinedRoom", "Session"]
 
-__all__ = ["Session"]
+
+class JoinedRoom(Protocol):
+    """The room that a session is in, as its connection uses it: see `Room`."""
+
+    id: str
+    code: str
+    episode: Episode
+
+    @property
+    def spectators(self) -> int: ...
+
+    def bans(self, session_id: str, participant: str) -> bool: ...
+
+    def connection_lost(self, session: Session) -> None: ...
+
+    def connection_back(self, session: Session, seen: messages.Seen | None) -> None: ...
+
+    def leave(self, session: Session) -> None: ...
+
+    def act(self, session: Session, request: messages.Act) -> None: ...
+
+    def say(self, session: Session, text: str) -> None: ...
+
+    def ask_picture(self, session: Session) -> None: ...
 
 
 class Session:
@@ -81,12 +105,19 @@ class Session:
         self.generation = 0
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None
-        self.room: Room | None = None
+        self.room: JoinedRoom | None = None
         self.player: str | None = None
         self.view = "state"
         self.known: set[str] = set()
         self.away_since = 0.0
         self.earlier_bytes = self.recorded_bytes = 0
+
+    def disconnected(self) -> None:
+        """The connection is gone; who comes back has another."""
+        self.caller = None
+        if self.peer is not None:
+            self.earlier_bytes += self.peer.received_bytes
+        self.peer = None
 
     @property
     def received_bytes(self) -> int:
