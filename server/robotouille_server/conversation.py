@@ -429,7 +429,7 @@ class Conversation:
         self._room(session).say(session, message.text)
 
     def _resync(self, session: Session, message: messages.Resync) -> None:
-        self._room(session).ask_picture(session)
+        self._room(session).ask_snapshot(session)
 
     def _room(self, session: Session) -> JoinedRoom:
         if session.room is None:

@@ -48,8 +48,9 @@ from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.rooms.recordings import archive
 from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
-from robotouille_server.rooms.room import MAX_UNWRITTEN, SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
-from robotouille_server.rooms.slow_seats import WAITING_SECONDS
+from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.seats.slow_seats import WAITING_SECONDS
+from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
 from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.descriptors import RESERVED
 from robotouille_server.runtime.settings import ServerSettings

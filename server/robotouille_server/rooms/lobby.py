@@ -66,15 +66,21 @@ class Lobby:
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._thoughts = BotScheduler(thinker)
+        self._bot_scheduler = BotScheduler(thinker)
         self._host = RoomHost(
-            metrics, resume_token, vacated, sent_out, self._closed, TimerQueue(), self._thoughts
+            metrics,
+            resume_token,
+            vacated,
+            sent_out,
+            self._closed,
+            TimerQueue(),
+            self._bot_scheduler,
         )
         self._inspection = Inspection(self._live)
         self._recovery = None
         if storage is not None:
             self._recovery = Recovery(
-                storage, worker, settings.recovery_seconds, self._adopt, self._host.agenda.time
+                storage, worker, settings.recovery_seconds, self._adopt, self._host.timers.time
             )
 
     # Opening
@@ -118,7 +124,7 @@ class Lobby:
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, self._host.agenda.time())
+        episode = Episode(world, rules, self._host.timers.time())
         room = self._room(episode_id, code, owner, episode, recorder, journal)
         get_logger().info(
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
@@ -134,14 +140,14 @@ class Lobby:
         recorder: Recorder,
         journal: Journal | None,
     ) -> Room:
-        now = self._host.agenda.time
-        audience = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
+        now = self._host.timers.time
+        broadcaster = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
         room = Room(
             episode_id,
             code,
             episode,
             journal=journal,
-            audience=audience,
+            broadcaster=broadcaster,
             host=self._host,
             owner=owner,
         )
@@ -164,7 +170,7 @@ class Lobby:
 
     def opened(self) -> None:
         """The server can be reached now: only from here on is anybody late."""
-        now = self._host.agenda.time()
+        now = self._host.timers.time()
         for room in self.rooms.values():
             room.episode.await_anew(now, self._settings.recovery_seconds)
             room.flush()
@@ -198,7 +204,7 @@ class Lobby:
             found.recorder,
             found.journal,
         )
-        room.audience.remember(found.restored.said)
+        room.broadcaster.restore_chat(found.restored.said)
         if found.journal is None:
             room.suspend()
             self._linger(room)
@@ -282,7 +288,7 @@ class Lobby:
 
     async def closed(self) -> None:
         """Wait until all recordings that are over are closed, and nobody thinks any more."""
-        await self._thoughts.close()
+        await self._bot_scheduler.close()
         if self._closing:
             await asyncio.wait(self._closing)
 
@@ -297,7 +303,7 @@ class Lobby:
 
     def stop(self) -> None:
         """Look after nothing any more."""
-        self._host.agenda.clear()
+        self._host.timers.clear()
         self._inspection.stop()
         if self._recovery is not None:
             self._recovery.archive.stop()
@@ -380,10 +386,10 @@ def info(room: Room) -> messages.EpisodeInfo:
         code=room.code,
         task=room.world.task.name,
         clock=rules.clock.value,
-        phase=room.audience.phase,
+        phase=room.broadcaster.phase,
         step=room.episode.step,
         max_steps=rules.max_steps,
-        seats=room.audience.seats(),
+        seats=room.broadcaster.seats(),
         spectators=room.spectators,
     )
 

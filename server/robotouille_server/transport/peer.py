@@ -37,11 +37,11 @@ class Peer:
         "_transport",
         "_when_caught_up",
         "codec",
-        "picture_due",
-        "pictured",
         "received",
         "received_bytes",
         "sent",
+        "snapshot_due",
+        "snapshot_sent",
         "socket",
     )
 
@@ -53,7 +53,7 @@ class Peer:
         self.codec = codec
         self.sent = 0
         self.received = 0
-        self.pictured = self.picture_due = False
+        self.snapshot_sent = self.snapshot_due = False
         self._answered = 0
         self.received_bytes = 0
         self._metrics = metrics
@@ -125,9 +125,9 @@ class Peer:
         Once it has fallen behind it is not, until it has read what it had; `catch_up` is called
         then. One that does not read in time is cut off.
         """
-        if "picture" not in self._when_caught_up and self.unsent > MAX_UNSENT:
-            self._await("picture", 0, catch_up)
-        return "picture" not in self._when_caught_up
+        if "snapshot" not in self._when_caught_up and self.unsent > MAX_UNSENT:
+            self._await("snapshot", 0, catch_up)
+        return "snapshot" not in self._when_caught_up
 
     def throttle(self) -> None:
         """Read no more from a client that does not read what it is answered."""
@@ -155,7 +155,7 @@ class Peer:
         for what, (size, then) in list(self._when_caught_up.items()):
             if unsent <= size:
                 del self._when_caught_up[what]
-                if what == "picture":
+                if what == "snapshot":
                     self._metrics.snapshots.inc()
                 self.socket.loop.call_soon(then)
         if not self._when_caught_up:
