@@ -53,7 +53,7 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
-from robotouille_server.transport.admission import AT_THE_DOOR, Admission
+from robotouille_server.transport.admission import MAX_SURPLUS_CONNECTIONS, Admission
 from robotouille_server.transport.connection import Connection, cut
 from robotouille_server.transport.peer import MAX_HELD, Peer
 from robotouille_server.transport.tls import ServerTLS
@@ -83,12 +83,12 @@ class Server:
         storage: Storage | None = None,
         wall: Callable[[], float] = time.time,
         worker: WorkerSlot | None = None,
-        thinker: Callable[[], BotWorker] = ProcessBotWorker,
+        bot_worker: Callable[[], BotWorker] = ProcessBotWorker,
     ) -> None:
         self.settings = settings
         self.metrics = Metrics()
         self._admission = Admission(
-            self.metrics, settings.max_connections + AT_THE_DOOR, settings.hello_seconds
+            self.metrics, settings.max_connections + MAX_SURPLUS_CONNECTIONS, settings.hello_seconds
         )
         self.storage: Storage | None = None
         if settings.record:
@@ -100,7 +100,7 @@ class Server:
         self._used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
         self.audit = AuditLog(settings.state_folder / self.worker.file_name("audit.log"), wall)
         folder = self.storage.path if isinstance(self.storage, Folder) else None
-        self.resources = Health(self.metrics, folder)
+        self.health = Health(self.metrics, folder)
         self.sessions = Sessions(
             self.tokens,
             self._used_tokens,
@@ -121,7 +121,7 @@ class Server:
             resume_token=self.sessions.resume_token,
             vacated=self.sessions.forget,
             sent_out=self.sessions.sent_out,
-            thinker=thinker,
+            bot_worker=bot_worker,
         )
         self._connection_limiter = ConnectionLimiter(settings.max_connections_per_address)
         self._notice: ShutdownNotice | None = None
@@ -213,12 +213,12 @@ class Server:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
-    def there(self) -> int:
+    def open_count(self) -> int:
         """Connections and rooms that there are."""
         return len(self._open) + len(self.lobby.rooms)
 
     @property
-    def closed(self) -> int:
+    def closed_count(self) -> int:
         """Connections, welcome or not, and rooms that there have been and are not any more."""
         return self._accepted - len(self._open) + self.lobby.dropped
 
@@ -237,7 +237,7 @@ class Server:
         for session in list(self.sessions.by_id.values()):
             idle = session.room is None or session.room.episode.phase is not Phase.RUNNING
             if idle and session.peer is not None:
-                session.peer.part("server/restart", "restart", retry=True, status=1012)
+                session.peer.close("server/restart", "restart", retry=True, status=1012)
         loop = asyncio.get_running_loop()
         deadline = loop.time() + seconds
         while self._playing() and loop.time() < deadline:  # noqa: ASYNC110
@@ -308,11 +308,11 @@ class Server:
 
     def sample(self, now: float) -> None:
         """Look at what alerts are about; cheap, as it is done anew only now and then."""
-        self.resources.sample(now, self.sessions.by_id.values())
+        self.health.sample(now, self.sessions.by_id.values())
 
     def alerts(self) -> list[Alert]:
         """What the operator must look after, as it was when it was sampled."""
-        found = alerts(self.resources)
+        found = alerts(self.health)
         if self.audit.problem:
             found.insert(0, Alert("audit", self.audit.problem, "critical"))
         return found
@@ -361,9 +361,9 @@ class Server:
         who = self._visitor(socket, socket.request)
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
-        caller = CountedConnection(who, partial(self._displace, peer))
-        conversation = Conversation(self.services, peer, caller)
-        self._connection_limiter.arrive(caller)
+        counted = CountedConnection(who, partial(self._displace, peer))
+        conversation = Conversation(self.services, peer, counted)
+        self._connection_limiter.arrive(counted)
         self._open[socket] = None
         self.metrics.connections.set(len(self._open))
         try:
@@ -372,7 +372,7 @@ class Server:
         finally:
             self._open.pop(socket, None)
             self.metrics.connections.set(len(self._open))
-            self._connection_limiter.release(caller)
+            self._connection_limiter.release(counted)
             conversation.close()
             session = conversation.session
             if session is not None and session.peer is peer:
@@ -382,7 +382,7 @@ class Server:
         """Somebody newer needs the place of a connection that has not said hello."""
         self.metrics.dropped.labels("displaced").inc()
         text = "too many connections from your address have said no hello"
-        peer.part("rate/connections", text, retry=True, status=1013)
+        peer.close("rate/connections", text, retry=True, status=1013)
 
     def _disconnected(self, session: Session) -> None:
         """A connection is gone: its session is kept for a while, and nothing else of it."""
@@ -400,7 +400,7 @@ class Server:
             return False
         for member in self.lobby.suspend(room.id):
             if member.peer is not None:
-                member.peer.part("server/restart", "handed over", retry=True, status=1012)
+                member.peer.close("server/restart", "handed over", retry=True, status=1012)
         return True
 
 
@@ -430,13 +430,13 @@ async def serve(
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
     worker: WorkerSlot | None = None,
-    thinker: Callable[[], BotWorker] = ProcessBotWorker,
+    bot_worker: Callable[[], BotWorker] = ProcessBotWorker,
 ) -> AsyncIterator[Server]:
     """A running server: `async with serve(ServerSettings(port=0)) as server: …`.
 
     Where the context is left its episodes end, unless `Server.stop` was called before; where an
-    exception leaves it they are left to the next process. `thinker` makes what thinks for the
-    stand-ins of absent participants, once there is one: a process of its own.
+    exception leaves it they are left to the next process. `bot_worker` makes the worker in which
+    substitute bots decide, once there is one: a process of its own.
     """
     server = Server(
         settings,
@@ -445,7 +445,7 @@ async def serve(
         storage=storage,
         wall=wall,
         worker=worker,
-        thinker=thinker,
+        bot_worker=bot_worker,
     )
     try:
         await server.start()

@@ -18,7 +18,7 @@ from robotouille_server.auth.visitors import (
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
-    NoPlaceError,
+    TooManyConnectionsError,
     counted_as,
 )
 from robotouille_server.rooms.lobby import Lobby
@@ -75,7 +75,7 @@ class ShutdownNotice:
         """Close a connection: for good, or until the next process is there."""
         code = "server/restart" if self.hand_over else "server/stopped"
         status = 1012 if self.hand_over else 1001
-        peer.part(code, self.reason, retry=self.hand_over, status=status)
+        peer.close(code, self.reason, retry=self.hand_over, status=status)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,51 +99,51 @@ class Conversation:
 
     __slots__ = (
         "_budget",
-        "_caller",
+        "_connection",
         "_counted",
+        "_hello_task",
+        "_hello_timer",
         "_loop",
-        "_patience",
+        "_refusals",
         "_services",
-        "_silence",
-        "_waiting",
         "peer",
         "session",
     )
 
-    def __init__(self, services: Services, peer: Peer, caller: CountedConnection) -> None:
+    def __init__(self, services: Services, peer: Peer, connection: CountedConnection) -> None:
         self.session: Session | None = None
         self.peer = peer
         self._services = services
-        self._caller = caller
-        self._counted = caller.who
+        self._connection = connection
+        self._counted = connection.who
         self._loop = asyncio.get_running_loop()
         self._budget = TokenBucket(services.settings.messages_per_second, self._loop.time())
-        self._patience = TokenBucket(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
-        self._silence: asyncio.TimerHandle | None = None
-        self._waiting: asyncio.Task[None] | None = None
+        self._refusals = TokenBucket(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
+        self._hello_timer: asyncio.TimerHandle | None = None
+        self._hello_task: asyncio.Task[None] | None = None
         self._await_hello()
 
     def _await_hello(self) -> None:
         seconds = self._services.settings.hello_seconds
-        self._silence = self._loop.call_later(seconds, self._too_silent)
+        self._hello_timer = self._loop.call_later(seconds, self._hello_timeout)
 
     def close(self) -> None:
         """The connection is gone."""
-        if self._silence is not None:
-            self._silence.cancel()
-        if self._waiting is not None:
-            self._waiting.cancel()
+        if self._hello_timer is not None:
+            self._hello_timer.cancel()
+        if self._hello_task is not None:
+            self._hello_task.cancel()
 
-    def _too_silent(self) -> None:
-        if self._silence is not None and self._loop.time() > self._silence.when() + LATE:
+    def _hello_timeout(self) -> None:
+        if self._hello_timer is not None and self._loop.time() > self._hello_timer.when() + LATE:
             # The server stood still, and has not read what came meanwhile.
             self._await_hello()
             return
-        if self._waiting is not None:  # It has said hello, and is being looked for.
+        if self._hello_task is not None:  # It has said hello, and is being looked for.
             self._await_hello()
             return
         self._services.metrics.dropped.labels("silent").inc()
-        self.peer.part("auth/silent", "no hello in time", retry=True)
+        self.peer.close("auth/silent", "no hello in time", retry=True)
 
     def receive(self, payload: bytes | str) -> None:
         """Take one message; whatever is wrong with it is answered."""
@@ -159,13 +159,13 @@ class Conversation:
         peer.received_bytes += len(payload)
         ref = None
         try:
-            affordable = self._pay(payload)
+            affordable = self._charge(payload)
             message = peer.codec.decode_client(payload)
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
-            self._heed(message, affordable)
+            self._handle(message, affordable)
         except FloodError:
             services.metrics.dropped.labels("flood").inc()
-            peer.part("rate/limited", "far too many messages")
+            peer.close("rate/limited", "far too many messages")
         except ProtocolError as error:
             self._answer_error(error, ref)
         except Exception:
@@ -174,47 +174,47 @@ class Conversation:
             self._answer_error(failure, ref)
         peer.throttle()
 
-    def _pay(self, payload: bytes | str) -> bool:
+    def _charge(self, payload: bytes | str) -> bool:
         """Take a message off the budget, and what the last one was answered with; whether there
         was so much. One that is refused is not free either: it was read, and is answered."""
         size = len(payload)
         if self.session is None and size > MAX_HELLO_BYTES:
-            self._lose_patience(size)
+            self._charge_refused(size)
             message = f"{size:,} bytes; at most {MAX_HELLO_BYTES:,} are read before hello"
             raise ProtocolError("message/too-large", message)
         now = self._loop.time()
         self._budget.owe(now, self.peer.take_answered() / KIB)
         if self._budget.take(now, 1 + size / KIB):
             return True
-        self._lose_patience(size)
+        self._charge_refused(size)
         if size > MAX_HELLO_BYTES:
             raise ProtocolError("rate/limited", self._limit)  # Not worth looking for its `ref`.
         return False
 
-    def _lose_patience(self, size: int) -> None:
+    def _charge_refused(self, size: int) -> None:
         """One more message that is refused; a long one counts for more."""
-        if not self._patience.take(self._loop.time(), 1 + size / MAX_HELLO_BYTES):
+        if not self._refusals.take(self._loop.time(), 1 + size / MAX_HELLO_BYTES):
             raise FloodError
 
     @property
     def _limit(self) -> str:
         return f"more than {self._services.settings.messages_per_second:g} messages a second"
 
-    def _heed(self, message: messages.ClientMessage, affordable: bool) -> None:
+    def _handle(self, message: messages.ClientMessage, affordable: bool) -> None:
         extra = COSTS.get(type(message), 1) - 1
         if extra:
             self._services.loop_budget.spend(extra)
             if not isinstance(message, messages.Resync):
                 self.peer.socket.give_way()
         if not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
-            self._refuse(message)
+            self._refuse_over_limit(message)
         elif self.session is None:
-            self._greet(message)
+            self._handle_hello(message)
         else:
             check_permission(self.session.role, message)
             HANDLERS[type(message)](self, self.session, message)
 
-    def _refuse(self, message: messages.ClientMessage) -> None:
+    def _refuse_over_limit(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error."""
         code = "rate/limited"
         reason = self._limit
@@ -239,7 +239,7 @@ class Conversation:
 
     # Hello
 
-    def _greet(self, message: messages.ClientMessage, *, shown: bool = False) -> None:
+    def _handle_hello(self, message: messages.ClientMessage, *, shown: bool = False) -> None:
         if not isinstance(message, messages.Hello):
             raise ProtocolError("protocol/hello", "say hello first", "type")
         if message.protocol != messages.PROTOCOL_VERSION:
@@ -250,21 +250,23 @@ class Conversation:
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
             return
-        except NoPlaceError as error:
+        except TooManyConnectionsError as error:
             self._services.metrics.dropped.labels("crowded").inc()
-            self.peer.part(error.code, error.message, retry=True, status=1013)
+            self.peer.close(error.code, error.message, retry=True, status=1013)
             return
         except EndMissedError as error:
             self.peer.socket.pause_reading("hello")
-            self._waiting = self._loop.create_task(self._greet_later(message, error.episode))
+            self._hello_task = self._loop.create_task(
+                self._handle_hello_later(message, error.episode)
+            )
             return
         except ProtocolError as error:
             if error.code not in ("server/recording", "rate/seats"):
                 raise
-            self.peer.part(error.code, error.message, retry=True)
+            self.peer.close(error.code, error.message, retry=True)
             return
-        if self._silence is not None:
-            self._silence.cancel()
+        if self._hello_timer is not None:
+            self._hello_timer.cancel()
         self._attach(session)
         services = self._services
         room = session.room
@@ -287,28 +289,28 @@ class Conversation:
                 reason = "you are no longer in this episode"
                 self.peer.send(messages.Left(episode=message.seen.episode, reason=reason))
 
-    async def _greet_later(self, hello: messages.Hello, episode: str) -> None:
+    async def _handle_hello_later(self, hello: messages.Hello, episode: str) -> None:
         """Find the end of an episode beside the games; what the client says meanwhile waits."""
         try:
             await self._services.lobby.show_end(episode)
             if self.peer.open and self._services.shutdown_notice() is None:
-                self._greet(hello, shown=True)
+                self._handle_hello(hello, shown=True)
         except ProtocolError as error:
             self._answer_error(error, hello.ref)
         except Exception:
             get_logger().exception("a message failed")
             failure = ProtocolError("server/internal", "the server failed to handle this")
             self._answer_error(failure, hello.ref)
-        self._waiting = None
+        self._hello_task = None
         self.peer.socket.resume_reading("hello")
 
     def _session(self, hello: messages.Hello, *, shown: bool) -> tuple[Session, bool]:
         """A newcomer's session, or that of a connection which was lost; EndMissedError if its
         episode may have ended, and what it was at last is not `shown` yet."""
-        services, visitor = self._services, self._caller.who
+        services, visitor = self._services, self._connection.who
         if hello.resume is None:
             role, grant = services.sessions.role_of(hello, visitor)
-            self._take_place(grant.subject if grant is not None else "")
+            self._take_slot(grant.subject if grant is not None else "")
             return services.sessions.open(hello, role, grant), False
         resume = services.tokens.check_resume(hello.resume)
         services.sessions.check_may_return(resume)
@@ -326,15 +328,15 @@ class Conversation:
             room.check_return(resume.session)
         known = services.sessions.by_id.get(resume.session)
         subject = "" if resume.anonymous else resume.participant
-        self._take_place(subject, known.caller if known is not None else None)
+        self._take_slot(subject, known.counted_connection if known is not None else None)
         session = services.sessions.resume(resume, room, role)
         session.view = hello.view or session.view
         return session, True
 
-    def _take_place(self, subject: str, instead_of: CountedConnection | None = None) -> None:
+    def _take_slot(self, subject: str, instead_of: CountedConnection | None = None) -> None:
         """From here on limits count the connection by the subject of its token, if it has one."""
-        counted = counted_as(self._caller.who, subject)
-        self._services.connection_limiter.admit(self._caller, counted, instead_of)
+        counted = counted_as(self._connection.who, subject)
+        self._services.connection_limiter.admit(self._connection, counted, instead_of)
         self._counted = counted
 
     def _attach(self, session: Session) -> None:
@@ -343,14 +345,14 @@ class Conversation:
         if old is not None:
             session.earlier_bytes += old.received_bytes
         self.session = session
-        session.visitor = self._caller.who
-        session.caller = self._caller
+        session.visitor = self._connection.who
+        session.counted_connection = self._connection
         self._services.sessions.connected(session)
         if self._services.settings.record_addresses:
-            address = self._caller.who.address
+            address = self._connection.who.address
             get_logger().info("participant connected", session=session.id, address=address)
         if old is not None:
-            old.part("session/elsewhere", "the connection was resumed elsewhere")
+            old.close("session/elsewhere", "the connection was resumed elsewhere")
 
     # Requests
 

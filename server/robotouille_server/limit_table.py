@@ -54,7 +54,11 @@ from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
 from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.descriptors import RESERVED
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.transport.admission import AT_THE_DOOR, HANDSHAKES_AT_ONCE, TURN
+from robotouille_server.transport.admission import (
+    HANDSHAKES_AT_ONCE,
+    LOOP_BUDGET,
+    MAX_SURPLUS_CONNECTIONS,
+)
 from robotouille_server.transport.connection import (
     FRAMES_A_SECOND,
     FRAMES_AT_A_TIME,
@@ -159,7 +163,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit(
             "frames of all connections that are dealt with between two looks at what is due",
             "the rest waits its turn, and nothing more is read",
-            value=f"{TURN:g}",
+            value=f"{LOOP_BUDGET:g}",
         ),
         Limit(
             "frames of one connection that are dealt with before all others have their turn",
@@ -211,7 +215,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             setting="hello_seconds", unit="s",
         ),
         Limit("connections whose handshake says that the server is full", "disconnected",
-              value=f"{AT_THE_DOOR:,} more"),
+              value=f"{MAX_SURPLUS_CONNECTIONS:,} more"),
         Limit("bytes of the handshake, and behind it before it is answered", "disconnected",
               value=_size(MAX_REQUEST)),
         Limit("TLS handshakes at a time",

@@ -53,7 +53,7 @@ async def alerts(server: Server, api: Api) -> dict[str, tuple[str, str]]:
 def on_machine(tmp_path: Path, check: Any) -> None:
     async def main() -> None:
         async with viewing(tmp_path) as (server, _, api):
-            machine = server.resources.system = Machine()
+            machine = server.health.system = Machine()
             assert await alerts(server, api) == {}
             await check(server, api, machine)
 
@@ -149,7 +149,7 @@ def test_looking_is_rare_however_often_somebody_asks(tmp_path: Path) -> None:
 def test_metrics_have_the_same_figures(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server:
-            machine = server.resources.system = Machine()
+            machine = server.health.system = Machine()
             machine.free, machine.open, machine.most = Disk(123, 456), 77, 99
             server.metrics.log_suppressed = 3
             reader, writer = await asyncio.open_connection("127.0.0.1", server.port)

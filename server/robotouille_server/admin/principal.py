@@ -30,7 +30,7 @@ class Principal:
 
     @property
     def name(self) -> str:
-        """What the caller is called in the audit log."""
+        """What the principal is called in the audit log."""
         return LOCAL if self.grant is None else self.grant.subject
 
     @property
@@ -49,7 +49,7 @@ class Principal:
         return "" if self.grant is None else self.grant.episode
 
     def may_see(self, *names: str) -> bool:
-        """Whether an episode with these names (its id, its code) is this caller's business."""
+        """Whether an episode with these names (its id, its code) is this principal's business."""
         return not self.only or any(same_episode(self.only, name) for name in names)
 
     def check(self, *names: str) -> None:

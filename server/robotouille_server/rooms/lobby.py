@@ -22,8 +22,8 @@ from robotouille_server.rooms.recordings.recovery import Recovery
 from robotouille_server.rooms.recordings.storage import Storage
 from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
-from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
@@ -51,7 +51,7 @@ class Lobby:
         resume_token: Callable[[Session], str],
         vacated: Callable[[Session], None],
         sent_out: Callable[[Session], None],
-        thinker: Callable[[], BotWorker],
+        bot_worker: Callable[[], BotWorker],
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self._draining = False
@@ -66,7 +66,7 @@ class Lobby:
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._bot_scheduler = BotScheduler(thinker)
+        self._bot_scheduler = BotScheduler(bot_worker)
         self._host = RoomHost(
             metrics,
             resume_token,

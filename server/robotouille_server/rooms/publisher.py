@@ -25,7 +25,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.seats.slow_seats import SlowSeats
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
+from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.substitute_bot import SubstituteBot
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerQueue

@@ -25,7 +25,7 @@ from robotouille_server.rooms.recordings.journal import Journal
 from robotouille_server.rooms.seats.display_names import DisplayNames
 from robotouille_server.rooms.seats.seat_turnover import SeatTurnover
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
+from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.write_ahead import WriteAhead
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics

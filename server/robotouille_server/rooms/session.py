@@ -45,15 +45,15 @@ class Session:
     a number in an episode where somebody else has that. `participant` is the pseudonym under which
     they are recorded, `generation` that of the resume token which was used last; `only_episode` and
     `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
-    for ever), `token_id` its id, and `once` says that nobody else may join with it. `caller` is the
-    connection as the door knows it; `earlier_bytes` came over those before it, `recorded_bytes` are
-    what it said and gave as reasons on record.
+    for ever), `token_id` its id, and `once` says that nobody else may join with it.
+    `counted_connection` is the connection as limits count it; `earlier_bytes` came over those
+    before it, `recorded_bytes` are what it said and gave as reasons on record.
     """
 
     __slots__ = (
         "_view",
         "away_since",
-        "caller",
+        "counted_connection",
         "earlier_bytes",
         "generation",
         "given_name",
@@ -101,7 +101,7 @@ class Session:
         self.role_expires = role_expires
         self.token_id = token_id
         self.once = once
-        self.caller: CountedConnection | None = None
+        self.counted_connection: CountedConnection | None = None
         self.generation = 0
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None
@@ -114,7 +114,7 @@ class Session:
 
     def disconnected(self) -> None:
         """The connection is gone; who comes back has another."""
-        self.caller = None
+        self.counted_connection = None
         if self.peer is not None:
             self.earlier_bytes += self.peer.received_bytes
         self.peer = None

@@ -269,7 +269,7 @@ class Sessions:
             left += session.token_id not in revoked
             if session.token_id in revoked and session.peer is not None:
                 self._metrics.dropped.labels("revoked").inc()
-                session.peer.part("auth/revoked", "the operator has revoked your token")
+                session.peer.close("auth/revoked", "the operator has revoked your token")
         return left > 0
 
 

@@ -29,9 +29,9 @@ class Peer:
     __slots__ = (
         "_answered",
         "_behind_since",
+        "_closing",
         "_looks_at",
         "_metrics",
-        "_parted",
         "_protocol",
         "_stall_seconds",
         "_transport",
@@ -58,14 +58,14 @@ class Peer:
         self.received_bytes = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
-        self._parted = False
+        self._closing = False
         self._behind_since: float | None = None
         self._looks_at = 0.0
         self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
 
     @property
     def open(self) -> bool:
-        if self._parted:
+        if self._closing:
             return False
         return self._protocol.state is Connected.OPEN and not self._transport.is_closing()
 
@@ -175,10 +175,10 @@ class Peer:
         self._looks_at = loop.time() + LOOK_AGAIN
         loop.call_at(self._looks_at, self._look)
 
-    def part(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
-        """Say goodbye and close the connection politely, without waiting for the client."""
+    def close(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
+        """Send `bye` and close the connection politely, without waiting for the client."""
         self.send(messages.Bye(code=code, reason=reason, retry=retry))
-        self._parted = True
+        self._closing = True
         self.socket.say_goodbye(status, reason)
 
     def drop(self, reason: str) -> None:

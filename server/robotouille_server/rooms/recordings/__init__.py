@@ -1,1 +1,1 @@
-"""Recordings on disk: written before anything is told, and taken up after a restart."""
+"""Recordings on disk: written before anything is published, and taken up after a restart."""

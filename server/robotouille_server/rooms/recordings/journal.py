@@ -1,4 +1,4 @@
-"""An episode's recording as it grows: what has not been written is not told either."""
+"""An episode's recording as it grows: what has not been written is not published."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Recovery:
         self,
         storage: Storage,
         worker: WorkerSlot,
-        patience: float,
+        return_seconds: float,
         adopt: Callable[[ArchivedEpisode], Room],
         now: Callable[[], float],
     ) -> None:
@@ -43,7 +43,7 @@ class Recovery:
         self.problems: dict[str, str] = {}
         self._storage = storage
         self._worker = worker
-        self._patience = patience
+        self._return_seconds = return_seconds
         self._adopt = adopt
         self._now = now
         self._foreign: dict[str, str] = {}
@@ -150,7 +150,7 @@ class Recovery:
         """Make a room of a file; whether the room keeps it open."""
         content = self._storage.read(name)
         if _has_no_header(content):
-            self._storage.remove(name)  # Torn in its header: nobody was told of it.
+            self._storage.remove(name)  # Torn in its header: nothing of it was published.
             return False
         recording = Recording(content, name)
         if (its_own := name_in(recording.header)) != name:
@@ -188,7 +188,7 @@ class Recovery:
         )
 
     def _restored(self, recording: Recording) -> Restored:
-        return restore(recording, self._now(), self._patience, shared_world)
+        return restore(recording, self._now(), self._return_seconds, shared_world)
 
     def _code_of(self, name: str) -> str:
         try:
