@@ -379,7 +379,7 @@ class Server:
                 self._disconnected(session)
 
     def _displace(self, peer: Peer) -> None:
-        """Somebody newer needs the place of a connection that has not said hello."""
+        """Somebody newer needs the slot of a connection that has not said hello."""
         self.metrics.dropped.labels("displaced").inc()
         text = "too many connections from your address have said no hello"
         peer.close("rate/connections", text, retry=True, status=1013)

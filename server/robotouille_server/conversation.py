@@ -73,9 +73,10 @@ class ShutdownNotice:
 
     def send(self, peer: Peer) -> None:
         """Close a connection: for good, or until the next process is there."""
-        code = "server/restart" if self.hand_over else "server/stopped"
-        status = 1012 if self.hand_over else 1001
-        peer.close(code, self.reason, retry=self.hand_over, status=status)
+        if self.hand_over:
+            peer.close("server/restart", self.reason, retry=True, status=1012)
+        else:
+            peer.close("server/stopped", self.reason, status=1001)
 
 
 @dataclass(frozen=True, slots=True)

@@ -287,7 +287,7 @@ class Lobby:
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
 
     async def closed(self) -> None:
-        """Wait until all recordings that are over are closed, and nobody thinks any more."""
+        """Wait until all recordings that are over are closed, and no bot decides any more."""
         await self._bot_scheduler.close()
         if self._closing:
             await asyncio.wait(self._closing)

@@ -203,7 +203,7 @@ class ProcessBotWorker:
         if self._thread is not None:
             await self._thread.close()
 
-    # What it says
+    # Replies
 
     def _replied(self, reply: Any) -> None:
         number, how, what = reply
@@ -227,7 +227,7 @@ class ProcessBotWorker:
 
 
 class _Pipe(asyncio.SubprocessProtocol):
-    """The process as it is talked to; `gone` is done when it has ended."""
+    """The pipes to the process; `gone` is done when it has ended."""
 
     def __init__(self, replied: Callable[[Any], None], died: Callable[[int | None], None]) -> None:
         self.gone: asyncio.Future[None] = asyncio.get_running_loop().create_future()
