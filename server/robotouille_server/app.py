@@ -25,15 +25,18 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
 from robotouille_server.alerts import Alert, alerts
-from robotouille_server.auth.keys import FileKeyring, Keyring
-from robotouille_server.auth.revocation import REVOKED_FILE, Revocations
-from robotouille_server.auth.roles import Role
-from robotouille_server.auth.tokens import RoleGrant, Tokens
-from robotouille_server.auth.used_tokens import UsedTokens
-from robotouille_server.auth.visitors import (
+from robotouille_server.auth import (
+    REVOKED_FILE,
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
+    FileKeyring,
+    Keyring,
+    Revocations,
+    Role,
+    RoleGrant,
+    Tokens,
+    UsedTokens,
     Visitor,
     origin_refusal,
     parse_origins,
@@ -43,7 +46,7 @@ from robotouille_server.auth.visitors import (
 from robotouille_server.conversation import Conversation, Services, ShutdownNotice
 from robotouille_server.health import Health
 from robotouille_server.rooms.lobby import Lobby
-from robotouille_server.rooms.recordings.storage import Folder, Storage
+from robotouille_server.rooms.recordings import Folder, Storage
 from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
@@ -53,10 +56,15 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
-from robotouille_server.transport.admission import MAX_SURPLUS_CONNECTIONS, Admission
-from robotouille_server.transport.connection import Connection, cut
-from robotouille_server.transport.peer import MAX_HELD, Peer
-from robotouille_server.transport.tls import ServerTLS
+from robotouille_server.transport import (
+    MAX_HELD,
+    MAX_SURPLUS_CONNECTIONS,
+    Admission,
+    Connection,
+    Peer,
+    ServerTLS,
+    cut,
+)
 
 __all__ = ["CannotListenError", "Server", "serve"]
 

@@ -11,14 +11,16 @@ from typing import Any
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
-from robotouille_server.auth.roles import check_join, check_opening, check_permission
-from robotouille_server.auth.tokens import Tokens
-from robotouille_server.auth.used_tokens import UsedTokens
-from robotouille_server.auth.visitors import (
+from robotouille_server.auth import (
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
+    Tokens,
     TooManyConnectionsError,
+    UsedTokens,
+    check_join,
+    check_opening,
+    check_permission,
     counted_as,
 )
 from robotouille_server.rooms.lobby import Lobby
@@ -31,8 +33,7 @@ from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.runtime.token_bucket import TokenBucket
 from robotouille_server.runtime.workers import ElsewhereError
-from robotouille_server.transport.admission import LoopBudget
-from robotouille_server.transport.peer import Peer
+from robotouille_server.transport import LoopBudget, Peer
 
 __all__ = ["Conversation", "Services", "ShutdownNotice"]
 

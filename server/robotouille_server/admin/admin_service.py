@@ -36,7 +36,7 @@ from robotouille_server.admin.rates import History, by_label, gauge
 from robotouille_server.admin.recording_store import NoRecordings, Readable, RecordingStore
 from robotouille_server.admin.transcript import News, Transcript
 from robotouille_server.app import Server
-from robotouille_server.rooms.recordings.journal import CLOSED
+from robotouille_server.rooms.recordings import CLOSED
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.logs import get_logger

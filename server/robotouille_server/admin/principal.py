@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from http import HTTPStatus
 
 from robotouille_server.admin.errors import RequestRefusedError
-from robotouille_server.auth.roles import same_episode
-from robotouille_server.auth.tokens import RoleGrant
+from robotouille_server.auth import RoleGrant, same_episode
 
 __all__ = ["LOCAL", "Principal"]
 

@@ -27,8 +27,7 @@ from robotouille.world.state import State
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.snapshots import Snapshots
 from robotouille_server.runtime.metrics import Metrics
-from robotouille_server.transport.connection import frame_of
-from robotouille_server.transport.peer import Peer
+from robotouille_server.transport import Peer, frame_of
 
 __all__ = ["Broadcaster"]
 

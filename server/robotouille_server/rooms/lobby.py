@@ -15,11 +15,14 @@ from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.recordings.archive import ArchivedEpisode
-from robotouille_server.rooms.recordings.inspection import Inspection
-from robotouille_server.rooms.recordings.journal import Journal, file_name
-from robotouille_server.rooms.recordings.recovery import Recovery
-from robotouille_server.rooms.recordings.storage import Storage
+from robotouille_server.rooms.recordings import (
+    ArchivedEpisode,
+    Inspection,
+    Journal,
+    Recovery,
+    Storage,
+    file_name,
+)
 from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
@@ -77,7 +80,7 @@ class Lobby:
             self._bot_scheduler,
         )
         self._inspection = Inspection(self._live)
-        self._recovery = None
+        self._recovery: Recovery[Room] | None = None
         if storage is not None:
             self._recovery = Recovery(
                 storage, worker, settings.recovery_seconds, self._adopt, self._host.timers.time

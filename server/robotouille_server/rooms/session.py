@@ -6,9 +6,8 @@ from typing import Protocol
 
 from robotouille.episode import Episode
 from robotouille.protocol import messages
-from robotouille_server.auth.roles import Role
-from robotouille_server.auth.visitors import CountedConnection, Visitor
-from robotouille_server.transport.peer import Peer
+from robotouille_server.auth import CountedConnection, Role, Visitor
+from robotouille_server.transport import Peer
 
 __all__ = ["JoinedRoom", "Session"]
 

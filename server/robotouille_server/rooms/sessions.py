@@ -9,11 +9,16 @@ from robotouille.episode import Phase
 from robotouille.episode.participant_names import proper_name
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.auth.revocation import Revocations
-from robotouille_server.auth.roles import Role, check_scope
-from robotouille_server.auth.tokens import ResumeGrant, RoleGrant, Tokens
-from robotouille_server.auth.used_tokens import UsedTokens
-from robotouille_server.auth.visitors import Visitor
+from robotouille_server.auth import (
+    ResumeGrant,
+    Revocations,
+    Role,
+    RoleGrant,
+    Tokens,
+    UsedTokens,
+    Visitor,
+    check_scope,
+)
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.runtime.metrics import Metrics

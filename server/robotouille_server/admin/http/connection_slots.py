@@ -17,7 +17,7 @@ from itertools import count
 from websockets.datastructures import Headers
 
 from robotouille_server.admin.errors import RequestRefusedError
-from robotouille_server.auth.visitors import visitor
+from robotouille_server.auth import visitor
 
 __all__ = [
     "MAX_CONNECTIONS",

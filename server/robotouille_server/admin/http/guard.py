@@ -21,8 +21,7 @@ from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.http.connection_slots import ConnectionSlot
 from robotouille_server.admin.http.logins import LoginAudit
 from robotouille_server.admin.principal import Principal
-from robotouille_server.auth.tokens import RoleGrant
-from robotouille_server.auth.visitors import PROXY_HEADERS
+from robotouille_server.auth import PROXY_HEADERS, RoleGrant
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send

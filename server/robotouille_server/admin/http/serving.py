@@ -18,7 +18,7 @@ from robotouille_server.admin.http.guard import Access, Gate, is_loopback
 from robotouille_server.admin.http.logins import LoginAudit
 from robotouille_server.admin.http.timeouts import KEEP_ALIVE_SECONDS
 from robotouille_server.app import CannotListenError, Server
-from robotouille_server.auth.tokens import RoleGrant
+from robotouille_server.auth import RoleGrant
 from robotouille_server.runtime.logs import get_logger
 
 if TYPE_CHECKING:

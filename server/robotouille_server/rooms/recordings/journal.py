@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Protocol
 
 from robotouille.episode import Event
 from robotouille.errors import RecordingError
@@ -14,7 +14,7 @@ from robotouille.replay.recorder import Recorder
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Storage
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["CLOSED", "OPEN", "Journal", "close_recording", "file_name", "name_in"]
+__all__ = ["CLOSED", "OPEN", "Journal", "RecordedRoom", "close_recording", "file_name", "name_in"]
 
 MAX_RECORDING_BYTES = 192 * 1024 * 1024
 """At which an episode is ended; what is written until then, and its end, can always be read."""
@@ -186,6 +186,15 @@ class Journal:
         if self._file is not None:
             self._file.close()
             self._file = None
+
+
+class RecordedRoom(Protocol):
+    """A room, as far as its recording goes: see `Room`."""
+
+    @property
+    def journal(self) -> Journal | None: ...
+
+    def holds_seat(self, session_id: str) -> str | None: ...
 
 
 def close_recording(storage: Storage, name: str, content: bytes, size: int) -> str:
