@@ -26,7 +26,7 @@ from robotouille_server.health import Disk
 from robotouille_server.rooms.room import Room
 from tests.operator.support import Api, bearer, viewing
 from tests.operator.support import Disk as FillingDisk
-from tests.operator.test_alerts import Machine
+from tests.support.machines import Machine
 
 playwright = pytest.importorskip(
     "playwright.async_api", reason="needs playwright: pip install playwright"

@@ -25,7 +25,7 @@ from robotouille_server.auth.revocation import (
     revoke,
 )
 from robotouille_server.auth.roles import Role
-from tests.security.test_serving import FORWARDED, TWO_COOKS, hello, minted, opened
+from tests.support.newcomers import FORWARDED, TWO_COOKS, hello, minted, opened
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

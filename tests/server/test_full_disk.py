@@ -14,7 +14,7 @@ from robotouille_client import connect
 from robotouille_server.rooms import write_ahead
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 from robotouille_server.transport.peer import MAX_UNSENT, Peer
-from tests.server.test_storage import FullDisk
+from tests.support.disks import FullDisk
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
 

@@ -21,8 +21,8 @@ from robotouille_server.rooms.substitutes import worker_process
 from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError, ThreadBotWorker
 from robotouille_server.rooms.substitutes.bots import Question
 from robotouille_server.rooms.substitutes.worker_process import ProcessBotWorker
-from tests.server.test_process import process
 from tests.support.executors import ImmediateExecutor
+from tests.support.processes import process
 from tests.support.questions import question
 
 TASK = load_task("training/03_multi_agent@2")
