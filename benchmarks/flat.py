@@ -164,7 +164,7 @@ class Bot:
         self._seq = 0
         self._moves = to_and_fro(TASK, "robot1")
         peer = Peer(Wire(self.heard), MSGPACK, server.metrics, 15.0)  # type: ignore[arg-type]
-        self._conversation = Conversation(server, peer, HERE)
+        self._conversation = Conversation(server.services, peer, HERE)
         self.say(type="hello", protocol=1, name="bot", kind="bot")
         if partner is not None:
             self.open()

@@ -12,7 +12,7 @@ __all__ = ["Server", "ServerSettings", "serve"]
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, imported when first needed: stand-ins think without the server's libraries."""
+    """A public name, imported when first needed: the bot worker does without most of them."""
     if name in ("Server", "serve"):
         from robotouille_server import app
 

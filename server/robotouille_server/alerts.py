@@ -36,16 +36,16 @@ class Alert:
     severity: Severity
 
 
-def alerts(resources: Health) -> list[Alert]:
+def alerts(health: Health) -> list[Alert]:
     """Those that are critical first."""
-    found = [*_disk(resources), *_descriptors(resources), *_log(resources), *_busiest(resources)]
+    found = [*_disk(health), *_descriptors(health), *_log(health), *_busiest(health)]
     return sorted(found, key=lambda alert: alert.severity != "critical")
 
 
-def _disk(resources: Health) -> Iterator[Alert]:
-    disk = resources.disk
-    if resources.disk_problem:
-        yield Alert("disk", resources.disk_problem, "critical")
+def _disk(health: Health) -> Iterator[Alert]:
+    disk = health.disk
+    if health.disk_problem:
+        yield Alert("disk", health.disk_problem, "critical")
     elif disk is not None and (
         disk.free < DISK_FREE_BYTES or disk.free < DISK_FREE_SHARE * disk.size
     ):
@@ -54,22 +54,22 @@ def _disk(resources: Health) -> Iterator[Alert]:
         yield Alert("disk", text, "critical" if disk.free < DISK_CRITICAL else "warning")
 
 
-def _descriptors(resources: Health) -> Iterator[Alert]:
-    used, most = resources.descriptors, resources.max_descriptors
+def _descriptors(health: Health) -> Iterator[Alert]:
+    used, most = health.descriptors, health.max_descriptors
     if used is None or not most or used <= DESCRIPTOR_SHARE * most:
         return
     text = f"{used:,} of {most:,} file descriptors are open; without one nobody comes in"
     yield Alert("descriptors", text, "critical" if used > DESCRIPTOR_CRITICAL * most else "warning")
 
 
-def _log(resources: Health) -> Iterator[Alert]:
-    if resources.held_back:
-        lines = f"{resources.held_back:,} log line{'s' * (resources.held_back > 1)}"
+def _log(health: Health) -> Iterator[Alert]:
+    if health.held_back:
+        lines = f"{health.held_back:,} log line{'s' * (health.held_back > 1)}"
         yield Alert("log", f"{lines} held back in the last minute", "warning")
 
 
-def _busiest(resources: Health) -> Iterator[Alert]:
-    busiest = resources.busiest
+def _busiest(health: Health) -> Iterator[Alert]:
+    busiest = health.busiest
     if busiest is not None and busiest.bytes_per_second > PARTICIPANT_BYTES:
         where = f" in {busiest.code}" if busiest.code else ""
         text = f"{busiest.name!r}{where} sends {_size(busiest.bytes_per_second)} a second"

@@ -9,7 +9,6 @@ import ssl
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from http import HTTPStatus
@@ -26,27 +25,29 @@ from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
 from robotouille_server.alerts import Alert, alerts
-from robotouille_server.auth.keys import FileKeyring, Keyring
-from robotouille_server.auth.revocation import REVOKED_FILE, Revocations
-from robotouille_server.auth.roles import Role
-from robotouille_server.auth.tokens import RoleGrant, Tokens
-from robotouille_server.auth.used_tokens import UsedTokens
-from robotouille_server.auth.visitors import (
+from robotouille_server.auth import (
+    REVOKED_FILE,
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
+    FileKeyring,
+    Keyring,
+    Revocations,
+    Role,
+    RoleGrant,
+    Tokens,
+    UsedTokens,
     Visitor,
     origin_refusal,
     parse_origins,
     parse_proxies,
     visitor,
 )
-from robotouille_server.conversation import Conversation
+from robotouille_server.conversation import Conversation, Services, ShutdownNotice
 from robotouille_server.health import Health
 from robotouille_server.rooms.lobby import Lobby
-from robotouille_server.rooms.recordings.storage import Folder, Storage
-from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.recordings import Folder, Storage
+from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
 from robotouille_server.rooms.substitutes.worker_process import ProcessBotWorker
@@ -55,38 +56,27 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
-from robotouille_server.transport.admission import AT_THE_DOOR, Admission
-from robotouille_server.transport.connection import Connection, cut
-from robotouille_server.transport.peer import MAX_HELD, Peer
-from robotouille_server.transport.tls import ServerTLS
+from robotouille_server.transport import (
+    MAX_HELD,
+    MAX_SURPLUS_CONNECTIONS,
+    Admission,
+    Connection,
+    Peer,
+    ServerTLS,
+    cut,
+)
 
 __all__ = ["CannotListenError", "Server", "serve"]
 
 ACCEPTED_AT_ONCE = 32
 """Connections after which what is there already has its turn."""
 WAITING_TO_BE_ACCEPTED = 4096
-SENT_OUT_SECONDS = 600.0
 CLOSE_SECONDS, ABORT_SECONDS = 5.0, 1.0
 DRAIN_LOOK_SECONDS = 0.2
-REVOKED_LOOK_SECONDS = 1.0
 
 
 class CannotListenError(RobotouilleError):
     """The address is in use, or not ours."""
-
-
-@dataclass(frozen=True, slots=True)
-class ShutdownNotice:
-    """What a server that stops says to everybody."""
-
-    reason: str
-    hand_over: bool
-
-    def say(self, peer: Peer) -> None:
-        """Part with a client: for good, or until the next process is there."""
-        code = "server/restart" if self.hand_over else "server/stopped"
-        status = 1012 if self.hand_over else 1001
-        peer.part(code, self.reason, retry=self.hand_over, status=status)
 
 
 class Server:
@@ -101,29 +91,29 @@ class Server:
         storage: Storage | None = None,
         wall: Callable[[], float] = time.time,
         worker: WorkerSlot | None = None,
-        thinker: Callable[[], BotWorker] = ProcessBotWorker,
+        bot_worker: Callable[[], BotWorker] = ProcessBotWorker,
     ) -> None:
         self.settings = settings
         self.metrics = Metrics()
-        self.wrong_codes = CodeGuessLimiter()
-        self.entrance = Admission(
-            self.metrics, settings.max_connections + AT_THE_DOOR, settings.hello_seconds
+        self._admission = Admission(
+            self.metrics, settings.max_connections + MAX_SURPLUS_CONNECTIONS, settings.hello_seconds
         )
         self.storage: Storage | None = None
         if settings.record:
             self.storage = storage or Folder(settings.recordings)
         self.worker = worker or WorkerSlot()
-        chance = randomness or random.SystemRandom()
-        self._revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
-        self.tokens = Tokens(_keyring(settings), wall, self._revoked)
-        self.used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
+        rng = randomness or random.SystemRandom()
+        revoked = Revocations(_key_file(settings).with_name(REVOKED_FILE))
+        self.tokens = Tokens(_keyring(settings), wall, revoked)
+        self._used_tokens = UsedTokens(settings.state_folder / "used-tokens", wall)
         self.audit = AuditLog(settings.state_folder / self.worker.file_name("audit.log"), wall)
         folder = self.storage.path if isinstance(self.storage, Folder) else None
-        self.resources = Health(self.metrics, folder)
+        self.health = Health(self.metrics, folder)
         self.sessions = Sessions(
             self.tokens,
-            self.used_tokens,
-            chance,
+            self._used_tokens,
+            revoked,
+            rng,
             settings.resume_hours * 3600,
             self.metrics,
             strict=settings.require_token,
@@ -132,27 +122,37 @@ class Server:
         self.lobby = Lobby(
             settings,
             self.metrics,
-            chance,
+            rng,
             timestamp or (lambda: datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")),
             storage=self.storage,
             worker=self.worker,
             resume_token=self.sessions.resume_token,
             vacated=self.sessions.forget,
-            sent_out=self._sent_out,
-            thinker=thinker,
+            sent_out=self.sessions.sent_out,
+            bot_worker=bot_worker,
         )
-        self.doorkeeper = ConnectionLimiter(settings.max_connections_per_address)
+        self._connection_limiter = ConnectionLimiter(settings.max_connections_per_address)
+        self._notice: ShutdownNotice | None = None
+        self.services = Services(
+            settings=settings,
+            metrics=self.metrics,
+            lobby=self.lobby,
+            sessions=self.sessions,
+            tokens=self.tokens,
+            used_tokens=self._used_tokens,
+            connection_limiter=self._connection_limiter,
+            code_guesses=CodeGuessLimiter(),
+            loop_budget=self._admission.turns,
+            shutdown_notice=lambda: self._notice,
+        )
         self._proxies = parse_proxies(settings.trust_proxy)
         self._origins = parse_origins(settings.origins)
         self._sockets: list[SocketServer] = []
         self._tls: ServerTLS | None = None
         self._watching: asyncio.Task[None] | None = None
-        self._token_watch: asyncio.TimerHandle | None = None
         self._open: dict[Connection, None] = {}  # In the order in which they came.
         self._accepted = 0
         self._stopping = False
-        self.farewell: ShutdownNotice | None = None
-        self._expiries: dict[Session, asyncio.TimerHandle] = {}
 
     # Life
 
@@ -168,8 +168,8 @@ class Server:
         if self.settings.tls_cert is not None or self.settings.tls_key is not None:
             self._tls = ServerTLS.from_settings(self.settings.tls_cert, self.settings.tls_key)
             self._watching = asyncio.create_task(self._tls.watch())
-        self.used_tokens.forget_expired()
-        self.entrance.tls = self.tls
+        self._used_tokens.forget_expired()
+        self._admission.tls = self.tls
         self.lobby.recover()
         shared = self.worker.count > 1
         await self._listen(self.settings.port, shared=shared)
@@ -221,12 +221,12 @@ class Server:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
 
     @property
-    def there(self) -> int:
+    def open_count(self) -> int:
         """Connections and rooms that there are."""
         return len(self._open) + len(self.lobby.rooms)
 
     @property
-    def closed(self) -> int:
+    def closed_count(self) -> int:
         """Connections, welcome or not, and rooms that there have been and are not any more."""
         return self._accepted - len(self._open) + self.lobby.dropped
 
@@ -245,7 +245,7 @@ class Server:
         for session in list(self.sessions.by_id.values()):
             idle = session.room is None or not session.room.episode.in_progress
             if idle and session.peer is not None:
-                session.peer.part("server/restart", "restart", retry=True, status=1012)
+                session.peer.close("server/restart", "restart", retry=True, status=1012)
         loop = asyncio.get_running_loop()
         deadline = loop.time() + seconds
         while self._playing() and loop.time() < deadline:  # noqa: ASYNC110
@@ -261,11 +261,11 @@ class Server:
             return
         self._stopping = True
         hand_over = hand_over and self.storage is not None
-        self.farewell = ShutdownNotice(reason, hand_over)
+        self._notice = ShutdownNotice(reason, hand_over)
         self.lobby.drain()
         for room in list(self.lobby.rooms.values()):
             if hand_over and room.episode.phase is not Phase.ENDED:
-                self.lobby.suspend(room)
+                self.lobby.suspend(room.id)
                 continue
             try:
                 room.abort(reason)
@@ -273,14 +273,11 @@ class Server:
                 get_logger().exception("the episode failed", episode=room.id)
         for session in list(self.sessions.by_id.values()):
             if session.peer is not None:
-                self.farewell.say(session.peer)
-        for expiry in self._expiries.values():
-            expiry.cancel()
+                self._notice.send(session.peer)
+        self.sessions.stop()
         await self._close_sockets(reason)
         if self._watching is not None:
             self._watching.cancel()
-        if self._token_watch is not None:
-            self._token_watch.cancel()
         await self.lobby.closed()
         self.lobby.stop()
         get_logger().info("stopped", reason=reason)
@@ -289,7 +286,7 @@ class Server:
         for socket in self._sockets:
             socket.close(close_connections=True, code=1001, reason=cut(reason))
         if self._sockets:
-            self.entrance.handshakes.close()
+            self._admission.handshakes.close()
         for connection in list(self._open):  # After a drain the line above does nothing.
             connection.say_goodbye(1001, reason)
         for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
@@ -319,11 +316,11 @@ class Server:
 
     def sample(self, now: float) -> None:
         """Look at what alerts are about; cheap, as it is done anew only now and then."""
-        self.resources.sample(now, self.sessions.by_id.values())
+        self.health.sample(now, self.sessions.by_id.values())
 
     def alerts(self) -> list[Alert]:
         """What the operator must look after, as it was when it was sampled."""
-        found = alerts(self.resources)
+        found = alerts(self.health)
         if self.audit.problem:
             found.insert(0, Alert("audit", self.audit.problem, "critical"))
         return found
@@ -364,7 +361,7 @@ class Server:
 
     def _accept(self, *arguments: Any, **options: Any) -> Connection:
         self._accepted += 1
-        return Connection(*arguments, entrance=self.entrance, **options)
+        return Connection(*arguments, entrance=self._admission, **options)
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:
@@ -372,9 +369,9 @@ class Server:
         who = self._visitor(socket, socket.request)
         codec = codec_for(socket.subprotocol)
         peer = Peer(socket, codec, self.metrics, self.settings.stall_seconds)
-        caller = CountedConnection(who, partial(self._displace, peer))
-        conversation = Conversation(self, peer, caller)
-        self.doorkeeper.arrive(caller)
+        counted = CountedConnection(who, partial(self._displace, peer))
+        conversation = Conversation(self.services, peer, counted)
+        self._connection_limiter.arrive(counted)
         self._open[socket] = None
         self.metrics.connections.set(len(self._open))
         try:
@@ -383,77 +380,36 @@ class Server:
         finally:
             self._open.pop(socket, None)
             self.metrics.connections.set(len(self._open))
-            self.doorkeeper.release(caller)
+            self._connection_limiter.release(counted)
             conversation.close()
             session = conversation.session
             if session is not None and session.peer is peer:
-                self._lost(session)
+                self._disconnected(session)
 
     def _displace(self, peer: Peer) -> None:
-        """Somebody newer needs the place of a connection that has not said hello."""
+        """Somebody newer needs the slot of a connection that has not said hello."""
         self.metrics.dropped.labels("displaced").inc()
         text = "too many connections from your address have said no hello"
-        peer.part("rate/connections", text, retry=True, status=1013)
+        peer.close("rate/connections", text, retry=True, status=1013)
 
-    def _lost(self, session: Session) -> None:
+    def _disconnected(self, session: Session) -> None:
         """A connection is gone: its session is kept for a while, and nothing else of it."""
-        session.caller = None
-        if session.peer is not None:
-            session.earlier_bytes += session.peer.received_bytes
-        session.peer = None
+        session.disconnected()
         if self._stopping:
             return
-        room = session.room
-        if room is not None:
-            if self.lobby.draining and session.player is not None and self._hand_over(room):
-                return
-            room.connection_lost(session)
-        if session.player is None or room is None or room.episode.phase is Phase.ENDED:
-            grace = room.episode.rules.grace if room is not None else 0.0
-            loop = asyncio.get_running_loop()
-            self._expiries[session] = loop.call_later(grace, self._expire, session)
+        room, draining = session.room, self.lobby.draining
+        if draining and session.player is not None and room is not None and self._hand_over(room):
+            return
+        self.sessions.disconnected(session)
 
-    def _hand_over(self, room: Room) -> bool:
+    def _hand_over(self, room: JoinedRoom) -> bool:
         """Leave one episode to the next process, while this one drains, if it is not over."""
         if self.storage is None or room.episode.phase is Phase.ENDED:
             return False
-        self.lobby.suspend(room)
-        for member in list(room.members):
+        for member in self.lobby.suspend(room.id):
             if member.peer is not None:
-                member.peer.part("server/restart", "handed over", retry=True, status=1012)
+                member.peer.close("server/restart", "handed over", retry=True, status=1012)
         return True
-
-    def _sent_out(self, session: Session) -> None:
-        """Somebody who is away is told of it at the return, if that is soon."""
-        self.expect(session)
-        later = asyncio.get_running_loop().call_later
-        self._expiries[session] = later(SENT_OUT_SECONDS, self._expire, session)
-
-    def expect(self, session: Session) -> None:
-        """A session is connected (again): it does not expire."""
-        expiry = self._expiries.pop(session, None)
-        if expiry is not None:
-            expiry.cancel()
-        if session.token_id:
-            self._watch_tokens()
-
-    def _watch_tokens(self) -> None:
-        """Look once a second whether a token was revoked, while anybody is here with one."""
-        if self._token_watch is None and not self._stopping:
-            later = asyncio.get_running_loop().call_later
-            self._token_watch = later(REVOKED_LOOK_SECONDS, self._look_at_tokens)
-
-    def _look_at_tokens(self) -> None:
-        self._token_watch = None
-        if self.sessions.cut_revoked(self._revoked.ids):
-            self._watch_tokens()
-
-    def _expire(self, session: Session) -> None:
-        self._expiries.pop(session, None)
-        if session.peer is None:
-            if session.room is not None:
-                session.room.leave(session)
-            self.sessions.forget(session)
 
 
 def _keyring(settings: ServerSettings) -> Keyring:
@@ -482,13 +438,13 @@ async def serve(
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
     worker: WorkerSlot | None = None,
-    thinker: Callable[[], BotWorker] = ProcessBotWorker,
+    bot_worker: Callable[[], BotWorker] = ProcessBotWorker,
 ) -> AsyncIterator[Server]:
     """A running server: `async with serve(ServerSettings(port=0)) as server: …`.
 
     Where the context is left its episodes end, unless `Server.stop` was called before; where an
-    exception leaves it they are left to the next process. `thinker` makes what thinks for the
-    stand-ins of absent participants, once there is one: a process of its own.
+    exception leaves it they are left to the next process. `bot_worker` makes the worker in which
+    substitute bots decide, once there is one: a process of its own.
     """
     server = Server(
         settings,
@@ -497,7 +453,7 @@ async def serve(
         storage=storage,
         wall=wall,
         worker=worker,
-        thinker=thinker,
+        bot_worker=bot_worker,
     )
     try:
         await server.start()

@@ -141,7 +141,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
     async with (
         serve(settings, worker=worker) as server,
         _operator(server) as operator,
-        rare_collections(lambda: server.there, lambda: server.closed),
+        rare_collections(lambda: server.open_count, lambda: server.closed_count),
     ):
         loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
         if worker is None or worker.index == 0:

@@ -4,25 +4,38 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.release import RELEASE
-from robotouille_server.auth.roles import check_join, check_opening, check_permission
-from robotouille_server.auth.visitors import CountedConnection, NoPlaceError, counted_as
+from robotouille_server.auth import (
+    CodeGuessLimiter,
+    ConnectionLimiter,
+    CountedConnection,
+    Tokens,
+    TooManyConnectionsError,
+    UsedTokens,
+    check_join,
+    check_opening,
+    check_permission,
+    counted_as,
+)
+from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.room import Room
-from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.session import JoinedRoom, Session
+from robotouille_server.rooms.sessions import Sessions
 from robotouille_server.runtime.logs import get_logger
+from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.runtime.token_bucket import TokenBucket
 from robotouille_server.runtime.workers import ElsewhereError
-from robotouille_server.transport.peer import Peer
+from robotouille_server.transport import LoopBudget, Peer
 
-if TYPE_CHECKING:
-    from robotouille_server.app import Server
-
-__all__ = ["Conversation"]
+__all__ = ["Conversation", "Services", "ShutdownNotice"]
 
 COSTS: dict[type[messages.Message], float] = {
     messages.Create: 10,
@@ -52,77 +65,109 @@ class EndMissedError(Exception):
         self.episode = episode
 
 
+@dataclass(frozen=True, slots=True)
+class ShutdownNotice:
+    """What a server that stops sends to everybody."""
+
+    reason: str
+    hand_over: bool
+
+    def send(self, peer: Peer) -> None:
+        """Close a connection: for good, or until the next process is there."""
+        if self.hand_over:
+            peer.close("server/restart", self.reason, retry=True, status=1012)
+        else:
+            peer.close("server/stopped", self.reason, status=1001)
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """What all connections of a server use. `shutdown_notice` is None while the server goes on."""
+
+    settings: ServerSettings
+    metrics: Metrics
+    lobby: Lobby
+    sessions: Sessions
+    tokens: Tokens
+    used_tokens: UsedTokens
+    connection_limiter: ConnectionLimiter
+    code_guesses: CodeGuessLimiter
+    loop_budget: LoopBudget
+    shutdown_notice: Callable[[], ShutdownNotice | None]
+
+
 class Conversation:
     """Takes the messages of one connection, as they come, and answers each."""
 
     __slots__ = (
         "_budget",
-        "_caller",
+        "_connection",
         "_counted",
+        "_hello_task",
+        "_hello_timer",
         "_loop",
-        "_patience",
-        "_server",
-        "_silence",
-        "_waiting",
+        "_refusals",
+        "_services",
         "peer",
         "session",
     )
 
-    def __init__(self, server: Server, peer: Peer, caller: CountedConnection) -> None:
+    def __init__(self, services: Services, peer: Peer, connection: CountedConnection) -> None:
         self.session: Session | None = None
         self.peer = peer
-        self._server = server
-        self._caller = caller
-        self._counted = caller.who
+        self._services = services
+        self._connection = connection
+        self._counted = connection.who
         self._loop = asyncio.get_running_loop()
-        self._budget = TokenBucket(server.settings.messages_per_second, self._loop.time())
-        self._patience = TokenBucket(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
-        self._silence: asyncio.TimerHandle | None = None
-        self._waiting: asyncio.Task[None] | None = None
+        self._budget = TokenBucket(services.settings.messages_per_second, self._loop.time())
+        self._refusals = TokenBucket(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
+        self._hello_timer: asyncio.TimerHandle | None = None
+        self._hello_task: asyncio.Task[None] | None = None
         self._await_hello()
 
     def _await_hello(self) -> None:
-        seconds = self._server.settings.hello_seconds
-        self._silence = self._loop.call_later(seconds, self._too_silent)
+        seconds = self._services.settings.hello_seconds
+        self._hello_timer = self._loop.call_later(seconds, self._hello_timeout)
 
     def close(self) -> None:
         """The connection is gone."""
-        if self._silence is not None:
-            self._silence.cancel()
-        if self._waiting is not None:
-            self._waiting.cancel()
+        if self._hello_timer is not None:
+            self._hello_timer.cancel()
+        if self._hello_task is not None:
+            self._hello_task.cancel()
 
-    def _too_silent(self) -> None:
-        if self._silence is not None and self._loop.time() > self._silence.when() + LATE:
+    def _hello_timeout(self) -> None:
+        if self._hello_timer is not None and self._loop.time() > self._hello_timer.when() + LATE:
             # The server stood still, and has not read what came meanwhile.
             self._await_hello()
             return
-        if self._waiting is not None:  # It has said hello, and is being looked for.
+        if self._hello_task is not None:  # It has said hello, and is being looked for.
             self._await_hello()
             return
-        self._server.metrics.dropped.labels("silent").inc()
-        self.peer.part("auth/silent", "no hello in time", retry=True)
+        self._services.metrics.dropped.labels("silent").inc()
+        self.peer.close("auth/silent", "no hello in time", retry=True)
 
     def receive(self, payload: bytes | str) -> None:
         """Take one message; whatever is wrong with it is answered."""
-        peer, server, session = self.peer, self._server, self.session
+        peer, services, session = self.peer, self._services, self.session
         if not peer.open or (session is not None and session.peer is not peer):
             return
-        if server.farewell is not None:
-            server.farewell.say(peer)
+        notice = services.shutdown_notice()
+        if notice is not None:
+            notice.send(peer)
             return
-        server.metrics.received += 1
+        services.metrics.received += 1
         peer.received += 1
         peer.received_bytes += len(payload)
         ref = None
         try:
-            affordable = self._pay(payload)
+            affordable = self._charge(payload)
             message = peer.codec.decode_client(payload)
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
-            self._heed(message, affordable)
+            self._handle(message, affordable)
         except FloodError:
-            server.metrics.dropped.labels("flood").inc()
-            peer.part("rate/limited", "far too many messages")
+            services.metrics.dropped.labels("flood").inc()
+            peer.close("rate/limited", "far too many messages")
         except ProtocolError as error:
             self._answer_error(error, ref)
         except Exception:
@@ -131,60 +176,60 @@ class Conversation:
             self._answer_error(failure, ref)
         peer.throttle()
 
-    def _pay(self, payload: bytes | str) -> bool:
+    def _charge(self, payload: bytes | str) -> bool:
         """Take a message off the budget, and what the last one was answered with; whether there
         was so much. One that is refused is not free either: it was read, and is answered."""
         size = len(payload)
         if self.session is None and size > MAX_HELLO_BYTES:
-            self._lose_patience(size)
+            self._charge_refused(size)
             message = f"{size:,} bytes; at most {MAX_HELLO_BYTES:,} are read before hello"
             raise ProtocolError("message/too-large", message)
         now = self._loop.time()
         self._budget.owe(now, self.peer.take_answered() / KIB)
         if self._budget.take(now, 1 + size / KIB):
             return True
-        self._lose_patience(size)
+        self._charge_refused(size)
         if size > MAX_HELLO_BYTES:
             raise ProtocolError("rate/limited", self._limit)  # Not worth looking for its `ref`.
         return False
 
-    def _lose_patience(self, size: int) -> None:
+    def _charge_refused(self, size: int) -> None:
         """One more message that is refused; a long one counts for more."""
-        if not self._patience.take(self._loop.time(), 1 + size / MAX_HELLO_BYTES):
+        if not self._refusals.take(self._loop.time(), 1 + size / MAX_HELLO_BYTES):
             raise FloodError
 
     @property
     def _limit(self) -> str:
-        return f"more than {self._server.settings.messages_per_second:g} messages a second"
+        return f"more than {self._services.settings.messages_per_second:g} messages a second"
 
-    def _heed(self, message: messages.ClientMessage, affordable: bool) -> None:
+    def _handle(self, message: messages.ClientMessage, affordable: bool) -> None:
         extra = COSTS.get(type(message), 1) - 1
         if extra:
-            self._server.entrance.turns.spend(extra)
+            self._services.loop_budget.spend(extra)
             if not isinstance(message, messages.Resync):
                 self.peer.socket.give_way()
         if not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
-            self._refuse(message)
+            self._refuse_over_limit(message)
         elif self.session is None:
-            self._greet(message)
+            self._handle_hello(message)
         else:
             check_permission(self.session.role, message)
             HANDLERS[type(message)](self, self.session, message)
 
-    def _refuse(self, message: messages.ClientMessage) -> None:
+    def _refuse_over_limit(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error."""
         code = "rate/limited"
         reason = self._limit
         if not isinstance(message, messages.Act):
             raise ProtocolError(code, reason)
-        self._server.metrics.errors.labels(code).inc()
+        self._services.metrics.errors.labels(code).inc()
         rejected = messages.Rejected(
             seq=message.seq, step=message.basis or 0, action="", reasons=[reason], code=code
         )
         self.peer.send(rejected)
 
     def _answer_error(self, error: ProtocolError, ref: int | None) -> None:
-        self._server.metrics.errors.labels(error.code).inc()
+        self._services.metrics.errors.labels(error.code).inc()
         self.peer.send(
             messages.Error(
                 ref=ref if ref is not None else error.ref,
@@ -196,7 +241,7 @@ class Conversation:
 
     # Hello
 
-    def _greet(self, message: messages.ClientMessage, *, shown: bool = False) -> None:
+    def _handle_hello(self, message: messages.ClientMessage, *, shown: bool = False) -> None:
         if not isinstance(message, messages.Hello):
             raise ProtocolError("protocol/hello", "say hello first", "type")
         if message.protocol != messages.PROTOCOL_VERSION:
@@ -207,86 +252,93 @@ class Conversation:
         except ElsewhereError as error:
             self.peer.send(error.moved(message.ref))
             return
-        except NoPlaceError as error:
-            self._server.metrics.dropped.labels("crowded").inc()
-            self.peer.part(error.code, error.message, retry=True, status=1013)
+        except TooManyConnectionsError as error:
+            self._services.metrics.dropped.labels("crowded").inc()
+            self.peer.close(error.code, error.message, retry=True, status=1013)
             return
         except EndMissedError as error:
             self.peer.socket.pause_reading("hello")
-            self._waiting = self._loop.create_task(self._greet_later(message, error.episode))
+            self._hello_task = self._loop.create_task(
+                self._handle_hello_later(message, error.episode)
+            )
             return
         except ProtocolError as error:
             if error.code not in ("server/recording", "rate/seats"):
                 raise
-            self.peer.part(error.code, error.message, retry=True)
+            self.peer.close(error.code, error.message, retry=True)
             return
-        if self._silence is not None:
-            self._silence.cancel()
+        if self._hello_timer is not None:
+            self._hello_timer.cancel()
         self._attach(session)
-        server = self._server
+        services = self._services
         room = session.room
         welcome = messages.Welcome(
             ref=message.ref,
             protocol=messages.PROTOCOL_VERSION,
             server=RELEASE,
             session=session.id,
-            resume=server.sessions.resume_token(session),
+            resume=services.sessions.resume_token(session),
             resumed=resumed,
             role=session.role.value,
-            grace=room.episode.rules.grace if room is not None else server.settings.grace,
+            grace=room.episode.rules.grace if room is not None else services.settings.grace,
         )
         self.peer.send(welcome)
         if resumed:
-            server.metrics.resumed.inc()
+            services.metrics.resumed.inc()
             if room is not None:
                 room.connection_back(session, message.seen)
             elif message.seen is not None:
                 reason = "you are no longer in this episode"
                 self.peer.send(messages.Left(episode=message.seen.episode, reason=reason))
 
-    async def _greet_later(self, hello: messages.Hello, episode: str) -> None:
+    async def _handle_hello_later(self, hello: messages.Hello, episode: str) -> None:
         """Find the end of an episode beside the games; what the client says meanwhile waits."""
         try:
-            await self._server.lobby.show_end(episode)
-            if self.peer.open and self._server.farewell is None:
-                self._greet(hello, shown=True)
+            await self._services.lobby.show_end(episode)
+            if self.peer.open and self._services.shutdown_notice() is None:
+                self._handle_hello(hello, shown=True)
         except ProtocolError as error:
             self._answer_error(error, hello.ref)
         except Exception:
             get_logger().exception("a message failed")
             failure = ProtocolError("server/internal", "the server failed to handle this")
             self._answer_error(failure, hello.ref)
-        self._waiting = None
+        self._hello_task = None
         self.peer.socket.resume_reading("hello")
 
     def _session(self, hello: messages.Hello, *, shown: bool) -> tuple[Session, bool]:
         """A newcomer's session, or that of a connection which was lost; EndMissedError if its
         episode may have ended, and what it was at last is not `shown` yet."""
-        server, visitor = self._server, self._caller.who
+        services, visitor = self._services, self._connection.who
         if hello.resume is None:
-            role, grant = server.sessions.role_of(hello, visitor)
-            self._take_place(grant.subject if grant is not None else "")
-            return server.sessions.open(hello, role, grant), False
-        resume = server.tokens.check_resume(hello.resume)
-        server.sessions.check_may_return(resume)
-        room = server.lobby.home_of(resume.session, resume.episode)
-        unknown = room is None and resume.session not in server.sessions.by_id
-        if unknown and not shown and resume.episode and server.lobby.may_have_ended(resume.episode):
+            role, grant = services.sessions.role_of(hello, visitor)
+            self._take_slot(grant.subject if grant is not None else "")
+            return services.sessions.open(hello, role, grant), False
+        resume = services.tokens.check_resume(hello.resume)
+        services.sessions.check_may_return(resume)
+        room = services.lobby.home_of(resume.session, resume.episode)
+        unknown = room is None and resume.session not in services.sessions.by_id
+        if (
+            unknown
+            and not shown
+            and resume.episode
+            and services.lobby.may_have_ended(resume.episode)
+        ):
             raise EndMissedError(resume.episode)
-        role = server.sessions.judge(resume, room, visitor)
+        role = services.sessions.judge(resume, room, visitor)
         if room is not None:
             room.check_return(resume.session)
-        known = server.sessions.by_id.get(resume.session)
+        known = services.sessions.by_id.get(resume.session)
         subject = "" if resume.anonymous else resume.participant
-        self._take_place(subject, known.caller if known is not None else None)
-        session = server.sessions.resume(resume, room, role)
+        self._take_slot(subject, known.counted_connection if known is not None else None)
+        session = services.sessions.resume(resume, room, role)
         session.view = hello.view or session.view
         return session, True
 
-    def _take_place(self, subject: str, instead_of: CountedConnection | None = None) -> None:
+    def _take_slot(self, subject: str, instead_of: CountedConnection | None = None) -> None:
         """From here on limits count the connection by the subject of its token, if it has one."""
-        counted = counted_as(self._caller.who, subject)
-        self._server.doorkeeper.admit(self._caller, counted, instead_of)
+        counted = counted_as(self._connection.who, subject)
+        self._services.connection_limiter.admit(self._connection, counted, instead_of)
         self._counted = counted
 
     def _attach(self, session: Session) -> None:
@@ -295,14 +347,14 @@ class Conversation:
         if old is not None:
             session.earlier_bytes += old.received_bytes
         self.session = session
-        session.visitor = self._caller.who
-        session.caller = self._caller
-        self._server.expect(session)
-        if self._server.settings.record_addresses:
-            address = self._caller.who.address
+        session.visitor = self._connection.who
+        session.counted_connection = self._connection
+        self._services.sessions.connected(session)
+        if self._services.settings.record_addresses:
+            address = self._connection.who.address
             get_logger().info("participant connected", session=session.id, address=address)
         if old is not None:
-            old.part("session/elsewhere", "the connection was resumed elsewhere")
+            old.close("session/elsewhere", "the connection was resumed elsewhere")
 
     # Requests
 
@@ -310,13 +362,13 @@ class Conversation:
         raise ProtocolError("protocol/hello", "you have said hello already", "type")
 
     def _list(self, session: Session, message: messages.ListEpisodes) -> None:
-        infos = self._server.lobby.infos(session.only_episode)
+        infos = self._services.lobby.infos(session.only_episode)
         self.peer.answer(messages.Episodes(ref=message.ref, episodes=infos))
 
     def _create(self, session: Session, message: messages.Create) -> None:
         check_opening(session.only_episode)
         owner = session.participant if session.participant != session.id else ""
-        room = self._server.lobby.create(message, owner=owner)
+        room = self._services.lobby.create(message, owner=owner)
         created = messages.Created(ref=message.ref, episode=room.id, code=room.code)
         self.peer.send(created)
 
@@ -331,8 +383,15 @@ class Conversation:
             return
         seat = self._seat_for(session, message, room)
         request = message.model_copy(update={"seat": seat})
-        with self._server.used_tokens.used_by(session):
-            room.enter(session, request, self._server.settings.max_spectators)
+        with self._using_token(session):
+            room.enter(session, request, self._services.settings.max_spectators)
+
+    def _using_token(self, session: Session) -> AbstractContextManager[None]:
+        """Around a join: who came with a token that is good for one session uses it up."""
+        if not session.once:
+            return nullcontext()
+        used = self._services.used_tokens
+        return used.used_by(session.id, session.token_id, session.role_expires)
 
     def _seat_for(self, session: Session, message: messages.Join, room: Room) -> str | None:
         """The seat to ask for. A code outside of what the token is for is a wrong one."""
@@ -341,15 +400,15 @@ class Conversation:
             return check_join(message, only=only, seat=seat, episode=room.id, code=room.code)
         except ProtocolError as error:
             if error.code == "auth/episode":
-                self._server.wrong_codes.wrong(self._counted, self._loop.time())
+                self._services.code_guesses.wrong(self._counted, self._loop.time())
             raise
 
     def _find(self, name: str) -> Room:
         """The room of a code; whoever guesses codes has to wait soon."""
-        now, codes = self._loop.time(), self._server.wrong_codes
+        now, codes = self._loop.time(), self._services.code_guesses
         codes.check(self._counted, now)
         try:
-            return self._server.lobby.find(name)
+            return self._services.lobby.find(name)
         except ProtocolError as error:
             if error.code == "episode/unknown":
                 codes.wrong(self._counted, now)
@@ -374,9 +433,9 @@ class Conversation:
         self._room(session).say(session, message.text)
 
     def _resync(self, session: Session, message: messages.Resync) -> None:
-        self._room(session).ask_picture(session)
+        self._room(session).ask_snapshot(session)
 
-    def _room(self, session: Session) -> Room:
+    def _room(self, session: Session) -> JoinedRoom:
         if session.room is None:
             raise ProtocolError("episode/none", "join an episode first", "type")
         return session.room

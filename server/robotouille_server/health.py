@@ -1,4 +1,4 @@
-"""What a server may run out of, looked at every few seconds: disk, descriptors, log, patience.
+"""What a server may run out of, looked at every few seconds: disk, descriptors, log, bandwidth.
 
 Nothing here is on the way of a message: all of it is read when the operator's view ticks or when
 metrics are asked for, and at most once in `SAMPLE_SECONDS`.
@@ -92,7 +92,7 @@ class Health:
         self.max_descriptors = self.system.max_descriptors()
         self._look_at_log(now)
         self._look_at(sessions, passed)
-        self._tell_metrics()
+        self._update_metrics()
 
     def _look_at_disk(self) -> None:
         self.disk, self.disk_problem = None, ""
@@ -120,7 +120,7 @@ class Health:
             code = most.room.code if most.room is not None else ""
             self.busiest = Busiest(most.name, code, growth[most] / passed)
 
-    def _tell_metrics(self) -> None:
+    def _update_metrics(self) -> None:
         metrics = self._metrics
         metrics.disk_free = self.disk.free if self.disk is not None else None
         metrics.descriptors, metrics.max_descriptors = self.descriptors, self.max_descriptors

@@ -48,12 +48,17 @@ from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.rooms.recordings import archive
 from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
-from robotouille_server.rooms.room import MAX_UNWRITTEN, SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
-from robotouille_server.rooms.slow_seats import WAITING_SECONDS
+from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.seats.slow_seats import WAITING_SECONDS
+from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
 from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.descriptors import RESERVED
 from robotouille_server.runtime.settings import ServerSettings
-from robotouille_server.transport.admission import AT_THE_DOOR, HANDSHAKES_AT_ONCE, TURN
+from robotouille_server.transport.admission import (
+    HANDSHAKES_AT_ONCE,
+    LOOP_BUDGET,
+    MAX_SURPLUS_CONNECTIONS,
+)
 from robotouille_server.transport.connection import (
     FRAMES_A_SECOND,
     FRAMES_AT_A_TIME,
@@ -158,7 +163,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit(
             "frames of all connections that are dealt with between two looks at what is due",
             "the rest waits its turn, and nothing more is read",
-            value=f"{TURN:g}",
+            value=f"{LOOP_BUDGET:g}",
         ),
         Limit(
             "frames of one connection that are dealt with before all others have their turn",
@@ -210,7 +215,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             setting="hello_seconds", unit="s",
         ),
         Limit("connections whose handshake says that the server is full", "disconnected",
-              value=f"{AT_THE_DOOR:,} more"),
+              value=f"{MAX_SURPLUS_CONNECTIONS:,} more"),
         Limit("bytes of the handshake, and behind it before it is answered", "disconnected",
               value=_size(MAX_REQUEST)),
         Limit("TLS handshakes at a time",

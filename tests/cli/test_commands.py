@@ -14,8 +14,8 @@ from typer.testing import CliRunner, Result
 from robotouille import task_names
 from robotouille.replay.recording import read_recording
 from robotouille_client.cli.main import app
-from tests.server.test_process import process
 from tests.support.games import recorded_game
+from tests.support.processes import process
 
 
 def robotouille(*words: str) -> Result:

@@ -11,8 +11,8 @@ from robotouille_client import Announced, Client, Game, Heard, connect
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.events import GameEvent
 from robotouille_server import Server
-from tests.client.test_reconnect import cut, start
-from tests.server.test_storage import FullDisk
+from tests.support.disks import FullDisk
+from tests.support.lost_connections import cut, start
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

@@ -13,19 +13,9 @@ from robotouille_client import Changed, Client, Game, Heard, Over, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_server import ServerSettings, serve
+from tests.support.lost_connections import cut, start
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
-
-
-async def start(server, *clients: Client, **options):  # type: ignore[no-untyped-def]
-    created = await clients[0].create("multi_agent/02", **options)
-    return [await client.join(created.code) for client in clients]
-
-
-def cut(client: Client) -> None:
-    """The cable is pulled."""
-    assert client._socket is not None
-    client._socket.transport.abort()
 
 
 def test_a_lost_connection_comes_back_into_its_seat(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import Changed, Game, connect
-from tests.server.test_process import process
+from tests.support.processes import process
 
 TASK = "multi_agent/01_lettuce_burger"
 SIZE = (1280, 720)

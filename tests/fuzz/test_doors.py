@@ -20,7 +20,7 @@ from robotouille_server.auth.roles import Role, same_episode
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from tests.fuzz.thorough import FACTOR
-from tests.security.test_serving import FORWARDED, hello, opened
+from tests.support.newcomers import FORWARDED, hello, opened
 from tests.support.servers import Raw, serving
 from tests.support.virtual_time import run
 

@@ -17,7 +17,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.loadtest import cli, open_files
 from robotouille_client.loadtest.server_monitor import DELTA_AGE, LATENESS, parse_page
 from robotouille_server.runtime.metrics import Metrics
-from tests.server.test_process import process
+from tests.support.processes import process
 
 COMMAND = [sys.executable, "-c", "from robotouille_client.loadtest.cli import main; main()"]
 

@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 
 from tests.docs.pages import ROOT
-from tests.server.test_process import process
+from tests.support.processes import process
 
 
 def health(port: str) -> int:

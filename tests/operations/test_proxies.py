@@ -19,8 +19,8 @@ from robotouille_client import Client, Game, Over, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.operations.proxies import PROXIES, Front, Proxy, front_door, mint, program
-from tests.server.test_process import process
-from tests.server.test_workers import free_ports, workers
+from tests.support.processes import process
+from tests.support.worker_processes import free_ports, workers
 
 BEHIND = ("--trust-proxy", "loopback")
 SECONDS = 60

@@ -18,30 +18,9 @@ from robotouille_server.health import SAMPLE_SECONDS, Disk, Health, System
 from robotouille_server.runtime import descriptors
 from robotouille_server.runtime.metrics import Metrics
 from tests.operator.support import Api, table, viewing
+from tests.support.machines import GIB, Machine
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
-
-GIB = 1024**3
-
-
-class Machine(System):
-    """What a test says of the machine; `looks` counts how often it was asked."""
-
-    def __init__(self) -> None:
-        self.free: Disk | None = Disk(500 * GIB, 1000 * GIB)
-        self.open, self.most = 100, 1000
-        self.looks = 0
-
-    def disk(self, folder: Path) -> Disk | None:
-        self.looks += 1
-        folder.stat()
-        return self.free
-
-    def descriptors(self) -> int:
-        return self.open
-
-    def max_descriptors(self) -> int:
-        return self.most
 
 
 async def alerts(server: Server, api: Api) -> dict[str, tuple[str, str]]:
@@ -53,7 +32,7 @@ async def alerts(server: Server, api: Api) -> dict[str, tuple[str, str]]:
 def on_machine(tmp_path: Path, check: Any) -> None:
     async def main() -> None:
         async with viewing(tmp_path) as (server, _, api):
-            machine = server.resources.system = Machine()
+            machine = server.health.system = Machine()
             assert await alerts(server, api) == {}
             await check(server, api, machine)
 
@@ -149,7 +128,7 @@ def test_looking_is_rare_however_often_somebody_asks(tmp_path: Path) -> None:
 def test_metrics_have_the_same_figures(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server:
-            machine = server.resources.system = Machine()
+            machine = server.health.system = Machine()
             machine.free, machine.open, machine.most = Disk(123, 456), 77, 99
             server.metrics.log_suppressed = 3
             reader, writer = await asyncio.open_connection("127.0.0.1", server.port)

@@ -11,7 +11,7 @@ import httpx
 import psutil
 
 from robotouille_server.auth.roles import Role
-from tests.server.test_process import started
+from tests.support.processes import started
 
 TOKEN = [sys.executable, "-c", "from robotouille_server.auth.token_cli import main; main()"]
 TASK = ("--task", "synchronous/01")

@@ -26,7 +26,7 @@ from robotouille_server.health import Disk
 from robotouille_server.rooms.room import Room
 from tests.operator.support import Api, bearer, viewing
 from tests.operator.support import Disk as FillingDisk
-from tests.operator.test_alerts import Machine
+from tests.support.machines import Machine
 
 playwright = pytest.importorskip(
     "playwright.async_api", reason="needs playwright: pip install playwright"
@@ -349,7 +349,7 @@ async def test_a_token_that_is_over_is_asked_for_again(tmp_path: Path) -> None:
 async def test_what_runs_out_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resources, "SAMPLE_SECONDS", 0.5)
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, _):
-        machine = server.resources.system = Machine()
+        machine = server.health.system = Machine()
         machine.free, machine.open = Disk(900 * 1024**2, 10 * 1024**3), 990
         async with browser_page(port.url) as page:
             warnings = page.get_by_label("Warnings").locator("p")

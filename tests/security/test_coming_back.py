@@ -12,7 +12,7 @@ from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
-from tests.security.test_serving import FORWARDED, ONE_COOK, TWO_COOKS, hello, minted, opened
+from tests.support.newcomers import FORWARDED, ONE_COOK, TWO_COOKS, hello, minted, opened
 from tests.support.servers import Raw, serving
 from tests.support.virtual_time import run
 

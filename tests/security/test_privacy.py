@@ -11,7 +11,7 @@ import pytest
 from websockets.asyncio.client import connect
 
 from robotouille.replay.container import unwrap
-from tests.server.test_process import process
+from tests.support.processes import process
 from tests.support.servers import Raw
 
 ADDRESS = "203.0.113.77"

@@ -25,7 +25,7 @@ from robotouille_server.auth.revocation import (
     revoke,
 )
 from robotouille_server.auth.roles import Role
-from tests.security.test_serving import FORWARDED, TWO_COOKS, hello, minted, opened
+from tests.support.newcomers import FORWARDED, TWO_COOKS, hello, minted, opened
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
@@ -261,7 +261,7 @@ def test_the_games_wait_for_one_file_of_a_token_that_is_used(
                 write_private(others / f"{number}.json", content, replace=False)
             async with opened(server, **FORWARDED) as connection:
                 await hello(connection, token=minted(server, Role.PLAYER, once=True))
-                server.used_tokens._next_look = 0.0
+                server.services.used_tokens._next_look = 0.0
                 monkeypatch.setattr(used_tokens, "read_private", noticed)
                 monkeypatch.setattr(os, "fsync", counted)
                 await connection.ask({"type": "join", "episode": room.code}, "joined")

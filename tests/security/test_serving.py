@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 import time
-from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +14,15 @@ import trustme
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from robotouille.protocol import messages
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.auth.keys import FileKeyring, rotate
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.tokens import Tokens
+from tests.support.newcomers import FORWARDED, ONE_COOK, TWO_COOKS, hello, minted, opened
 from tests.support.servers import Raw, crash, serving
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0
-FORWARDED = {"X-Forwarded-For": "203.0.113.9"}
 TASK = "synchronous/01_cheese_sandwich"
 
 
@@ -38,26 +36,6 @@ class Wall:
         return self.now
 
 
-@asynccontextmanager
-async def opened(server: Server, **headers: str) -> AsyncIterator[Raw]:
-    """A connection that has not said hello; one from elsewhere if it is forwarded."""
-    async with connect(
-        server.url, additional_headers=headers, compression=None, proxy=None
-    ) as socket:
-        yield Raw(socket, text=True)
-
-
-async def hello(connection: Raw, **fields: Any) -> dict[str, Any]:
-    message = {"type": "hello", "protocol": 1, "name": "ada", **fields}
-    return await connection.ask(message, "welcome", "bye")
-
-
-def minted(server: Server, role: Role, **options: Any) -> str:
-    return server.tokens.mint_role(role, "p-1", **{"seconds": 3600, **options})
-
-
-ONE_COOK = messages.Create(task=TASK)
-TWO_COOKS = messages.Create(task="multi_agent/01_lettuce_burger")
 CREATE = {"type": "create", "task": TASK}
 REQUESTS: dict[str, tuple[dict[str, Any], str]] = {
     "create": (CREATE, "created"),

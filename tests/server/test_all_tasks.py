@@ -5,9 +5,7 @@ Time is virtual. Every recording is verified and re-simulated byte for byte.
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,10 +15,9 @@ from robotouille.planning.plan import Plan, read_plan
 from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
-from robotouille_client import connect
-from robotouille_client.bots import Policy, play
+from robotouille_client.bots import Policy
 from robotouille_client.bots.player import MakePolicy
-from tests.support.servers import serving
+from tests.support.bot_games import finish
 from tests.support.virtual_time import run
 
 DATASETS = ("synchronous/", "asynchronous/", "multi_agent/")
@@ -38,25 +35,6 @@ def scripted(world: World, plan: Plan) -> MakePolicy:
         return Script(player, plan, world.initial)
 
     return make
-
-
-async def finish(
-    folder: Path, name: str, clock: Clock, seats: int, make: MakePolicy, **options: Any
-) -> dict[str, Any]:
-    """Play one episode with a bot in each seat; its outcome."""
-    async with serving(folder, mode=clock, max_steps=1500, **options) as server:
-        async with connect(server.url, name="host") as host:
-            created = await host.create(name, seats=seats)
-
-            async def bot(number: int) -> dict[str, Any]:
-                encoding = "json" if number % 2 else "msgpack"
-                async with connect(server.url, name=f"bot{number}", encoding=encoding) as client:
-                    await asyncio.sleep(0.01 * number)
-                    return await play(await client.join(created.code), make, threaded=False)
-
-            outcomes = await asyncio.gather(*(bot(i) for i in range(seats)))
-    assert all(outcome == outcomes[0] for outcome in outcomes)
-    return outcomes[0]
 
 
 def check_recordings(folder: Path, *, goal: bool = True) -> None:

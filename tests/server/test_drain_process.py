@@ -16,8 +16,8 @@ from robotouille.planning.plan import read_plan
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.resources import data_folder
 from robotouille_client import Game, Over, connect
-from tests.server.test_process import process
-from tests.server.test_workers import workers
+from tests.support.processes import process
+from tests.support.worker_processes import workers
 
 TASK = "synchronous/01_cheese_sandwich"
 DRAIN = ("--drain-seconds", "120")

@@ -11,10 +11,10 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
-from robotouille_server.rooms import room as room_module
+from robotouille_server.rooms import write_ahead
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 from robotouille_server.transport.peer import MAX_UNSENT, Peer
-from tests.server.test_storage import FullDisk
+from tests.support.disks import FullDisk
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
 
@@ -251,7 +251,7 @@ def test_coming_and_going_meanwhile_does_not_pile_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever cannot come back now can later, with the same token, and misses nothing."""
-    monkeypatch.setattr(room_module, "MAX_UNWRITTEN", 8192)
+    monkeypatch.setattr(write_ahead, "MAX_UNWRITTEN", 8192)
 
     async def main() -> None:
         disk = FullDisk(tmp_path)

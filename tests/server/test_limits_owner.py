@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from robotouille_server.auth.roles import Role
-from tests.security.test_serving import hello, minted, opened
+from tests.support.newcomers import hello, minted, opened
 from tests.support.servers import Raw, serving
 from tests.support.virtual_time import run
 

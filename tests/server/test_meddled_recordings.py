@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from structlog.testing import capture_logs
 
+from robotouille import World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay.container import frame_ends
 from robotouille.replay.recorder import Recorder, header
@@ -21,9 +22,10 @@ from robotouille_server import Server
 from robotouille_server.rooms.recordings.inspection import LOOK_SECONDS
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 from robotouille_server.rooms.room import Room
-from tests.episode.test_absence import TWO
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
+
+TWO = World("multi_agent/01")
 
 
 @asynccontextmanager

@@ -10,7 +10,7 @@ import pytest
 from robotouille import load_task, task_names
 from robotouille.episode import Clock
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from tests.server.test_all_tasks import finish
+from tests.support.bot_games import finish
 from tests.support.virtual_time import run
 
 OPTIMAL = {

@@ -7,13 +7,15 @@ from typing import Any
 
 import pytest
 
+from robotouille import World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay.container import pack_frame
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
-from tests.episode.test_absence import TWO
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
+
+TWO = World("multi_agent/01")
 
 NAME = "20260101T000000Z_multi_agent-01_lettuce_burger_0123456789abcdef.rbt.part"
 ROSTER = {"note": "roster", "t": 1, "player": "robot1", "name": "x", "kind": "human",

@@ -6,7 +6,7 @@ import asyncio
 from pathlib import Path
 
 from robotouille_client import Over, connect
-from tests.client.test_reconnect import cut
+from tests.support.lost_connections import cut
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 

@@ -13,24 +13,9 @@ from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Heard, connect
 from robotouille_server.rooms.recordings.storage import Appender, Folder
-from tests.support.disks import TroubledFolder
+from tests.support.disks import FullDisk
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
-
-
-class FullDisk(TroubledFolder):
-    """A folder on a disk that is full at times."""
-
-    full = False
-
-    def before_append(self, name: str) -> None:
-        if self.full:
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    def replace(self, name: str, content: bytes) -> None:
-        if self.full:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        super().replace(name, content)
 
 
 def test_the_game_stands_still_until_there_is_room_again(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ import pytest
 from robotouille import ProtocolError
 from robotouille.replay.recording import read_recording
 from robotouille_client import Changed, Game, Heard, connect
-from tests.server.test_process import process
 from tests.support.disks import TroubledFolder
+from tests.support.processes import process
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import re
 import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
@@ -21,58 +17,7 @@ from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server.runtime.workers import ElsewhereError, WorkerSlot
-
-COMMAND = [sys.executable, "-m", "robotouille_server"]
-
-
-def free_ports(count: int) -> int:
-    """The first of some ports in a row that nobody uses at the moment."""
-    while True:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            first = probe.getsockname()[1]
-        try:
-            for port in range(first, first + count):
-                with socket.socket() as probe:
-                    probe.bind(("127.0.0.1", port))
-        except (OSError, OverflowError):
-            continue
-        return int(first)
-
-
-@contextmanager
-def workers(folder: Path, count: int, *flags: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    port = free_ports(2 * count + 1)
-    arguments = ["--port", str(port), "--workers", str(count), "--recordings", str(folder)]
-    process = subprocess.Popen(
-        [*COMMAND, *arguments, "--drain-seconds", "0", *flags],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "ROBOTOUILLE_COMPILE": "0"},
-    )
-    try:
-        assert process.stdout is not None
-        for line in process.stdout:
-            if "stop:" in line:
-                break
-        wait_for_ports(range(port, port + count + 1))
-        yield process, port
-    finally:
-        if process.poll() is None:
-            process.terminate()
-        process.communicate(timeout=30)
-
-
-def wait_for_ports(ports: range) -> None:
-    for port in ports:
-        for _ in range(600):
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.05)
-        else:
-            raise AssertionError(f"nobody listens on {port}")
+from tests.support.worker_processes import COMMAND, workers
 
 
 def test_clients_are_sent_to_the_process_that_has_their_episode(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from functools import partial
 from robotouille.world.grounding.goal import Goal
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
-from robotouille_server.rooms.substitutes.bot_minds import BotWorld
+from robotouille_server.rooms.substitutes.bots import BotWorld
 from tests.simulation.scenario import (
     FAULTS,
     DrawPlan,
@@ -146,7 +146,7 @@ class Day(Simulation):
         """The simulation itself must not grow, either.
 
         What worlds and stand-ins remember of play has bounds (tests/world/test_memory.py,
-        tests/server/test_minds.py) that a day does not reach; without it, anything else
+        tests/server/test_bots.py) that a day does not reach; without it, anything else
         that grows is seen.
         """
         for memory in gc.get_objects():

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.app import CannotListenError
-from robotouille_server.rooms.substitutes.bot_minds import Bots, BotWorld
 from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
+from robotouille_server.rooms.substitutes.bots import Bots, BotWorld
 from tests.simulation.clients import PORT
 from tests.simulation.loop import Process
-from tests.support.thinking import AtOnce
+from tests.support.executors import ImmediateExecutor
 
 if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
@@ -67,7 +67,7 @@ class ServerMachine:
             "timestamp": lambda: f"20260101T{int(self.sim.loop.time()):06d}Z",
             "storage": self.sim.disk,
             "wall": lambda: 1_700_000_000 + self.sim.loop.time(),
-            "thinker": lambda: ThreadBotWorker(AtOnce(), Bots(KITCHENS)),
+            "bot_worker": lambda: ThreadBotWorker(ImmediateExecutor(), Bots(KITCHENS)),
         }
         while True:
             try:

@@ -15,9 +15,11 @@ import pytest
 from robotouille.episode import Event, Said, Stepped
 from robotouille.protocol import messages
 from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings.journal import Journal
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.write_ahead import WriteAhead
 from tests.simulation.simulation import run_seed
 
 Plant = Callable[[pytest.MonkeyPatch], None]
@@ -48,22 +50,22 @@ def told_though_not_written(patch: pytest.MonkeyPatch) -> None:
 
 def told_before_written(patch: pytest.MonkeyPatch) -> None:
     """A room tells first and writes then: nobody notices but when it is killed in between."""
-    written, tell = Room._written, Room._tell
-    told: list[Event] = []
+    commit, publish = WriteAhead.commit, Publisher.publish
+    published: list[Event] = []
 
-    def hasty(room: Room) -> bool:
-        if not room._failing:
-            for event in room._untold:
-                tell(room, event)
-                told.append(event)
-        return written(room)
+    def hasty(write_ahead: WriteAhead, now: float) -> bool:
+        if not write_ahead.failing:
+            for event in write_ahead._uncommitted:
+                write_ahead._publish(event)
+                published.append(event)
+        return commit(write_ahead, now)
 
-    def tell_others(room: Room, event: Event) -> None:
-        if not any(event is known for known in told):
-            tell(room, event)
+    def publish_others(publisher: Publisher, event: Event) -> None:
+        if not any(event is known for known in published):
+            publish(publisher, event)
 
-    patch.setattr(Room, "_written", hasty)
-    patch.setattr(Room, "_tell", tell_others)
+    patch.setattr(WriteAhead, "commit", hasty)
+    patch.setattr(Publisher, "publish", publish_others)
 
 
 # An action that acts twice
@@ -97,14 +99,14 @@ def numbers_forgotten_at_a_restart(patch: pytest.MonkeyPatch) -> None:
 # Another episode's
 
 
-def all_audiences(patch: pytest.MonkeyPatch) -> list[Broadcaster]:
-    """The audiences of all rooms from now on."""
+def all_broadcasters(patch: pytest.MonkeyPatch) -> list[Broadcaster]:
+    """The broadcasters of all rooms from now on."""
     known: list[Broadcaster] = []
     init = Broadcaster.__init__
 
-    def noted(audience: Broadcaster, *values: Any, **options: Any) -> None:
-        init(audience, *values, **options)
-        known.append(audience)
+    def noted(broadcaster: Broadcaster, *values: Any, **options: Any) -> None:
+        init(broadcaster, *values, **options)
+        known.append(broadcaster)
 
     patch.setattr(Broadcaster, "__init__", noted)
     return known
@@ -112,26 +114,26 @@ def all_audiences(patch: pytest.MonkeyPatch) -> list[Broadcaster]:
 
 def chat_heard_elsewhere(patch: pytest.MonkeyPatch) -> None:
     """What is said in one episode is told in all."""
-    audiences, tell_said = all_audiences(patch), Broadcaster.tell_said
+    broadcasters, publish_said = all_broadcasters(patch), Broadcaster.publish_said
 
     def tell_all(_: Broadcaster, event: Said) -> None:
-        for audience in audiences:
-            tell_said(audience, event)
+        for broadcaster in broadcasters:
+            publish_said(broadcaster, event)
 
-    patch.setattr(Broadcaster, "tell_said", tell_all)
+    patch.setattr(Broadcaster, "publish_said", tell_all)
 
 
 def deltas_seen_elsewhere(patch: pytest.MonkeyPatch) -> None:
     """A step's delta goes to the members of all episodes."""
-    audiences, tell_step = all_audiences(patch), Broadcaster.tell_step
+    broadcasters, publish_step = all_broadcasters(patch), Broadcaster.publish_step
 
-    def tell_all(audience: Broadcaster, event: Stepped) -> None:
-        members = audience.members
-        audience.members = [session for known in audiences for session in known.members]
-        tell_step(audience, event)
-        audience.members = members
+    def tell_all(broadcaster: Broadcaster, event: Stepped) -> None:
+        members = broadcaster.members
+        broadcaster.members = [session for known in broadcasters for session in known.members]
+        publish_step(broadcaster, event)
+        broadcaster.members = members
 
-    patch.setattr(Broadcaster, "tell_step", tell_all)
+    patch.setattr(Broadcaster, "publish_step", tell_all)
 
 
 # A step that is missing
@@ -140,15 +142,15 @@ def deltas_seen_elsewhere(patch: pytest.MonkeyPatch) -> None:
 def delta_not_sent(patch: pytest.MonkeyPatch) -> None:
     """Every fifth step is told nobody. Clients ask for a picture when the next one comes; where
     all wait for it, the game stands still."""
-    tell_step = Broadcaster.tell_step
+    publish_step = Broadcaster.publish_step
 
-    def sparing(audience: Broadcaster, event: Stepped) -> None:
-        members = audience.members
-        audience.members = [] if event.step % 5 == 3 else members
-        tell_step(audience, event)
-        audience.members = members
+    def sparing(broadcaster: Broadcaster, event: Stepped) -> None:
+        members = broadcaster.members
+        broadcaster.members = [] if event.step % 5 == 3 else members
+        publish_step(broadcaster, event)
+        broadcaster.members = members
 
-    patch.setattr(Broadcaster, "tell_step", sparing)
+    patch.setattr(Broadcaster, "publish_step", sparing)
 
 
 def step_not_recorded(patch: pytest.MonkeyPatch) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 
-__all__ = ["TroubledFolder"]
+__all__ = ["FullDisk", "TroubledFolder"]
 
 
 class TroubledFolder(Folder):
@@ -38,3 +40,18 @@ class _TroubledFile:
 
     def close(self) -> None:
         self._file.close()
+
+
+class FullDisk(TroubledFolder):
+    """A folder on a disk that is full at times."""
+
+    full = False
+
+    def before_append(self, name: str) -> None:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    def replace(self, name: str, content: bytes) -> None:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        super().replace(name, content)

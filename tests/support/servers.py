@@ -19,7 +19,7 @@ from robotouille_server import Server, ServerSettings, serve
 from robotouille_server.rooms.recordings.storage import Storage
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker, ThreadBotWorker
 from robotouille_server.runtime.logs import configure_logs
-from tests.support.thinking import AtOnce
+from tests.support.executors import ImmediateExecutor
 
 configure_logs("error", "console")
 
@@ -34,7 +34,7 @@ async def serving(
     port: int = 0,
     storage: Storage | None = None,
     wall: Callable[[], float] = time.time,
-    thinker: Callable[[], BotWorker] = lambda: ThreadBotWorker(AtOnce()),
+    bot_worker: Callable[[], BotWorker] = lambda: ThreadBotWorker(ImmediateExecutor()),
     **options: Any,
 ) -> AsyncIterator[Server]:
     """A server on a free port whose ids, codes and timestamps are always the same; stand-ins think
@@ -46,7 +46,7 @@ async def serving(
         timestamp=lambda: STAMP,
         storage=storage,
         wall=wall,
-        thinker=thinker,
+        bot_worker=bot_worker,
     ) as server:
         yield server
 

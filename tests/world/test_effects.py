@@ -175,7 +175,8 @@ def test_predicates_without_arguments() -> None:
     assert state.goal_reached
     assert state.holds("alarm")
     assert "tap" not in [action.name for action in state.actions("bot1")]
-    assert world.unmet(state, world.action("tap", "cube1")) == ("not: alarm()",)
+    (unmet,) = world.unmet(state, world.action("tap", "cube1"))
+    assert (str(unmet), unmet.predicate, unmet.expected) == ("not: alarm()", "alarm", False)
 
 
 def test_a_deleted_object_is_gone_with_its_facts_and_effects() -> None:

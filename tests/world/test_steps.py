@@ -103,12 +103,14 @@ def test_rejected_actions_change_nothing_and_say_why(name: str) -> None:
 def test_reasons_are_in_words() -> None:
     world = kitchen(items=[PATTY])
     cook = world.action("cook", "robot1", "patty1", "stove1")
-    assert world.unmet(world.initial, cook) == (
+    assert tuple(map(str, world.unmet(world.initial, cook))) == (
         "robot1 stands at stove1",
         "patty1 lies directly on stove1",
     )
     board = world.action("cook", "robot1", "patty1", "table1")
-    assert world.unmet(world.initial, board) == ("table1 is a stove",)
+    (unmet,) = world.unmet(world.initial, board)
+    kind = UnmetKind.CONDITION
+    assert unmet == Unmet(kind, "table1 is a stove", "isstove", ("table1",))
 
 
 def test_unknown_names_are_refused_with_the_nearest() -> None:

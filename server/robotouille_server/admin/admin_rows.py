@@ -1,4 +1,4 @@
-"""Rooms and sessions as rows of the API. With `desk`, all that knows the server's own classes."""
+"""Rooms and sessions as rows of the API. Beside `admin_service`, nothing else knows rooms."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from robotouille_server.admin.rates import History, by_label, gauge
 from robotouille_server.admin.recording_store import NoRecordings, Readable, RecordingStore
 from robotouille_server.admin.transcript import News, Transcript
 from robotouille_server.app import Server
-from robotouille_server.rooms.recordings.journal import CLOSED
+from robotouille_server.rooms.recordings import CLOSED
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.logs import get_logger
@@ -52,7 +52,7 @@ READ_BYTES_A_SECOND = 8_000_000
 class AdminService:
     """One server's operator. `now` is the loop's time.
 
-    What somebody may see and do is that of `serving` them; a caller whose token is for one
+    What somebody may see and do is that of `serving` them; a principal whose token is for one
     episode is at a server that has no other.
     """
 
@@ -63,16 +63,16 @@ class AdminService:
         self._rows = RowBuilder(server)
         self._history = History(server.metrics)
         self._storage: Readable = server.storage or NoRecordings()
-        self._shelf = RecordingStore(self._storage)
+        self._store = RecordingStore(self._storage)
         self._history.sample(self._opened)
-        self._caller = Principal()
+        self._principal = Principal()
         server.sample(self._opened)
 
-    def serving(self, caller: Principal) -> AdminService:
-        """The same desk, for this caller."""
-        desk = copy.copy(self)
-        desk._caller = caller
-        return desk
+    def serving(self, principal: Principal) -> AdminService:
+        """The same service, for this principal."""
+        service = copy.copy(self)
+        service._principal = principal
+        return service
 
     def tick(self) -> None:
         """To be called about once a second."""
@@ -101,7 +101,7 @@ class AdminService:
                 version=VERSION,
                 url=self._server.url,
                 uptime=round(now - self._opened, 1),
-                only=self._caller.only,
+                only=self._principal.only,
             ),
             totals=self._totals(Counter(its for _, its in census)),
             alerts=self._alerts(),
@@ -111,19 +111,19 @@ class AdminService:
         )
 
     def room(self, name: str) -> Room:
-        """The room of an id or a code; RequestRefusedError if there is none, or the caller may not
-        see it: who looks for others is not told which there are."""
+        """The room of an id or a code; RequestRefusedError if there is none, or the principal may
+        not see it: who looks for others is not told which there are."""
         try:
             room = self._server.lobby.find(name)
-            self._caller.check(room.id, room.code)
+            self._principal.check(room.id, room.code)
             return room
         except ProtocolError as error:
-            self._caller.check(name)
+            self._principal.check(name)
             raise RequestRefusedError(
                 HTTPStatus.NOT_FOUND, "episode/unknown", error.message
             ) from None
         except ElsewhereError as error:
-            self._caller.check(name)
+            self._principal.check(name)
             message = f"{name} is with another worker; look at the operator's view of that one"
             raise RequestRefusedError(HTTPStatus.NOT_FOUND, "episode/unknown", message) from error
 
@@ -134,34 +134,34 @@ class AdminService:
             for room in self._rooms()
             if room.episode.phase is not Phase.ENDED
         }
-        if self._caller.only:
+        if self._principal.only:
             search = f"{search} {self._only_file()}"
-        return await asyncio.to_thread(self._shelf.page, search, limit, offset, live)
+        return await asyncio.to_thread(self._store.page, search, limit, offset, live)
 
     async def recording(self, name: str) -> bytes:
         """A recording to download, up to its last whole frame."""
-        if self._caller.only and not name.removesuffix(".part").endswith(self._only_file()):
-            self._caller.check()
-        content = await asyncio.to_thread(self._shelf.content, name)
+        if self._principal.only and not name.removesuffix(".part").endswith(self._only_file()):
+            self._principal.check()
+        content = await asyncio.to_thread(self._store.content, name)
         self._note("recording", file=name)
         return content
 
     def _only_file(self) -> str:
-        """How the name of the only recording ends that the caller may see. A recording has its
+        """How the name of the only recording ends that the principal may see. A recording has its
         episode's id in its name: that of a code is known as long as the episode is there."""
         ids = (room.id for room in self._rooms())
-        return f"_{next(ids, self._caller.only.lower())}{CLOSED}"
+        return f"_{next(ids, self._principal.only.lower())}{CLOSED}"
 
     def _rooms(self) -> list[Room]:
         """The newest first."""
         rooms = list(self._server.lobby.rooms.values())[::-1]
-        if not self._caller.only:
+        if not self._principal.only:
             return rooms
-        return [room for room in rooms if self._caller.may_see(room.id, room.code)]
+        return [room for room in rooms if self._principal.may_see(room.id, room.code)]
 
     def _alerts(self) -> list[AlertRow]:
         """What the whole server's operator must look after."""
-        if self._caller.only:
+        if self._principal.only:
             return []
         found = self._server.alerts()
         return [AlertRow(kind=a.kind, text=a.text, severity=a.severity) for a in found]
@@ -196,7 +196,7 @@ class AdminService:
             )
             for text, those in troubled.items()
         ]
-        ours = self._only_file() if self._caller.only else ""
+        ours = self._only_file() if self._principal.only else ""
         unrestored = [one for one in self._server.lobby.unrestored.items() if ours in one[0]]
         return faults + [
             RecordingFault(
@@ -252,7 +252,7 @@ class AdminService:
 
     def announce_to_all(self, text: str) -> Done:
         """Say something to everybody in all episodes."""
-        self._caller.check()
+        self._principal.check()
         self._server.announce(text)
         get_logger().info("operator: announce to all", text=text)
         self._note("announce to all", text=text)
@@ -271,15 +271,15 @@ class AdminService:
         return Done(done=done)
 
     def refused(self, what: str, episode: str, code: str) -> None:
-        """The caller asked for something that was not done."""
+        """The principal asked for something that was not done."""
         self._note(what, episode, result=code)
 
     def _note(self, what: str, episode: str = "", result: str = "done", **details: str) -> None:
-        caller = self._caller
+        principal = self._principal
         self._server.audit.note(
             what,
-            by=caller.name,
-            token=caller.token_id,
+            by=principal.name,
+            token=principal.token_id,
             episode=episode,
             result=result,
             details=details,

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from http import HTTPStatus
 
 from robotouille_server.admin.errors import RequestRefusedError
-from robotouille_server.auth.roles import same_episode
-from robotouille_server.auth.tokens import RoleGrant
+from robotouille_server.auth import RoleGrant, same_episode
 
 __all__ = ["LOCAL", "Principal"]
 
@@ -30,7 +29,7 @@ class Principal:
 
     @property
     def name(self) -> str:
-        """What the caller is called in the audit log."""
+        """What the principal is called in the audit log."""
         return LOCAL if self.grant is None else self.grant.subject
 
     @property
@@ -49,7 +48,7 @@ class Principal:
         return "" if self.grant is None else self.grant.episode
 
     def may_see(self, *names: str) -> bool:
-        """Whether an episode with these names (its id, its code) is this caller's business."""
+        """Whether an episode with these names (its id, its code) is this principal's business."""
         return not self.only or any(same_episode(self.only, name) for name in names)
 
     def check(self, *names: str) -> None:

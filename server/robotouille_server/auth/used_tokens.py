@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from robotouille.errors import ProtocolError
 from robotouille_server.auth.private_files import PrivateFileError, read_private, write_private
-from robotouille_server.rooms.session import Session
 from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["UsedTokens"]
@@ -51,18 +50,16 @@ class UsedTokens:
             raise ProtocolError("auth/used", text, "token")
 
     @contextmanager
-    def used_by(self, session: Session) -> Iterator[None]:
-        """Around a `join`: the token of a session is used up by it, unless the join fails.
+    def used_by(self, session: str, token_id: str, expires: float) -> Iterator[None]:
+        """Around a `join`: a token, good until `expires`, is used up by a session, unless the join
+        fails.
 
         ProtocolError `auth/used` if another session was first, `server/recording` if what is used
         cannot be written.
         """
-        if not session.once:
-            yield
-            return
         self.forget_expired()
-        path = self._path(session.token_id)
-        new = self._claim(path, session)
+        path = self._path(token_id)
+        new = self._claim(path, token_id, _Use(session=session, expires=expires))
         try:
             yield
         except BaseException:
@@ -70,9 +67,8 @@ class UsedTokens:
                 path.unlink(missing_ok=True)
             raise
 
-    def _claim(self, path: Path, session: Session) -> bool:
+    def _claim(self, path: Path, token_id: str, use: _Use) -> bool:
         """Whether the session is the first; that it has been here before is no fault."""
-        use = _Use(session=session.id, expires=session.role_expires)
         try:
             self._folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             # All games wait for this, since the join must know who was first: the file is synced,
@@ -81,7 +77,7 @@ class UsedTokens:
             content = use.model_dump_json().encode()
             write_private(path, content, replace=False, durable_name=False)
         except FileExistsError:
-            self.check(session.token_id, session.id)
+            self.check(token_id, use.session)
             return False
         except (OSError, PrivateFileError) as error:
             get_logger().error("use of a token not recorded", error=str(error))

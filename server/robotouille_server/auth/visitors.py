@@ -23,7 +23,7 @@ __all__ = [
     "CodeGuessLimiter",
     "ConnectionLimiter",
     "CountedConnection",
-    "NoPlaceError",
+    "TooManyConnectionsError",
     "Visitor",
     "counted_as",
     "origin_refusal",
@@ -50,7 +50,7 @@ WRONG_CODES_A_MINUTE = 20
 UNKNOWN = "unknown"
 
 
-class NoPlaceError(ProtocolError):
+class TooManyConnectionsError(ProtocolError):
     """`rate/connections`: somebody has as many connections as one may have."""
 
 
@@ -207,12 +207,12 @@ def counted_as(who: Visitor, subject: str) -> Visitor:
 
 @dataclass(eq=False, slots=True)
 class CountedConnection:
-    """A connection at the door. `send_away` ends it; `place` is the group of which it has taken
-    a place, None while it is on probation."""
+    """A connection as limits count it. `close` ends it; `slot` is the group of which it has
+    taken a slot, None while it is on probation."""
 
     who: Visitor
-    send_away: Callable[[], None]
-    place: str | None = None
+    close: Callable[[], None]
+    slot: str | None = None
 
 
 class ConnectionLimiter:
@@ -220,61 +220,64 @@ class ConnectionLimiter:
 
     A connection is on probation until it has said who it is: `limit` of each address are, and one
     more takes the place of that which has been silent the longest. Then it needs one of the
-    `limit` places of its address or, with a token, of its subject.
+    `limit` slots of its address or, with a token, of its subject.
     """
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
         self._waiting: dict[str, dict[CountedConnection, None]] = {}
-        self._places: Counter[str] = Counter()
+        self._slots: Counter[str] = Counter()
 
-    def arrive(self, caller: CountedConnection) -> None:
+    def arrive(self, connection: CountedConnection) -> None:
         """One more connection, on probation; the oldest of the address may have to go for it."""
-        if caller.who.local:
+        if connection.who.local:
             return
-        waiting = self._waiting.setdefault(caller.who.group, {})
-        waiting[caller] = None
+        waiting = self._waiting.setdefault(connection.who.group, {})
+        waiting[connection] = None
         if len(waiting) > self._limit:
             oldest = next(iter(waiting))
             del waiting[oldest]
-            oldest.send_away()
+            oldest.close()
 
     def admit(
-        self, caller: CountedConnection, who: Visitor, instead_of: CountedConnection | None = None
+        self,
+        connection: CountedConnection,
+        who: Visitor,
+        instead_of: CountedConnection | None = None,
     ) -> None:
-        """Give a connection one of the places of `who`, or that of the connection which it
-        replaces; NoPlaceError if all are taken."""
+        """Give a connection one of the slots of `who`, or that of the connection which it
+        replaces; TooManyConnectionsError if all are taken."""
         if who.local:
             return
-        if instead_of is not None and instead_of.place == who.group:
+        if instead_of is not None and instead_of.slot == who.group:
             self.release(instead_of)
-        if self._places[who.group] >= self._limit:
+        if self._slots[who.group] >= self._limit:
             text = f"you have {self._limit} connections already; close some of them first"
-            raise NoPlaceError("rate/connections", text)
-        self._leave_probation(caller)
-        self._places[who.group] += 1
-        caller.place = who.group
+            raise TooManyConnectionsError("rate/connections", text)
+        self._leave_probation(connection)
+        self._slots[who.group] += 1
+        connection.slot = who.group
 
-    def release(self, caller: CountedConnection) -> None:
+    def release(self, connection: CountedConnection) -> None:
         """A connection is over, or has been replaced."""
-        self._leave_probation(caller)
-        group, caller.place = caller.place, None
+        self._leave_probation(connection)
+        group, connection.slot = connection.slot, None
         if group is not None:
-            self._places[group] -= 1
-            if self._places[group] <= 0:
-                del self._places[group]
+            self._slots[group] -= 1
+            if self._slots[group] <= 0:
+                del self._slots[group]
 
-    def _leave_probation(self, caller: CountedConnection) -> None:
-        waiting = self._waiting.get(caller.who.group)
+    def _leave_probation(self, connection: CountedConnection) -> None:
+        waiting = self._waiting.get(connection.who.group)
         if waiting is not None:
-            waiting.pop(caller, None)
+            waiting.pop(connection, None)
             if not waiting:
-                del self._waiting[caller.who.group]
+                del self._waiting[connection.who.group]
 
     @property
     def groups(self) -> int:
         """How many groups are remembered: never more than there are connections."""
-        return len(self._waiting) + len(self._places)
+        return len(self._waiting) + len(self._slots)
 
 
 class CodeGuessLimiter:

@@ -1,1 +1,4 @@
-"""Episodes with those who play and watch them."""
+"""Episodes as rooms: who is in them, what is sent to them, and how they are recorded.
+
+Import from its modules: the process of the substitute bots has one of them, and nothing else.
+"""

@@ -1,13 +1,94 @@
-"""What an `act` message asks for, as an action of the world."""
+"""Requests to act: what an `act` message asks for, and how it is answered."""
 
 from __future__ import annotations
+
+from functools import partial
 
 from robotouille.episode import Episode
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
+from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.write_ahead import WriteAhead
+from robotouille_server.runtime.metrics import Metrics
 
-__all__ = ["ground", "in_words"]
+__all__ = ["ActionRequests", "ground", "in_words"]
+
+
+class ActionRequests:
+    """Submits the actions of one episode's seats, and answers those that cannot be."""
+
+    __slots__ = ("_broadcaster", "_episode", "_metrics", "_write_ahead")
+
+    def __init__(
+        self,
+        episode: Episode,
+        broadcaster: Broadcaster,
+        write_ahead: WriteAhead,
+        metrics: Metrics,
+    ) -> None:
+        self._episode = episode
+        self._broadcaster = broadcaster
+        self._write_ahead = write_ahead
+        self._metrics = metrics
+
+    def submit(self, session: Session, request: messages.Act, now: float) -> None:
+        """Submit a seat's action; whatever is wrong with it is answered by `rejected`."""
+        try:
+            self._submit(session, request, now)
+        except ProtocolError as error:
+            self._reject(session, request, error)
+
+    def _submit(self, session: Session, request: messages.Act, now: float) -> None:
+        if session.player is None:
+            raise ProtocolError("seat/none", "spectators do not act", "type")
+        if self._write_ahead.failing:
+            return  # It is sent again; what is held back must not grow.
+        if request.seq == self._episode.seat(session.player).seq:
+            self._answer_again(session, request)
+            return
+        self._episode.submit(
+            session.player,
+            request.seq,
+            ground(self._episode, session.player, request),
+            now,
+            think_ms=request.think_ms,
+            reasoning=request.reasoning or "",
+        )
+        if request.reasoning:
+            session.recorded_bytes += len(request.reasoning.encode())
+
+    def _answer_again(self, session: Session, request: messages.Act) -> None:
+        """An action that was received before: send what became of it, do nothing."""
+        answer = self._broadcaster.answer(session)
+        if answer.seq != request.seq:
+            return
+        if not answer.reasons:
+            self._broadcaster.ask_snapshot(session)
+            return
+        rejected = messages.Rejected(
+            seq=answer.seq,
+            step=answer.step,
+            action=in_words(request),
+            reasons=list(answer.reasons),
+        )
+        send = partial(self._broadcaster.send, session, rejected)
+        self._write_ahead.when_committed(session, send)
+
+    def _reject(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
+        self._metrics.errors.labels(error.code).inc()
+        self._metrics.rejected += 1
+        rejected = messages.Rejected(
+            seq=request.seq,
+            step=self._episode.step,
+            action=in_words(request),
+            reasons=[error.message],
+            code=error.code,
+        )
+        self._broadcaster.send(session, rejected)
+        if error.code == "action/stale":
+            self._broadcaster.ask_snapshot(session)
 
 
 def ground(episode: Episode, player: str, request: messages.Act) -> GroundAction | None:
@@ -16,15 +97,15 @@ def ground(episode: Episode, player: str, request: messages.Act) -> GroundAction
     ProtocolError `action/unknown` if there is no such action, `action/stale` for a position in the
     list of another step.
     """
-    wanted, state = request.action, episode.state
-    if wanted is None:
+    requested, state = request.action, episode.state
+    if requested is None:
         return None
-    if isinstance(wanted, int):
-        return _at(episode, player, wanted, request.basis)
+    if isinstance(requested, int):
+        return _at(episode, player, requested, request.basis)
     try:
-        if isinstance(wanted, str):
-            return episode.world.parse(state, player, wanted)
-        return episode.world.action(wanted.name, *wanted.args)
+        if isinstance(requested, str):
+            return episode.world.parse(state, player, requested)
+        return episode.world.action(requested.name, *requested.args)
     except KeyError as error:
         raise ProtocolError("action/unknown", str(error.args[0]), "action") from None
 
@@ -41,8 +122,8 @@ def _at(episode: Episode, player: str, position: int, basis: int | None) -> Grou
 
 
 def in_words(request: messages.Act) -> str:
-    """The request as it was written."""
-    wanted = request.action
-    if isinstance(wanted, messages.NamedAction):
-        return f"{wanted.name}({', '.join(wanted.args)})"
-    return "nothing" if wanted is None else str(wanted)
+    """The action as it was asked for."""
+    requested = request.action
+    if isinstance(requested, messages.NamedAction):
+        return f"{requested.name}({', '.join(requested.args)})"
+    return "nothing" if requested is None else str(requested)

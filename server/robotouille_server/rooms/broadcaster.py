@@ -1,4 +1,4 @@
-"""Those who play and watch an episode, and what they are told."""
+"""Those who play and watch an episode, and what is sent to them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ from robotouille.world.state import State
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.snapshots import Snapshots
 from robotouille_server.runtime.metrics import Metrics
-from robotouille_server.transport.connection import frame_of
-from robotouille_server.transport.peer import Peer
+from robotouille_server.transport import Peer, frame_of
 
 __all__ = ["Broadcaster"]
 
@@ -40,8 +39,8 @@ KEPT_SAID, KEPT_NOTICES = 200, 20
 class Broadcaster:
     """The sessions in a room. Each message is made and encoded once for all of them.
 
-    `paint` sends somebody who has caught up a picture, when the room may show one; `waits_for`
-    says for whom a step has waited long.
+    `snapshot_when_committed` sends somebody a snapshot once the room may show its state;
+    `waits_for` says for whom a step has waited long.
     """
 
     __slots__ = (
@@ -49,16 +48,16 @@ class Broadcaster:
         "_deltas",
         "_episode",
         "_id",
+        "_last_delta",
         "_metrics",
         "_notices",
         "_now",
         "_said",
         "_seat_number",
         "_snapshots",
-        "_told",
         "_writer",
         "members",
-        "paint",
+        "snapshot_when_committed",
         "waits_for",
     )
 
@@ -72,7 +71,7 @@ class Broadcaster:
         now: Callable[[], float],
     ) -> None:
         self.members: list[Session] = []
-        self.paint: Callable[[Session], None] = self.send_picture
+        self.snapshot_when_committed: Callable[[Session], None] = self.send_snapshot
         self.waits_for: Callable[[], tuple[str, ...]] = tuple
         self._id = episode_id
         self._code = code
@@ -83,7 +82,7 @@ class Broadcaster:
         self._now = now
         self._seat_number = {player: i for i, player in enumerate(episode.world.players)}
         self._deltas: deque[bytes] = deque(maxlen=KEPT_DELTAS)
-        self._told = 0
+        self._last_delta = 0
         self._said: deque[messages.Said] = deque(maxlen=KEPT_SAID)
         self._notices: deque[tuple[float, messages.Notice]] = deque(maxlen=KEPT_NOTICES)
 
@@ -98,24 +97,24 @@ class Broadcaster:
     # Coming in and coming back
 
     def welcome(self, session: Session, ref: int | None, resume: str) -> None:
-        """`joined` and a first picture."""
-        self._greet(session, ref, resume)
-        self.send_picture(session)
+        """`joined` and a first snapshot."""
+        self._send_joined(session, ref, resume)
+        self.send_snapshot(session)
 
     def welcome_back(self, session: Session, seen: messages.Seen | None, resume: str) -> None:
         """`joined` and what was missed, in deltas as far as they are kept."""
-        self._greet(session, None, resume)
+        self._send_joined(session, None, resume)
         peer = session.peer
         if peer is None:
             return
         if seen is None or seen.episode != self._id:
             session.known.clear()  # It may be another program, on another machine.
-            self.send_picture(session)
+            self.send_snapshot(session)
             return
         session.known.add(self._episode.world.task.digest)
         missed = self._missed(session, seen)
         if missed is None:
-            self.send_picture(session)
+            self.send_snapshot(session)
         else:
             for payload in missed:
                 peer.send_frame(frame_of(payload))
@@ -127,7 +126,7 @@ class Broadcaster:
                 peer.send(notice)
         peer.send(self.roster())
 
-    def _greet(self, session: Session, ref: int | None, resume: str) -> None:
+    def _send_joined(self, session: Session, ref: int | None, resume: str) -> None:
         role = "player" if session.player else "spectator"
         joined = messages.Joined(
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
@@ -144,7 +143,7 @@ class Broadcaster:
         if not 0 <= seen.step <= step or self._episode.outcome is not None:
             return None
         count = step - seen.step
-        if count > len(self._deltas) or (count and self._told != step):
+        if count > len(self._deltas) or (count and self._last_delta != step):
             return None
         payloads = list(self._deltas)[len(self._deltas) - count :]
         codec = session.peer.codec
@@ -154,13 +153,13 @@ class Broadcaster:
 
     # What happens
 
-    def tell_step(self, event: Stepped) -> None:
+    def publish_step(self, event: Stepped) -> None:
         """The delta of a step, to everybody who keeps up."""
         self._snapshots.forget()
         delta = self._delta(event)
         payload = MSGPACK.pack(delta)
         self._deltas.append(payload)  # type: ignore[arg-type]
-        self._told = event.step
+        self._last_delta = event.step
         packed = frame_of(payload)
         frames: dict[Codec, bytes] = {}
         texts: dict[str | None, messages.Observation] = {}
@@ -168,7 +167,7 @@ class Broadcaster:
             peer = session.peer
             if peer is None:
                 continue
-            if peer.behind and not peer.keeps_up(partial(self.paint, session)):
+            if peer.behind and not peer.keeps_up(partial(self.snapshot_when_committed, session)):
                 continue
             if session.wants_state:
                 frame = packed if peer.codec is MSGPACK else frames.get(peer.codec)
@@ -176,7 +175,7 @@ class Broadcaster:
                     frame = frames[peer.codec] = frame_of(peer.codec.pack(delta))
                 peer.send_frame(frame)
             if session.wants_text:
-                self._tell_reader(session, event, texts)
+                self._send_observation(session, event, texts)
 
     def _delta(self, event: Stepped) -> dict[str, Any]:
         """The fields of a `delta` message, as plain values: it is made for every step."""
@@ -197,13 +196,13 @@ class Broadcaster:
             delta["hash"] = self._writer.digest(event.state)
         return delta
 
-    def _tell_reader(
+    def _send_observation(
         self,
         session: Session,
         event: Stepped,
         texts: dict[str | None, messages.Observation],
     ) -> None:
-        """Whoever has only words is told what became of its own action, then what it sees."""
+        """Whoever has only words is sent what became of its own action, then what it sees."""
         for move, attempt in zip(event.moves, event.attempts, strict=True):
             if move.player == session.player and not attempt.applied and not session.wants_state:
                 rejected = messages.Rejected(
@@ -220,7 +219,7 @@ class Broadcaster:
             texts[player] = self._observation(player, event.state, event.step, event.turn, phase)
         self.send(session, texts[player])
 
-    def tell_rejection(self, event: Rejected) -> None:
+    def publish_rejection(self, event: Rejected) -> None:
         """To the seat whose action it was."""
         session = self.holder(event.player)
         if session is not None:
@@ -233,14 +232,14 @@ class Broadcaster:
             )
             self.send(session, rejected)
 
-    def tell_quota(self, event: QuotaReached) -> None:
+    def publish_quota(self, event: QuotaReached) -> None:
         """To the seat whose words are not recorded any more; spectators notice when they talk."""
         session = self.holder(event.player)
         if session is not None:
             text = "no more of what you write is recorded here: act without reasoning from now on"
             self.send(session, messages.Notice(text=text))
 
-    def tell_said(self, event: Said) -> None:
+    def publish_said(self, event: Said) -> None:
         said = messages.Said(
             step=self._episode.step,
             number=event.number,
@@ -251,13 +250,13 @@ class Broadcaster:
         self._said.append(said)
         self.send_all(said)
 
-    def tell_notice(self, text: str) -> None:
+    def publish_notice(self, text: str) -> None:
         """What the operator says."""
         notice = messages.Notice(text=text)
         self._notices.append((self._now(), notice))
         self.send_all(notice)
 
-    def remember(self, said: Iterable[Mapping[str, Any]]) -> None:
+    def restore_chat(self, said: Iterable[Mapping[str, Any]]) -> None:
         """Chat from before a restart: recorded notes, all of them, in order."""
         for number, note in enumerate(said, 1):
             self._said.append(
@@ -266,34 +265,34 @@ class Broadcaster:
                 )
             )
 
-    def tell_roster(self) -> None:
+    def publish_roster(self) -> None:
         """Who plays, and whether time runs."""
         self.send_all(self.roster())
 
-    # Pictures
+    # Snapshots
 
-    def ask_picture(self, session: Session) -> None:
-        """A picture now; what else is asked for in the same turn of the event loop is answered
+    def ask_snapshot(self, session: Session) -> None:
+        """A snapshot now; what else is asked for in the same turn of the event loop is answered
         by one more in the next."""
         peer = session.peer
         if peer is None:
             return
-        if peer.pictured:
-            peer.picture_due = True
+        if peer.snapshot_sent:
+            peer.snapshot_due = True
         else:
-            self._show(session, peer)
+            self._send_asked(session, peer)
 
-    def _show(self, session: Session, peer: Peer) -> None:
-        peer.pictured, peer.picture_due = True, False
-        peer.socket.loop.call_soon(self._turn_over, session, peer)
-        self.paint(session)
+    def _send_asked(self, session: Session, peer: Peer) -> None:
+        peer.snapshot_sent, peer.snapshot_due = True, False
+        peer.socket.loop.call_soon(self._next_turn, session, peer)
+        self.snapshot_when_committed(session)
 
-    def _turn_over(self, session: Session, peer: Peer) -> None:
-        peer.pictured = False
-        if peer.picture_due and session.peer is peer and session in self.members:
-            self._show(session, peer)
+    def _next_turn(self, session: Session, peer: Peer) -> None:
+        peer.snapshot_sent = False
+        if peer.snapshot_due and session.peer is peer and session in self.members:
+            self._send_asked(session, peer)
 
-    def send_picture(self, session: Session) -> None:
+    def send_snapshot(self, session: Session) -> None:
         """The whole state, as a snapshot or in words or both."""
         peer = session.peer
         if peer is None:
@@ -362,7 +361,7 @@ class Broadcaster:
 
     @property
     def phase(self) -> str:
-        """The phase as it is told: `paused` while a game that has begun stands still."""
+        """The phase as it is sent: `paused` while a game that has begun stands still."""
         return self._episode.phase.value
 
     def _pause(self) -> messages.Pause | None:

@@ -15,15 +15,18 @@ from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.recordings.archive import ArchivedEpisode
-from robotouille_server.rooms.recordings.inspection import Inspection
-from robotouille_server.rooms.recordings.journal import Journal, file_name
-from robotouille_server.rooms.recordings.recovery import Recovery
-from robotouille_server.rooms.recordings.storage import Storage
+from robotouille_server.rooms.recordings import (
+    ArchivedEpisode,
+    Inspection,
+    Journal,
+    Recovery,
+    Storage,
+    file_name,
+)
 from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
-from robotouille_server.rooms.substitutes.deadline_scheduler import BotScheduler
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
@@ -51,7 +54,7 @@ class Lobby:
         resume_token: Callable[[Session], str],
         vacated: Callable[[Session], None],
         sent_out: Callable[[Session], None],
-        thinker: Callable[[], BotWorker],
+        bot_worker: Callable[[], BotWorker],
     ) -> None:
         self.rooms: dict[str, Room] = {}
         self._draining = False
@@ -66,15 +69,21 @@ class Lobby:
         self._live: set[Room] = set()
         self._closing: set[asyncio.Future[str]] = set()
         self._lingering: dict[Room, asyncio.TimerHandle] = {}
-        self._thoughts = BotScheduler(thinker)
+        self._bot_scheduler = BotScheduler(bot_worker)
         self._host = RoomHost(
-            metrics, resume_token, vacated, sent_out, self._closed, TimerQueue(), self._thoughts
+            metrics,
+            resume_token,
+            vacated,
+            sent_out,
+            self._closed,
+            TimerQueue(),
+            self._bot_scheduler,
         )
         self._inspection = Inspection(self._live)
-        self._recovery = None
+        self._recovery: Recovery[Room] | None = None
         if storage is not None:
             self._recovery = Recovery(
-                storage, worker, settings.recovery_seconds, self._adopt, self._host.agenda.time
+                storage, worker, settings.recovery_seconds, self._adopt, self._host.timers.time
             )
 
     # Opening
@@ -118,7 +127,7 @@ class Lobby:
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, self._host.agenda.time())
+        episode = Episode(world, rules, self._host.timers.time())
         room = self._room(episode_id, code, owner, episode, recorder, journal)
         get_logger().info(
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
@@ -134,14 +143,14 @@ class Lobby:
         recorder: Recorder,
         journal: Journal | None,
     ) -> Room:
-        now = self._host.agenda.time
-        audience = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
+        now = self._host.timers.time
+        broadcaster = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
         room = Room(
             episode_id,
             code,
             episode,
             journal=journal,
-            audience=audience,
+            broadcaster=broadcaster,
             host=self._host,
             owner=owner,
         )
@@ -164,7 +173,7 @@ class Lobby:
 
     def opened(self) -> None:
         """The server can be reached now: only from here on is anybody late."""
-        now = self._host.agenda.time()
+        now = self._host.timers.time()
         for room in self.rooms.values():
             room.episode.renew_patience(now, self._settings.recovery_seconds)
             room.flush()
@@ -198,7 +207,7 @@ class Lobby:
             found.recorder,
             found.journal,
         )
-        room.audience.remember(found.restored.said)
+        room.broadcaster.restore_chat(found.restored.said)
         if found.journal is None:
             room.suspend()
             self._linger(room)
@@ -281,19 +290,23 @@ class Lobby:
         self._lingering[room] = loop.call_later(seconds, self._forget, room)
 
     async def closed(self) -> None:
-        """Wait until all recordings that are over are closed, and nobody thinks any more."""
-        await self._thoughts.close()
+        """Wait until all recordings that are over are closed, and no bot decides any more."""
+        await self._bot_scheduler.close()
         if self._closing:
             await asyncio.wait(self._closing)
 
-    def suspend(self, room: Room) -> None:
-        """Leave an episode to another process."""
+    def suspend(self, episode: str) -> list[Session]:
+        """Leave an episode to another process, unless that was done before; who was in it."""
+        room = self.rooms.get(episode)
+        if room is None:
+            return []
         room.suspend()
         self._drop(room)
+        return list(room.members)
 
     def stop(self) -> None:
         """Look after nothing any more."""
-        self._host.agenda.clear()
+        self._host.timers.clear()
         self._inspection.stop()
         if self._recovery is not None:
             self._recovery.archive.stop()
@@ -376,10 +389,10 @@ def info(room: Room) -> messages.EpisodeInfo:
         code=room.code,
         task=room.world.task.name,
         clock=rules.clock.value,
-        phase=room.audience.phase,
+        phase=room.broadcaster.phase,
         step=room.episode.step,
         max_steps=rules.max_steps,
-        seats=room.audience.seats(),
+        seats=room.broadcaster.seats(),
         spectators=room.spectators,
     )
 

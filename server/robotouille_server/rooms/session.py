@@ -2,16 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from robotouille_server.auth.roles import Role
-from robotouille_server.auth.visitors import CountedConnection, Visitor
-from robotouille_server.transport.peer import Peer
+from robotouille.episode import Episode
+from robotouille.protocol import messages
+from robotouille_server.auth import CountedConnection, Role, Visitor
+from robotouille_server.transport import Peer
 
-if TYPE_CHECKING:
-    from robotouille_server.rooms.room import Room
+__all__ = ["JoinedRoom", "Session"]
 
-__all__ = ["Session"]
+
+class JoinedRoom(Protocol):
+    """The room that a session is in, as its connection uses it: see `Room`."""
+
+    id: str
+    code: str
+    episode: Episode
+
+    @property
+    def spectators(self) -> int: ...
+
+    def bans(self, session_id: str, participant: str) -> bool: ...
+
+    def connection_lost(self, session: Session) -> None: ...
+
+    def connection_back(self, session: Session, seen: messages.Seen | None) -> None: ...
+
+    def leave(self, session: Session) -> None: ...
+
+    def act(self, session: Session, request: messages.Act) -> None: ...
+
+    def say(self, session: Session, text: str) -> None: ...
+
+    def ask_snapshot(self, session: Session) -> None: ...
 
 
 class Session:
@@ -21,15 +44,15 @@ class Session:
     a number in an episode where somebody else has that. `participant` is the pseudonym under which
     they are recorded, `generation` that of the resume token which was used last; `only_episode` and
     `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
-    for ever), `token_id` its id, and `once` says that nobody else may join with it. `caller` is the
-    connection as the door knows it; `earlier_bytes` came over those before it, `recorded_bytes` are
-    what it said and gave as reasons on record.
+    for ever), `token_id` its id, and `once` says that nobody else may join with it.
+    `counted_connection` is the connection as limits count it; `earlier_bytes` came over those
+    before it, `recorded_bytes` are what it said and gave as reasons on record.
     """
 
     __slots__ = (
         "_view",
         "away_since",
-        "caller",
+        "counted_connection",
         "earlier_bytes",
         "generation",
         "given_name",
@@ -77,16 +100,23 @@ class Session:
         self.role_expires = role_expires
         self.token_id = token_id
         self.once = once
-        self.caller: CountedConnection | None = None
+        self.counted_connection: CountedConnection | None = None
         self.generation = 0
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None
-        self.room: Room | None = None
+        self.room: JoinedRoom | None = None
         self.player: str | None = None
         self.view = "state"
         self.known: set[str] = set()
         self.away_since = 0.0
         self.earlier_bytes = self.recorded_bytes = 0
+
+    def disconnected(self) -> None:
+        """The connection is gone; who comes back has another."""
+        self.counted_connection = None
+        if self.peer is not None:
+            self.earlier_bytes += self.peer.received_bytes
+        self.peer = None
 
     @property
     def received_bytes(self) -> int:

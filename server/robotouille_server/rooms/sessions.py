@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
-from typing import TYPE_CHECKING
 
+from robotouille.episode import Phase
 from robotouille.episode.participant_names import proper_name
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.auth.roles import Role, check_scope
-from robotouille_server.auth.tokens import ResumeGrant, RoleGrant, Tokens
-from robotouille_server.auth.used_tokens import UsedTokens
-from robotouille_server.auth.visitors import Visitor
-from robotouille_server.rooms.session import Session
+from robotouille_server.auth import (
+    ResumeGrant,
+    Revocations,
+    Role,
+    RoleGrant,
+    Tokens,
+    UsedTokens,
+    Visitor,
+    check_scope,
+)
+from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.runtime.metrics import Metrics
-
-if TYPE_CHECKING:
-    from robotouille_server.rooms.room import Room
 
 __all__ = ["Sessions"]
 
+SENT_OUT_SECONDS = 600.0
+"""For which somebody who was sent out while away is told so at the return."""
+REVOKED_LOOK_SECONDS = 1.0
+"""Between two looks at the list of revoked tokens."""
+
 
 class Sessions:
-    """Sessions by id.
+    """Sessions by id, until they expire: one without a connection is kept for its room's grace.
 
     Of a session's resume tokens the one that was used last is still good, since what it was
     answered may have been lost on the way, and so is the next; those before are worth nothing.
@@ -32,6 +42,7 @@ class Sessions:
         self,
         tokens: Tokens,
         used: UsedTokens,
+        revoked: Revocations,
         randomness: random.Random,
         token_seconds: float,
         metrics: Metrics,
@@ -42,7 +53,11 @@ class Sessions:
         self.by_id: dict[str, Session] = {}
         self._tokens = tokens
         self._used = used
+        self._revoked = revoked
         self._judged: frozenset[str] = frozenset()
+        self._token_watch: asyncio.TimerHandle | None = None
+        self._expiries: dict[Session, asyncio.TimerHandle] = {}
+        self._stopped = False
         self._random = randomness
         self._token_seconds = token_seconds
         self._metrics = metrics
@@ -124,7 +139,7 @@ class Sessions:
         return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
 
     def _check_place(
-        self, session: Session | None, grant: ResumeGrant, room: Room, player: str | None
+        self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, player: str | None
     ) -> None:
         """Whether there is still a place for somebody who was here."""
         if room.bans(grant.session, grant.participant):
@@ -184,8 +199,71 @@ class Sessions:
             participant=session.participant if session.participant != session.id else "",
         )
 
-    def cut_revoked(self, revoked: frozenset[str]) -> bool:
-        """End the connections of those whose tokens were revoked since this was last asked;
+    # Connections that come and go
+
+    def connected(self, session: Session) -> None:
+        """A session has a connection (again): it does not expire."""
+        self._keep(session)
+        if session.token_id and self._token_watch is None and not self._stopped:
+            self._watch_tokens()
+
+    def disconnected(self, session: Session) -> None:
+        """A session has lost its connection: it is kept for a while, and so is a player's seat."""
+        room = session.room
+        if room is not None:
+            room.connection_lost(session)
+        if session.player is None or room is None or room.episode.phase is Phase.ENDED:
+            self._expire_in(room.episode.rules.grace if room is not None else 0.0, session)
+
+    def sent_out(self, session: Session) -> None:
+        """Somebody who is away is told of it at the return, if that is soon."""
+        self._keep(session)
+        self._expire_in(SENT_OUT_SECONDS, session)
+
+    def stop(self) -> None:
+        """Nobody expires any more, and no tokens are looked at."""
+        self._stopped = True
+        for expiry in self._expiries.values():
+            expiry.cancel()
+        if self._token_watch is not None:
+            self._token_watch.cancel()
+            self._token_watch = None
+
+    def forget(self, session: Session) -> None:
+        """A session that has no place any more, and nobody connected to it."""
+        if session.peer is None:
+            self.by_id.pop(session.id, None)
+
+    def _keep(self, session: Session) -> None:
+        expiry = self._expiries.pop(session, None)
+        if expiry is not None:
+            expiry.cancel()
+
+    def _expire_in(self, seconds: float, session: Session) -> None:
+        later = asyncio.get_running_loop().call_later
+        self._expiries[session] = later(seconds, self._expire, session)
+
+    def _expire(self, session: Session) -> None:
+        self._expiries.pop(session, None)
+        if session.peer is None:
+            if session.room is not None:
+                session.room.leave(session)
+            self.forget(session)
+
+    # Tokens that are revoked
+
+    def _watch_tokens(self) -> None:
+        """Look once a second whether a token was revoked, while anybody is here with one."""
+        later = asyncio.get_running_loop().call_later
+        self._token_watch = later(REVOKED_LOOK_SECONDS, self._look_at_tokens)
+
+    def _look_at_tokens(self) -> None:
+        self._token_watch = None
+        if self._cut_revoked(self._revoked.ids):
+            self._watch_tokens()
+
+    def _cut_revoked(self, revoked: frozenset[str]) -> bool:
+        """Close the connections of those whose tokens were revoked since this was last called;
         whether anybody is connected with a token."""
         bearers = (s for s in self.by_id.values() if s.token_id and s.peer is not None)
         if revoked is self._judged:
@@ -196,18 +274,13 @@ class Sessions:
             left += session.token_id not in revoked
             if session.token_id in revoked and session.peer is not None:
                 self._metrics.dropped.labels("revoked").inc()
-                session.peer.part("auth/revoked", "the operator has revoked your token")
+                session.peer.close("auth/revoked", "the operator has revoked your token")
         return left > 0
-
-    def forget(self, session: Session) -> None:
-        """A session that has no place any more, and nobody connected to it."""
-        if session.peer is None:
-            self.by_id.pop(session.id, None)
 
 
 def _place(
     session: Session | None, grant: ResumeGrant, room: Room | None
-) -> tuple[Room | None, str | None]:
+) -> tuple[JoinedRoom | None, str | None]:
     """The room that a session comes back to, and its seat there; no room if it has no place."""
     if session is not None:
         return session.room, session.player
@@ -219,7 +292,7 @@ def _place(
     return room, player
 
 
-def _generation(session: Session | None, room: Room | None, player: str | None) -> int:
+def _generation(session: Session | None, room: JoinedRoom | None, player: str | None) -> int:
     """That of the resume token which was used last, as far as it is known."""
     if session is not None:
         return session.generation

@@ -10,7 +10,7 @@ from robotouille.protocol.codec import Codec, Fields
 from robotouille.protocol.states import StateWriter
 from robotouille.world.state import State
 from robotouille.world.world import World
-from robotouille_server.transport.connection import frame_of
+from robotouille_server.transport import frame_of
 
 __all__ = ["Snapshots"]
 

@@ -45,10 +45,10 @@ def in_use() -> int | None:
     if sys.platform == "win32":
         return None
     try:
-        said = Path(OPEN).stat().st_size
+        reported = Path(OPEN).stat().st_size
     except OSError:
-        said = 0
-    return said or _lowest_free()
+        reported = 0
+    return reported or _lowest_free()
 
 
 def _lowest_free() -> int:

@@ -29,15 +29,15 @@ SHARE = 1 / 200
 
 @asynccontextmanager
 async def rare_collections(
-    there: Callable[[], int], closed: Callable[[], int]
+    live: Callable[[], int], closed: Callable[[], int]
 ) -> AsyncIterator[None]:
     """Meanwhile, garbage among old objects is collected once half as much was closed as is there.
 
-    `there` says how many connections and rooms there are, `closed` how many have ever been closed.
+    `live` says how many connections and rooms there are, `closed` how many have ever been closed.
     What was there before, modules above all, is not looked at any more. Somebody who comes and
     goes without end leaves new objects, and those are looked at by themselves.
     """
-    looking = asyncio.create_task(_look(there, closed))
+    looking = asyncio.create_task(_look(live, closed))
     try:
         yield
     finally:
@@ -45,7 +45,7 @@ async def rare_collections(
         await asyncio.wait({looking})
 
 
-async def _look(there: Callable[[], int], closed: Callable[[], int]) -> None:
+async def _look(live: Callable[[], int], closed: Callable[[], int]) -> None:
     usual, now = gc.get_threshold(), asyncio.get_running_loop().time
     gc.set_threshold(NEW, MANY, NEVER)
     try:
@@ -55,7 +55,7 @@ async def _look(there: Callable[[], int], closed: Callable[[], int]) -> None:
         rested = now()
         while True:
             await asyncio.sleep(LOOK_SECONDS)
-            if closed() - before >= max(CLOSED_AT_LEAST, there() // 2) and now() >= rested:
+            if closed() - before >= max(CLOSED_AT_LEAST, live() // 2) and now() >= rested:
                 rested = now() + _seconds(gc.collect) / SHARE
                 before = young = closed()
             elif closed() - young >= CLOSED_AT_LEAST:

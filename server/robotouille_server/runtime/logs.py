@@ -56,20 +56,20 @@ class LoopErrors:
     def __init__(self, now: Callable[[], float], counts: Suppressed) -> None:
         self._now = now
         self._counts = counts
-        self._said: dict[str, tuple[float, int]] = {}
+        self._logged: dict[str, tuple[float, int]] = {}
 
     def handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """An exception handler for `loop.set_exception_handler`."""
         text, error = str(context.get("message", "")), context.get("exception")
         kind = f"{text} {type(error).__name__}"
-        said, since = self._said.get(kind, (-LINE_SECONDS, 0))
-        if self._now() - said < LINE_SECONDS:
-            self._said[kind] = said, since + 1
+        logged, since = self._logged.get(kind, (-LINE_SECONDS, 0))
+        if self._now() - logged < LINE_SECONDS:
+            self._logged[kind] = logged, since + 1
             self._counts.log_suppressed += 1
             return
-        if len(self._said) >= MAX_KINDS:
-            self._said.pop(next(iter(self._said)))
-        self._said[kind] = self._now(), 0
+        if len(self._logged) >= MAX_KINDS:
+            self._logged.pop(next(iter(self._logged)))
+        self._logged[kind] = self._now(), 0
         trace = None if isinstance(error, OSError) else error
         get_logger().error(
             "event loop", message=text, error=repr(error), repeated=since, exc_info=trace

@@ -110,10 +110,10 @@ class _Supervisor:
     def _wait(self) -> int:
         """Pass every signal on, until all workers have ended; their worst exit status."""
         workers = [process for process in self._processes if process is not None]
-        told = 0
+        sent = 0
         while living := [worker for worker in workers if worker.poll() is None]:
-            for number in self._signals[told:]:
-                told += 1
+            for number in self._signals[sent:]:
+                sent += 1
                 for worker in living:
                     worker.send_signal(number)
             time.sleep(LOOK_SECONDS)

@@ -1,6 +1,6 @@
 """When rooms want to be called, and what time it is for them.
 
-One timer of the event loop serves the appointments of all rooms. The event loop compares its own
+One timer of the event loop serves the timers of all rooms. The event loop compares its own
 timers in Python, a dozen times for each of a thousand rooms' steps; here plain tuples are compared.
 
 The rooms' time is the event loop's without what the process has stood still (SIGSTOP, a suspended
@@ -21,9 +21,9 @@ __all__ = ["BEAT", "LATE", "TimerHandle", "TimerQueue"]
 AT_ONCE = 50
 """Calls after which what has come from the network has its turn."""
 TIDY_FROM = 100
-"""Cancelled appointments from which on the heap is looked through, if they are half of it."""
+"""Cancelled timers from which on the heap is looked through, if they are half of it."""
 BEAT = 2.0
-"""Seconds after which the clock is looked at, at the latest, while there are appointments."""
+"""Seconds after which the clock is looked at, at the latest, while there are timers."""
 LATE = 3.0
 """Seconds by which that is late at least when the process has stood still."""
 
@@ -67,16 +67,16 @@ class TimerQueue:
 
     def call_at(self, due: float, call: Callable[[float], None]) -> TimerHandle:
         """Call `call(due)` at the time `due`, or soon if that has passed."""
-        appointment = TimerHandle(due, call)
-        heappush(self._heap, (due, next(self._numbers), appointment))
+        handle = TimerHandle(due, call)
+        heappush(self._heap, (due, next(self._numbers), handle))
         if not self._running and (self._timer is None or due + self.lost < self._timer.when()):
             self._arm()
-        return appointment
+        return handle
 
-    def cancel(self, appointment: TimerHandle) -> None:
-        if appointment.call is None:
+    def cancel(self, handle: TimerHandle) -> None:
+        if handle.call is None:
             return
-        appointment.call = None
+        handle.call = None
         self._cancelled += 1
         if self._cancelled > TIDY_FROM and self._cancelled > len(self._heap) // 2:
             self._heap = [entry for entry in self._heap if entry[2].call is not None]
@@ -90,7 +90,7 @@ class TimerQueue:
         self._arm()
 
     def _arm(self) -> None:
-        """Wait for the next appointment, or the next look at the clock."""
+        """Wait for the next handle, or the next look at the clock."""
         now = self.time()
         if self._timer is not None:
             self._timer.cancel()
@@ -109,8 +109,8 @@ class TimerQueue:
                 # The very sum for which the timer was set: differences round otherwise.
                 if not self._heap or self._heap[0][0] + self.lost > self._seen:
                     return
-                due, _number, appointment = heappop(self._heap)
-                call, appointment.call = appointment.call, None
+                due, _number, handle = heappop(self._heap)
+                call, handle.call = handle.call, None
                 if call is None:
                     self._cancelled -= 1
                 else:

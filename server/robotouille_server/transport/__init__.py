@@ -1,1 +1,18 @@
 """Bytes in and out: WebSockets, TLS, and what their connections share."""
+
+from robotouille_server.transport.admission import MAX_SURPLUS_CONNECTIONS, Admission, LoopBudget
+from robotouille_server.transport.connection import Connection, cut, frame_of
+from robotouille_server.transport.peer import MAX_HELD, Peer
+from robotouille_server.transport.tls import ServerTLS
+
+__all__ = [
+    "MAX_HELD",
+    "MAX_SURPLUS_CONNECTIONS",
+    "Admission",
+    "Connection",
+    "LoopBudget",
+    "Peer",
+    "ServerTLS",
+    "cut",
+    "frame_of",
+]

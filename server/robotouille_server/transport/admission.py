@@ -1,4 +1,4 @@
-"""What the connections of a server share: turns, TLS handshakes, and how many there may be."""
+"""What a server's connections share: the loop budget, TLS handshakes, how many there may be."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from collections.abc import Callable
 
 from robotouille_server.runtime.metrics import Metrics
 
-__all__ = ["AT_THE_DOOR", "Admission", "Handshakes", "LoopBudget"]
+__all__ = ["MAX_SURPLUS_CONNECTIONS", "Admission", "Handshakes", "LoopBudget"]
 
-TURN = 96.0
+LOOP_BUDGET = 96.0
 """Frames that all connections together have dealt with in one turn of the event loop; what takes
 longer than most counts for several."""
 HANDSHAKES_AT_ONCE = 16
 """Each takes half a megabyte, and some milliseconds without a pause."""
-AT_THE_DOOR = 1000
+MAX_SURPLUS_CONNECTIONS = 1000
 """Connections beyond the limit, whose handshakes say that the server is full."""
 FAIR_SECONDS = 1.0
 """After which a handshake makes room, if others wait."""
@@ -35,12 +35,12 @@ class LoopBudget:
     @property
     def over(self) -> bool:
         """Whether the present turn is used up."""
-        return self._spent >= TURN
+        return self._spent >= LOOP_BUDGET
 
     @property
     def free(self) -> bool:
         """Whether something that has just come may be looked at now."""
-        return not self._waiting and self._spent < TURN
+        return not self._waiting and self._spent < LOOP_BUDGET
 
     def spend(self, cost: float) -> None:
         """So much of the present turn is used up."""
@@ -89,7 +89,7 @@ class Handshakes:
         self._all[raw] = None
         try:
             async with asyncio.timeout(seconds):
-                await self._place()
+                await self._slot()
                 self._running[raw] = self._loop.time()
                 return await self._loop.start_tls(raw, protocol, tls, server_side=True)
         except (OSError, TimeoutError):  # Nobody's business.
@@ -103,27 +103,27 @@ class Handshakes:
         """Make none any more."""
         for raw in list(self._all):
             raw.abort()
-        for place in self._waiting:
-            place.cancel()
+        for slot in self._waiting:
+            slot.cancel()
 
-    async def _place(self) -> None:
+    async def _slot(self) -> None:
         if len(self._running) < HANDSHAKES_AT_ONCE and not self._waiting:
             return
-        place: asyncio.Future[None] = self._loop.create_future()
-        self._waiting.append(place)
+        slot: asyncio.Future[None] = self._loop.create_future()
+        self._waiting.append(slot)
         self._look()
         try:
-            await place
+            await slot
         except asyncio.CancelledError:
-            if place.done() and not place.cancelled():
+            if slot.done() and not slot.cancelled():
                 self._next()  # It was given one, and does not need it any more.
             raise
 
     def _next(self) -> None:
         while self._waiting and len(self._running) < HANDSHAKES_AT_ONCE:
-            place = self._waiting.popleft()
-            if not place.done():
-                place.set_result(None)
+            slot = self._waiting.popleft()
+            if not slot.done():
+                slot.set_result(None)
                 break
 
     def _look(self) -> None:
@@ -135,19 +135,19 @@ class Handshakes:
         for raw, begun in list(self._running.items()):
             if now - begun >= FAIR_SECONDS:
                 raw.abort()
-        if any(not place.done() for place in self._waiting) and self._running:
+        if any(not slot.done() for slot in self._waiting) and self._running:
             due = min(self._running.values()) + FAIR_SECONDS
             self._looking = self._loop.call_at(max(due, now + 0.1), self._look)
 
 
 class Admission:
-    """Those who are connected, whether they have said anything or not. `most` may be; with `tls`
+    """Those who are connected, whether they have said anything or not. `limit` may be; with `tls`
     they have so many seconds for its handshake."""
 
-    def __init__(self, metrics: Metrics, most: int, handshake_seconds: float) -> None:
+    def __init__(self, metrics: Metrics, limit: int, handshake_seconds: float) -> None:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
-        self.most = most
+        self.limit = limit
         self.tls: ssl.SSLContext | None = None
         self.handshake_seconds = handshake_seconds
         self.turns = LoopBudget(loop)
@@ -156,7 +156,7 @@ class Admission:
 
     def enter(self) -> bool:
         """One more is connected, if it is not one too many."""
-        if self.inside >= self.most:
+        if self.inside >= self.limit:
             return False
         self.inside += 1
         return True

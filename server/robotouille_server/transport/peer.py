@@ -29,19 +29,19 @@ class Peer:
     __slots__ = (
         "_answered",
         "_behind_since",
+        "_closing",
         "_looks_at",
         "_metrics",
-        "_parted",
         "_protocol",
         "_stall_seconds",
         "_transport",
         "_when_caught_up",
         "codec",
-        "picture_due",
-        "pictured",
         "received",
         "received_bytes",
         "sent",
+        "snapshot_due",
+        "snapshot_sent",
         "socket",
     )
 
@@ -53,19 +53,19 @@ class Peer:
         self.codec = codec
         self.sent = 0
         self.received = 0
-        self.pictured = self.picture_due = False
+        self.snapshot_sent = self.snapshot_due = False
         self._answered = 0
         self.received_bytes = 0
         self._metrics = metrics
         self._stall_seconds = stall_seconds
-        self._parted = False
+        self._closing = False
         self._behind_since: float | None = None
         self._looks_at = 0.0
         self._when_caught_up: dict[str, tuple[int, Callable[[], None]]] = {}
 
     @property
     def open(self) -> bool:
-        if self._parted:
+        if self._closing:
             return False
         return self._protocol.state is Connected.OPEN and not self._transport.is_closing()
 
@@ -125,9 +125,9 @@ class Peer:
         Once it has fallen behind it is not, until it has read what it had; `catch_up` is called
         then. One that does not read in time is cut off.
         """
-        if "picture" not in self._when_caught_up and self.unsent > MAX_UNSENT:
-            self._await("picture", 0, catch_up)
-        return "picture" not in self._when_caught_up
+        if "snapshot" not in self._when_caught_up and self.unsent > MAX_UNSENT:
+            self._await("snapshot", 0, catch_up)
+        return "snapshot" not in self._when_caught_up
 
     def throttle(self) -> None:
         """Read no more from a client that does not read what it is answered."""
@@ -155,7 +155,7 @@ class Peer:
         for what, (size, then) in list(self._when_caught_up.items()):
             if unsent <= size:
                 del self._when_caught_up[what]
-                if what == "picture":
+                if what == "snapshot":
                     self._metrics.snapshots.inc()
                 self.socket.loop.call_soon(then)
         if not self._when_caught_up:
@@ -175,10 +175,10 @@ class Peer:
         self._looks_at = loop.time() + LOOK_AGAIN
         loop.call_at(self._looks_at, self._look)
 
-    def part(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
-        """Say goodbye and close the connection politely, without waiting for the client."""
+    def close(self, code: str, reason: str, *, retry: bool = False, status: int = 1008) -> None:
+        """Send `bye` and close the connection politely, without waiting for the client."""
         self.send(messages.Bye(code=code, reason=reason, retry=retry))
-        self._parted = True
+        self._closing = True
         self.socket.say_goodbye(status, reason)
 
     def drop(self, reason: str) -> None:

@@ -52,15 +52,15 @@ WATCH_SECONDS = 0.25
 router = APIRouter(prefix="/api", responses={"default": {"model": Problem}})
 
 
-async def _caller(request: Request) -> Principal:
-    caller: Principal = request.state.caller
-    return caller
+async def _principal(request: Request) -> Principal:
+    principal: Principal = request.state.principal
+    return principal
 
 
-async def _desk(request: Request) -> AdminService:
-    """The desk as the caller may use it."""
-    desk: AdminService = request.app.state.desk
-    return desk.serving(request.state.caller)
+async def _service(request: Request) -> AdminService:
+    """The service as the principal may use it."""
+    service: AdminService = request.app.state.service
+    return service.serving(request.state.principal)
 
 
 async def _streams(request: Request) -> Streams:
@@ -68,8 +68,8 @@ async def _streams(request: Request) -> Streams:
     return streams
 
 
-TheCaller = Annotated[Principal, Depends(_caller)]
-TheDesk = Annotated[AdminService, Depends(_desk)]
+ThePrincipal = Annotated[Principal, Depends(_principal)]
+TheService = Annotated[AdminService, Depends(_service)]
 TheStreams = Annotated[Streams, Depends(_streams)]
 AnyPhase = Literal["", "waiting", "running", "paused", "over"]
 PhaseParameter = Annotated[AnyPhase, Query(description="Only episodes in this phase.")]
@@ -88,13 +88,13 @@ FILE: dict[int | str, dict[str, Any]] = {
 
 @router.get("/overview", summary="The server, its totals and its episodes")
 async def overview(
-    desk: TheDesk,
+    service: TheService,
     phase: PhaseParameter = "",
     search: Search = "",
     limit: Limit = 50,
     offset: Offset = 0,
 ) -> Overview:
-    return desk.overview(phase, search, limit, offset)
+    return service.overview(phase, search, limit, offset)
 
 
 @router.get(
@@ -104,23 +104,23 @@ async def overview(
     responses=EVENTS,
 )
 async def overview_events(
-    desk: TheDesk,
+    service: TheService,
     streams: TheStreams,
-    caller: TheCaller,
+    principal: ThePrincipal,
     phase: PhaseParameter = "",
     search: Search = "",
     limit: Limit = 50,
     offset: Offset = 0,
 ) -> Response:
     async def look() -> BaseModel:
-        return desk.overview(phase, search, limit, offset)
+        return service.overview(phase, search, limit, offset)
 
-    return _events(streams.events(look, OVERVIEW_SECONDS, caller))
+    return _events(streams.events(look, OVERVIEW_SECONDS, principal))
 
 
 @router.get("/episodes/{episode}", summary="One episode: its state in words, what happened last")
-async def episode(desk: TheDesk, episode: str) -> EpisodeDetail:
-    return await desk.watch(episode).look()
+async def episode(service: TheService, episode: str) -> EpisodeDetail:
+    return await service.watch(episode).look()
 
 
 @router.get(
@@ -130,51 +130,51 @@ async def episode(desk: TheDesk, episode: str) -> EpisodeDetail:
     responses=EVENTS,
 )
 async def episode_events(
-    desk: TheDesk, streams: TheStreams, caller: TheCaller, episode: str
+    service: TheService, streams: TheStreams, principal: ThePrincipal, episode: str
 ) -> Response:
-    return _events(streams.events(desk.watch(episode).look, WATCH_SECONDS, caller))
+    return _events(streams.events(service.watch(episode).look, WATCH_SECONDS, principal))
 
 
 @router.post("/episodes/{episode}/pause", summary="Let an episode stand still")
-async def pause(desk: TheDesk, episode: str, request: NoRequest) -> Done:
-    return desk.pause(episode)
+async def pause(service: TheService, episode: str, request: NoRequest) -> Done:
+    return service.pause(episode)
 
 
 @router.post("/episodes/{episode}/resume", summary="Let it go on")
-async def resume(desk: TheDesk, episode: str, request: NoRequest) -> Done:
-    return desk.resume(episode)
+async def resume(service: TheService, episode: str, request: NoRequest) -> Done:
+    return service.resume(episode)
 
 
 @router.post("/episodes/{episode}/end", summary="End an episode")
-async def end(desk: TheDesk, episode: str, request: EndRequest) -> Done:
-    return desk.end(episode, request.reason)
+async def end(service: TheService, episode: str, request: EndRequest) -> Done:
+    return service.end(episode, request.reason)
 
 
 @router.post("/episodes/{episode}/kick", summary="Remove a player or a spectator")
-async def kick(desk: TheDesk, episode: str, request: KickRequest) -> Done:
-    return desk.kick(episode, request.session, request.reason)
+async def kick(service: TheService, episode: str, request: KickRequest) -> Done:
+    return service.kick(episode, request.session, request.reason)
 
 
 @router.post("/episodes/{episode}/mute", summary="Let somebody talk no more, or again")
-async def mute(desk: TheDesk, episode: str, request: MuteRequest) -> Done:
-    return desk.mute(episode, request.session, muted=request.muted)
+async def mute(service: TheService, episode: str, request: MuteRequest) -> Done:
+    return service.mute(episode, request.session, muted=request.muted)
 
 
 @router.post("/episodes/{episode}/announce", summary="Say something to everybody in an episode")
-async def announce(desk: TheDesk, episode: str, request: AnnounceRequest) -> Done:
-    return desk.announce(episode, request.text)
+async def announce(service: TheService, episode: str, request: AnnounceRequest) -> Done:
+    return service.announce(episode, request.text)
 
 
 @router.post("/announce", summary="Say something to everybody")
-async def announce_to_all(desk: TheDesk, request: AnnounceRequest) -> Done:
-    return desk.announce_to_all(request.text)
+async def announce_to_all(service: TheService, request: AnnounceRequest) -> Done:
+    return service.announce_to_all(request.text)
 
 
 @router.get("/recordings", summary="The recordings, the newest first")
 async def recordings(
-    desk: TheDesk, search: Search = "", limit: Limit = 50, offset: Offset = 0
+    service: TheService, search: Search = "", limit: Limit = 50, offset: Offset = 0
 ) -> RecordingPage:
-    return await desk.recordings(search, limit, offset)
+    return await service.recordings(search, limit, offset)
 
 
 @router.get(
@@ -183,8 +183,8 @@ async def recordings(
     response_class=Response,
     responses=FILE,
 )
-async def recording(desk: TheDesk, name: str) -> Response:
-    content = await desk.recording(name)
+async def recording(service: TheService, name: str) -> Response:
+    content = await service.recording(name)
     headers = {"content-disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type="application/octet-stream", headers=headers)
 
@@ -201,9 +201,9 @@ async def _refused(request: Request, error: Exception) -> Response:
     if not isinstance(error, RequestRefusedError):
         raise error
     if request.method not in SAFE or error.status is HTTPStatus.FORBIDDEN:
-        desk: AdminService = request.app.state.desk.serving(request.state.caller)
+        service: AdminService = request.app.state.service.serving(request.state.principal)
         what = request.scope["route"].name.replace("_", " ")
-        desk.refused(what, request.path_params.get("episode", ""), error.code)
+        service.refused(what, request.path_params.get("episode", ""), error.code)
     return _problem(error.status, error.code, error.message)
 
 
@@ -251,8 +251,8 @@ class OperatorApi(FastAPI):
         return described
 
 
-def application(desk: AdminService | None, streams: Streams | None) -> FastAPI:
-    """The API of a desk; without one it can only be described."""
+def application(service: AdminService | None, streams: Streams | None) -> FastAPI:
+    """The API of a service; without one it can only be described."""
     app = OperatorApi(
         title="Robotouille: the operator's view",
         version=API_VERSION,
@@ -263,7 +263,7 @@ def application(desk: AdminService | None, streams: Streams | None) -> FastAPI:
         openapi_url="/api/openapi.json",
         generate_unique_id_function=lambda route: route.name,
     )
-    app.state.desk = desk
+    app.state.service = service
     app.state.streams = streams
     app.include_router(router)
     app.router.routes.extend(page_routes())

@@ -1,4 +1,4 @@
-"""Places on the operator's port: how many connections there may be, and who makes room for whom.
+"""Slots on the operator's port: how many connections there may be, and who makes room for whom.
 
 The port is small, and whoever opens connections faster than others must not lock the operator
 out. So it is never full for a newcomer as long as somebody has shown no token: of those, the one
@@ -17,7 +17,7 @@ from itertools import count
 from websockets.datastructures import Headers
 
 from robotouille_server.admin.errors import RequestRefusedError
-from robotouille_server.auth.visitors import visitor
+from robotouille_server.auth import visitor
 
 __all__ = [
     "MAX_CONNECTIONS",
@@ -52,12 +52,12 @@ class ConnectionSlot:
     """One connection. `cut` ends it at once; `group` is what its address counts as, empty for
     this machine's; `since` orders those of equal standing."""
 
-    __slots__ = ("_places", "address", "cut", "group", "since", "standing", "subject")
+    __slots__ = ("_slots", "address", "cut", "group", "since", "standing", "subject")
 
     def __init__(
-        self, places: ConnectionSlots, address: str, group: str, since: int, cut: Callable[[], None]
+        self, slots: ConnectionSlots, address: str, group: str, since: int, cut: Callable[[], None]
     ) -> None:
-        self._places = places
+        self._slots = slots
         self.address = address
         self.group = group
         self.since = since
@@ -68,7 +68,7 @@ class ConnectionSlot:
     def stand(self, standing: Standing) -> None:
         """What is known of it changes now."""
         self.standing = standing
-        self.since = self._places.moment()
+        self.since = self._slots.moment()
 
     def answered(self) -> None:
         """A request is over."""
@@ -78,7 +78,7 @@ class ConnectionSlot:
     def know(self, subject: str) -> None:
         """Its request came with a valid token of this subject; RequestRefusedError if
         that has too many connections already."""
-        others = self._places.known(subject, other_than=self)
+        others = self._slots.known(subject, other_than=self)
         if others >= MAX_PER_SUBJECT:
             message = f"{MAX_PER_SUBJECT} connections have your token already; close one"
             raise RequestRefusedError(HTTPStatus.SERVICE_UNAVAILABLE, "operator/busy", message)
@@ -87,7 +87,7 @@ class ConnectionSlot:
 
     def leave(self) -> None:
         """The connection is over."""
-        self._places.forget(self)
+        self._slots.forget(self)
 
 
 class ConnectionSlots:
@@ -101,11 +101,11 @@ class ConnectionSlots:
         return len(self._taken)
 
     def take(self, peer: object, cut: Callable[[], None]) -> ConnectionSlot | None:
-        """A place for a newcomer with this socket address; None if nobody makes room."""
+        """A slot for a newcomer with this socket address; None if nobody makes room."""
         who = visitor(peer, Headers())
         group = "" if who.local else who.group
         if group:
-            same = [place for place in self._unknown() if place.group == group]
+            same = [slot for slot in self._unknown() if slot.group == group]
             if len(same) >= MAX_PER_ADDRESS:
                 self._displace(same)
         if len(self._taken) >= MAX_CONNECTIONS:
@@ -113,36 +113,36 @@ class ConnectionSlots:
             if not unknown:
                 return None
             self._displace(unknown)
-        place = ConnectionSlot(self, who.address, group, self.moment(), cut)
-        self._taken.add(place)
-        return place
+        slot = ConnectionSlot(self, who.address, group, self.moment(), cut)
+        self._taken.add(slot)
+        return slot
 
     def known(self, subject: str, other_than: ConnectionSlot) -> int:
         """How many other connections have tokens of a subject."""
         return sum(
-            place.subject == subject and place.standing is Standing.KNOWN
-            for place in self._taken
-            if place is not other_than
+            slot.subject == subject and slot.standing is Standing.KNOWN
+            for slot in self._taken
+            if slot is not other_than
         )
 
     def moment(self) -> int:
         """A number that grows each time."""
         return next(self._moments)
 
-    def forget(self, place: ConnectionSlot) -> None:
+    def forget(self, slot: ConnectionSlot) -> None:
         """A connection is over."""
-        self._taken.discard(place)
+        self._taken.discard(slot)
 
     def clear(self) -> None:
         """End all connections."""
-        for place in list(self._taken):
-            place.cut()
+        for slot in list(self._taken):
+            slot.cut()
         self._taken.clear()
 
     def _unknown(self) -> list[ConnectionSlot]:
-        return [place for place in self._taken if place.standing is not Standing.KNOWN]
+        return [slot for slot in self._taken if slot.standing is not Standing.KNOWN]
 
     def _displace(self, some: list[ConnectionSlot]) -> None:
-        last = min(some, key=lambda place: (place.standing, place.since))
+        last = min(some, key=lambda slot: (slot.standing, slot.since))
         self.forget(last)
         last.cut()

@@ -28,10 +28,10 @@ Look = Callable[[], Awaitable[BaseModel]]
 class Stream:
     """One open stream, and why it has to end; None while it need not."""
 
-    __slots__ = ("caller", "end", "judged")
+    __slots__ = ("end", "judged", "principal")
 
-    def __init__(self, caller: Principal) -> None:
-        self.caller = caller
+    def __init__(self, principal: Principal) -> None:
+        self.principal = principal
         self.end: RequestRefusedError | None = None
         self.judged = 0.0
 
@@ -40,7 +40,7 @@ class Stream:
         self.judged += seconds
         if self.judged >= JUDGE_SECONDS:
             self.judged = 0.0
-            self.caller.judge()
+            self.principal.judge()
         if self.end is not None:
             raise self.end
 
@@ -56,19 +56,19 @@ class Streams:
         """End every stream, and whatever else waits for its next tick."""
         self._stopping.set()
 
-    def events(self, look: Look, seconds: float, caller: Principal) -> AsyncIterator[str]:
+    def events(self, look: Look, seconds: float, principal: Principal) -> AsyncIterator[str]:
         """`data:` events, at most one in so many seconds, and comments while nothing changes.
 
-        The last event is `refused` where the caller's token does not hold any longer, or where
-        somebody with a token needs the place. RequestRefusedError if too many streams are
+        The last event is `refused` where the principal's token does not hold any longer, or where
+        somebody with a token needs the slot. RequestRefusedError if too many streams are
         open already.
         """
-        self._make_room(caller)
-        return self._events(look, seconds, caller)
+        self._make_room(principal)
+        return self._events(look, seconds, principal)
 
-    async def _events(self, look: Look, seconds: float, caller: Principal) -> AsyncIterator[str]:
+    async def _events(self, look: Look, seconds: float, principal: Principal) -> AsyncIterator[str]:
         told, silent, waited = "", 0.0, 0.0
-        with self._opened(caller) as stream:
+        with self._opened(principal) as stream:
             while True:
                 try:
                     stream.judge(waited)
@@ -88,24 +88,24 @@ class Streams:
                 waited = seconds
 
     @contextlib.contextmanager
-    def _opened(self, caller: Principal) -> Iterator[Stream]:
-        stream = Stream(caller)
+    def _opened(self, principal: Principal) -> Iterator[Stream]:
+        stream = Stream(principal)
         self._open[stream] = None
         try:
             yield stream
         finally:
             self._open.pop(stream, None)
 
-    def _make_room(self, caller: Principal) -> None:
+    def _make_room(self, principal: Principal) -> None:
         """Who has shown a token takes the place of the oldest stream without one."""
-        if caller.grant is not None:
-            same = sum(one.caller.token_subject == caller.token_subject for one in self._open)
+        if principal.grant is not None:
+            same = sum(one.principal.token_subject == principal.token_subject for one in self._open)
             if same >= MAX_STREAMS_PER_SUBJECT:
                 raise _busy(f"{MAX_STREAMS_PER_SUBJECT} pages are open with your token already")
         if len(self._open) < MAX_STREAMS:
             return
-        unknown = next((one for one in self._open if one.caller.grant is None), None)
-        if unknown is None or caller.grant is None:
+        unknown = next((one for one in self._open if one.principal.grant is None), None)
+        if unknown is None or principal.grant is None:
             raise _busy(f"{MAX_STREAMS} pages are open already")
         unknown.end = _busy("somebody with a token needs the place")
         del self._open[unknown]

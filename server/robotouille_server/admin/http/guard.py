@@ -21,8 +21,7 @@ from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.http.connection_slots import ConnectionSlot
 from robotouille_server.admin.http.logins import LoginAudit
 from robotouille_server.admin.principal import Principal
-from robotouille_server.auth.tokens import RoleGrant
-from robotouille_server.auth.visitors import PROXY_HEADERS
+from robotouille_server.auth import PROXY_HEADERS, RoleGrant
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -77,7 +76,7 @@ class Access:
             _check_change(headers)
         if scope["path"] in self.public:
             return Principal()
-        return self._caller(headers)
+        return self._principal(headers)
 
     def _check_host(self, scope: Scope, hosts: list[str]) -> None:
         own = (scope.get("server") or ("", 0))[0]
@@ -87,7 +86,7 @@ class Access:
         message = f"{', '.join(hosts) or 'no host'} is not a name of this page"
         raise RequestRefusedError(HTTPStatus.MISDIRECTED_REQUEST, "host/unknown", message)
 
-    def _caller(self, headers: dict[str, list[str]]) -> Principal:
+    def _principal(self, headers: dict[str, list[str]]) -> Principal:
         """Where no token is needed one that is given counts, too, and must be good."""
         forwarded = any(name.lower() in headers for name in PROXY_HEADERS)
         needed = self.always or forwarded
@@ -187,20 +186,20 @@ class Gate:
             await self._app(scope, receive, send_guarded)
 
     def _let_in(self, scope: Scope) -> None:
-        """Leave the caller in the request's state; a valid token keeps the connection's place."""
+        """Leave the principal in the request's state; a valid token keeps the connection's slot."""
         state = scope.setdefault("state", {})
-        place: ConnectionSlot | None = state.get("place")
+        slot: ConnectionSlot | None = state.get("slot")
         try:
-            caller = self._access.check(scope)
+            principal = self._access.check(scope)
         except RequestRefusedError as error:
             if error.status is HTTPStatus.UNAUTHORIZED and error.code != "auth/needed":
-                self._logins.refused(error.code, "" if place is None else place.address)
+                self._logins.refused(error.code, "" if slot is None else slot.address)
             raise
-        if caller.grant is not None:
-            if place is not None:
-                place.know(caller.grant.subject)
-            self._logins.good(caller.grant, "" if place is None else place.address)
-        state["caller"] = caller
+        if principal.grant is not None:
+            if slot is not None:
+                slot.know(principal.grant.subject)
+            self._logins.good(principal.grant, "" if slot is None else slot.address)
+        state["principal"] = principal
 
 
 def _missing(message: Any) -> Iterable[tuple[bytes, bytes]]:

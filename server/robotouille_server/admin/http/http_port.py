@@ -1,4 +1,4 @@
-"""Connections to the operator's port: HTTP/1.1 by uvicorn, with time-outs and places.
+"""Connections to the operator's port: HTTP/1.1 by uvicorn, with time-outs and slots.
 
 Needs the extra `operator`.
 """
@@ -29,29 +29,29 @@ class HttpPort(asyncio.Protocol):
         self,
         config: Config,
         state: ServerState,
-        places: ConnectionSlots,
+        slots: ConnectionSlots,
         tls: ssl.SSLContext | None,
         opening: set[asyncio.Task[None]],
     ) -> None:
         self._config = config
         self._state = state
-        self._places = places
+        self._slots = slots
         self._tls = tls
         self._opening = opening
         self._early = b""
-        self._place: ConnectionSlot | None = None
+        self._slot: ConnectionSlot | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         raw = cast("asyncio.Transport", transport)
-        self._place = self._places.take(raw.get_extra_info("peername"), raw.abort)
-        if self._place is None:
+        self._slot = self._slots.take(raw.get_extra_info("peername"), raw.abort)
+        if self._slot is None:
             raw.abort()
         elif self._tls is None:
-            self._hand_on(self._place, raw, raw)
+            self._hand_on(self._slot, raw, raw)
         else:
             raw.pause_reading()  # The handshake is start_tls's business from its first byte on.
             task = asyncio.get_running_loop().create_task(
-                self._encrypt(self._place, raw, self._tls), name="operator's handshake"
+                self._encrypt(self._slot, raw, self._tls), name="operator's handshake"
             )
             self._opening.add(task)
             task.add_done_callback(self._opening.discard)
@@ -60,12 +60,12 @@ class HttpPort(asyncio.Protocol):
         self._early += data
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._place is not None:
-            self._place.leave()
-            self._place = None
+        if self._slot is not None:
+            self._slot.leave()
+            self._slot = None
 
     async def _encrypt(
-        self, place: ConnectionSlot, raw: asyncio.Transport, tls: ssl.SSLContext
+        self, slot: ConnectionSlot, raw: asyncio.Transport, tls: ssl.SSLContext
     ) -> None:
         try:
             encrypted = await asyncio.get_running_loop().start_tls(
@@ -73,16 +73,16 @@ class HttpPort(asyncio.Protocol):
             )
         except OSError:  # A handshake that fails or takes too long is nobody's business.
             encrypted = None
-        if encrypted is None or self._place is None:
-            place.leave()
+        if encrypted is None or self._slot is None:
+            slot.leave()
             raw.abort()
             return
-        self._hand_on(place, encrypted, raw)
+        self._hand_on(slot, encrypted, raw)
 
     def _hand_on(
-        self, place: ConnectionSlot, transport: asyncio.Transport, raw: asyncio.Transport
+        self, slot: ConnectionSlot, transport: asyncio.Transport, raw: asyncio.Transport
     ) -> None:
-        http = PortProtocol(self._config, self._state, place, raw)
+        http = PortProtocol(self._config, self._state, slot, raw)
         transport.set_protocol(http)
         http.connection_made(transport)
         if self._early:
@@ -93,22 +93,22 @@ class PortProtocol(H11Protocol):
     """Gives up on a client that does not send what it has begun, or does not read its answer."""
 
     def __init__(
-        self, config: Config, state: ServerState, place: ConnectionSlot, raw: asyncio.Transport
+        self, config: Config, state: ServerState, slot: ConnectionSlot, raw: asyncio.Transport
     ) -> None:
-        super().__init__(config, state, {"place": place})
-        self._place = place
+        super().__init__(config, state, {"slot": slot})
+        self._slot = slot
         self._raw = raw
         self._awaited: Any = None
         self._deadline: asyncio.TimerHandle | None = None
-        self._patience: asyncio.TimerHandle | None = None
+        self._read_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._await_client()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._place.leave()
-        for timer in (self._deadline, self._patience):
+        self._slot.leave()
+        for timer in (self._deadline, self._read_timer):
             if timer is not None:
                 timer.cancel()
         super().connection_lost(exc)
@@ -117,11 +117,11 @@ class PortProtocol(H11Protocol):
         before = self.cycle
         super().handle_events()
         if self.cycle is not before:
-            self._place.stand(Standing.BUSY)
+            self._slot.stand(Standing.BUSY)
         self._await_client()
 
     def on_response_complete(self) -> None:
-        self._place.answered()
+        self._slot.answered()
         super().on_response_complete()
         self._await_client()
 
@@ -135,9 +135,9 @@ class PortProtocol(H11Protocol):
 
     def resume_writing(self) -> None:
         super().resume_writing()
-        if self._patience is not None and not self.transport.is_closing():
-            self._patience.cancel()
-            self._patience = None
+        if self._read_timer is not None and not self.transport.is_closing():
+            self._read_timer.cancel()
+            self._read_timer = None
 
     def _await_client(self) -> None:
         """A request's head must be there in time, counted from the connection's beginning or the
@@ -165,16 +165,16 @@ class PortProtocol(H11Protocol):
 
     def _await_reader(self) -> None:
         """An answer that waits for the client must become shorter."""
-        if self._patience is None:
-            self._patience = self._later(STALL_SECONDS, self._look, self._unsent())
+        if self._read_timer is None:
+            self._read_timer = self._later(STALL_SECONDS, self._look, self._unsent())
 
     def _look(self, unsent: int) -> None:
-        self._patience = None
+        self._read_timer = None
         left = self._unsent()
         if left >= unsent:
             self._raw.abort()
         else:
-            self._patience = self._later(STALL_SECONDS, self._look, left)
+            self._read_timer = self._later(STALL_SECONDS, self._look, left)
 
     def _unsent(self) -> int:
         """Bytes that wait to be taken by the network, encrypted or not."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 
-from robotouille_server.auth.tokens import RoleGrant
+from robotouille_server.auth import RoleGrant
 from robotouille_server.runtime.audit_log import AuditLog, Details
 from robotouille_server.runtime.token_bucket import TokenBucket
 

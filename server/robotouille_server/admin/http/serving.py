@@ -18,7 +18,7 @@ from robotouille_server.admin.http.guard import Access, Gate, is_loopback
 from robotouille_server.admin.http.logins import LoginAudit
 from robotouille_server.admin.http.timeouts import KEEP_ALIVE_SECONDS
 from robotouille_server.app import CannotListenError, Server
-from robotouille_server.auth.tokens import RoleGrant
+from robotouille_server.auth import RoleGrant
 from robotouille_server.runtime.logs import get_logger
 
 if TYPE_CHECKING:
@@ -140,10 +140,10 @@ async def _served(
     from robotouille_server.admin.http.event_streams import Streams
 
     now = asyncio.get_running_loop().time
-    desk, streams = AdminService(server, now), Streams()
+    service, streams = AdminService(server, now), Streams()
     logins = LoginAudit(server.audit, now, addresses=server.settings.record_addresses)
-    http = _http_server(Gate(application(desk, streams), access, logins))
-    ticks = (desk.tick, logins.tick)
+    http = _http_server(Gate(application(service, streams), access, logins))
+    ticks = (service.tick, logins.tick)
     tasks = [
         asyncio.create_task(_tick(ticks, streams), name="operator's figures"),
         asyncio.create_task(http.serve(sockets=[]), name="operator's port"),
@@ -172,18 +172,18 @@ async def _accepting(
     neither count nor time connections before their first request."""
     from robotouille_server.admin.http.http_port import HttpPort
 
-    places, opening = ConnectionSlots(), set[asyncio.Task[None]]()
+    slots, opening = ConnectionSlots(), set[asyncio.Task[None]]()
 
-    def door() -> asyncio.Protocol:
-        return HttpPort(http.config, http.server_state, places, tls, opening)
+    def connection_factory() -> asyncio.Protocol:
+        return HttpPort(http.config, http.server_state, slots, tls, opening)
 
     loop = asyncio.get_running_loop()
-    accepting = await loop.create_server(door, sock=listening, backlog=BACKLOG)
+    accepting = await loop.create_server(connection_factory, sock=listening, backlog=BACKLOG)
     try:
         yield accepting
     finally:
         accepting.close()
-        places.clear()
+        slots.clear()
         for task in list(opening):
             task.cancel()
         await asyncio.gather(*opening, return_exceptions=True)

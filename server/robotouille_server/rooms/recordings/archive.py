@@ -15,7 +15,6 @@ from robotouille.replay.restore import Restored, restoring
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.recordings.journal import CLOSED, OPEN, Journal, name_in
 from robotouille_server.rooms.recordings.storage import Storage
-from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["Archive", "ArchivedEpisode", "episode_of"]
@@ -58,7 +57,7 @@ class Archive:
     recording at a time, and none again that was refused.
     """
 
-    def __init__(self, storage: Storage, adopt: Callable[[ArchivedEpisode], Room]) -> None:
+    def __init__(self, storage: Storage, adopt: Callable[[ArchivedEpisode], object]) -> None:
         self._storage = storage
         self._adopt = adopt
         self._names: dict[str, list[str]] = {}

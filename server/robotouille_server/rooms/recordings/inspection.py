@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator, Set
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from robotouille_server.rooms.room import Room
+from robotouille_server.rooms.recordings.journal import RecordedRoom
 
 __all__ = ["LOOK_SECONDS", "Inspection"]
 
@@ -19,7 +17,7 @@ class Inspection:
     """Goes round the journals of all `live` rooms while there are any. A file that has to be
     written anew takes a turn of the event loop for itself."""
 
-    def __init__(self, live: Set[Room]) -> None:
+    def __init__(self, live: Set[RecordedRoom]) -> None:
         self._live = live
         self._timer: asyncio.Handle | None = None
 
@@ -40,7 +38,7 @@ class Inspection:
         if rooms:
             self._go_on(iter(rooms))
 
-    def _go_on(self, rooms: Iterator[Room]) -> None:
+    def _go_on(self, rooms: Iterator[RecordedRoom]) -> None:
         for room in rooms:
             # Since the round began an episode may have ended: its file is a thread's by now.
             if room in self._live and room.journal is not None and room.journal.look():

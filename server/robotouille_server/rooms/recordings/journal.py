@@ -1,11 +1,11 @@
-"""An episode's recording as it grows: what has not been written is not told either."""
+"""An episode's recording as it grows: what has not been written is not published."""
 
 from __future__ import annotations
 
 import contextlib
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Protocol
 
 from robotouille.episode import Event
 from robotouille.errors import RecordingError
@@ -14,7 +14,7 @@ from robotouille.replay.recorder import Recorder
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Storage
 from robotouille_server.runtime.logs import get_logger
 
-__all__ = ["CLOSED", "OPEN", "Journal", "close_recording", "file_name", "name_in"]
+__all__ = ["CLOSED", "OPEN", "Journal", "RecordedRoom", "close_recording", "file_name", "name_in"]
 
 MAX_RECORDING_BYTES = 192 * 1024 * 1024
 """At which an episode is ended; what is written until then, and its end, can always be read."""
@@ -117,13 +117,13 @@ class Journal:
         try:
             condition = self._file.condition()
         except OSError as error:
-            self._say_damaged(f"the recording is out of reach: {error.strerror or error}")
+            self._damaged(f"the recording is out of reach: {error.strerror or error}")
             return False
         if condition is FileCondition.REMOVED:
             self._write_anew(self._file)
             return True
         if condition is FileCondition.CUT_SHORT:
-            self._say_damaged("somebody has cut the recording short; what is gone is lost")
+            self._damaged("somebody has cut the recording short; what is gone is lost")
         else:
             self._damage = ""
         return False
@@ -141,14 +141,14 @@ class Journal:
                 with contextlib.suppress(OSError):
                     self._storage.remove(self.name)
             reason = error.strerror or error
-            self._say_damaged(f"somebody has removed the recording, and a new one fails: {reason}")
+            self._damaged(f"somebody has removed the recording, and a new one fails: {reason}")
             return
         removed.close()
         self._file = file
         self._damage = ""
         get_logger().error("recording was removed, and is written anew", file=self.name)
 
-    def _say_damaged(self, damage: str) -> None:
+    def _damaged(self, damage: str) -> None:
         if damage != self._damage:
             get_logger().error("recording damaged", file=self.name, error=damage)
         self._damage = damage
@@ -165,7 +165,7 @@ class Journal:
             get_logger().error("recording not closed", file=self.name, error=str(error))
             return ""
         except RecordingError as error:
-            self._say_damaged(f"the recording is not closed, for it is {error}")
+            self._damaged(f"the recording is not closed, for it is {error}")
             return ""
         finally:
             self.release()
@@ -186,6 +186,15 @@ class Journal:
         if self._file is not None:
             self._file.close()
             self._file = None
+
+
+class RecordedRoom(Protocol):
+    """A room, as far as its recording goes: see `Room`."""
+
+    @property
+    def journal(self) -> Journal | None: ...
+
+    def holds_seat(self, session_id: str) -> str | None: ...
 
 
 def close_recording(storage: Storage, name: str, content: bytes, size: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from typing import Generic, TypeVar
 
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.container import MAGIC, VERSIONS, magic, read_frames
@@ -12,19 +13,26 @@ from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.recordings.archive import Archive, ArchivedEpisode, episode_of
-from robotouille_server.rooms.recordings.journal import OPEN, Journal, close_recording, name_in
+from robotouille_server.rooms.recordings.journal import (
+    OPEN,
+    Journal,
+    RecordedRoom,
+    close_recording,
+    name_in,
+)
 from robotouille_server.rooms.recordings.storage import Appender, Storage
-from robotouille_server.rooms.room import Room
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.workers import WorkerSlot, plain_code
 
 __all__ = ["Recovery"]
 
+RoomT = TypeVar("RoomT", bound=RecordedRoom)
+
 LOOK_AGAIN_SECONDS = 0.5
 """Between two looks at the episodes that another process still has."""
 
 
-class Recovery:
+class Recovery(Generic[RoomT]):
     """Looks for recordings that are not closed. `adopt` makes a room of one.
 
     `unrestored` are files that cannot be gone on with, `problems` those that cannot yet, and why.
@@ -35,24 +43,24 @@ class Recovery:
         self,
         storage: Storage,
         worker: WorkerSlot,
-        patience: float,
-        adopt: Callable[[ArchivedEpisode], Room],
+        return_seconds: float,
+        adopt: Callable[[ArchivedEpisode], RoomT],
         now: Callable[[], float],
     ) -> None:
         self.unrestored: dict[str, str] = {}
         self.problems: dict[str, str] = {}
         self._storage = storage
         self._worker = worker
-        self._patience = patience
+        self._return_seconds = return_seconds
         self._adopt = adopt
         self._now = now
         self._foreign: dict[str, str] = {}
         self.archive = Archive(storage, adopt)
-        self._seated: dict[str, Room] = {}
+        self._seated: dict[str, RoomT] = {}
         self._looking: asyncio.TimerHandle | None = None
         self._stopped = False
 
-    def look(self, known: Mapping[str, Room]) -> None:
+    def look(self, known: Mapping[str, RoomT]) -> None:
         """Go on with every recording that is not closed; those that another process still writes
         are taken over when it lets go. `known` are the episodes that are here already."""
         if self._stopped:
@@ -78,12 +86,12 @@ class Recovery:
         if self._foreign:
             self._again(known)
 
-    def _again(self, known: Mapping[str, Room]) -> None:
+    def _again(self, known: Mapping[str, RoomT]) -> None:
         if self._looking is None:
             loop = asyncio.get_running_loop()
             self._looking = loop.call_later(LOOK_AGAIN_SECONDS, self._look_again, known)
 
-    def _look_again(self, known: Mapping[str, Room]) -> None:
+    def _look_again(self, known: Mapping[str, RoomT]) -> None:
         self._looking = None
         self.look(known)
 
@@ -95,12 +103,12 @@ class Recovery:
 
     # Whom to find where
 
-    def seated(self, session: str) -> Room | None:
+    def seated(self, session: str) -> RoomT | None:
         """The room in which a session had a seat when its process stopped, and still has."""
         room = self._seated.get(session)
         return room if room is not None and room.holds_seat(session) is not None else None
 
-    def elsewhere(self, name: str, known: Mapping[str, Room]) -> bool:
+    def elsewhere(self, name: str, known: Mapping[str, RoomT]) -> bool:
         """Whether the episode of an id or code is still with another process."""
         if self._foreign:
             self.look(known)
@@ -108,7 +116,7 @@ class Recovery:
         episodes = {episode_of(file) for file in self._foreign}
         return name in episodes or plain_code(name) in codes
 
-    def forget(self, room: Room) -> None:
+    def forget(self, room: RoomT) -> None:
         """A room is closed."""
         self._seated = {name: home for name, home in self._seated.items() if home is not room}
 
@@ -150,7 +158,7 @@ class Recovery:
         """Make a room of a file; whether the room keeps it open."""
         content = self._storage.read(name)
         if _has_no_header(content):
-            self._storage.remove(name)  # Torn in its header: nobody was told of it.
+            self._storage.remove(name)  # Torn in its header: nothing of it was published.
             return False
         recording = Recording(content, name)
         if (its_own := name_in(recording.header)) != name:
@@ -188,7 +196,7 @@ class Recovery:
         )
 
     def _restored(self, recording: Recording) -> Restored:
-        return restore(recording, self._now(), self._patience, shared_world)
+        return restore(recording, self._now(), self._return_seconds, shared_world)
 
     def _code_of(self, name: str) -> str:
         try:

@@ -1,1 +1,1 @@
-"""Bots that play for absent participants, and the process in which they think."""
+"""Bots that play for absent participants, and the process in which they decide."""

@@ -1,4 +1,4 @@
-"""Who thinks for the stand-ins: the server asks, and is answered later."""
+"""Where substitute bots decide: the server asks, and is answered later."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Protocol
 
-from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Bots, Question
+from robotouille_server.rooms.substitutes.bots import BotAnswer, Bots, Question
 
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
@@ -16,7 +16,7 @@ __all__ = ["BotWorker", "BotWorkerLostError", "ThreadBotWorker"]
 
 
 class BotWorkerLostError(Exception):
-    """There will be no answer to a question: whoever thought about it is gone."""
+    """There will be no answer to a question: the process is gone."""
 
 
 class BotWorker(Protocol):
@@ -26,19 +26,19 @@ class BotWorker(Protocol):
         """Get ready to play a seat of a task."""
 
     def ask(self, task: Task, question: Question) -> asyncio.Future[BotAnswer]:
-        """What a stand-in does in a state; BotWorkerLostError where that will not be known."""
+        """What a bot does in a state; BotWorkerLostError where that will not be known."""
 
     async def close(self) -> None:
-        """Think no more; what is not answered yet is lost."""
+        """Answer no more; what is not answered yet is lost."""
 
 
 class ThreadBotWorker:
-    """Thinks in the server's own process, in a thread: where no other process can be had. It
-    takes time from all games; in tests `executor` may let time stand still meanwhile, and `minds`
-    know kitchens already."""
+    """Decides in the server's own process, in a thread: where no other process can be had. It
+    takes time from all games; in tests `executor` may let time stand still meanwhile, and `bots`
+    know worlds already."""
 
-    def __init__(self, executor: Executor | None = None, minds: Bots | None = None) -> None:
-        self.minds = minds or Bots()
+    def __init__(self, executor: Executor | None = None, bots: Bots | None = None) -> None:
+        self.bots = bots or Bots()
         self._executor = executor
         self._loop = asyncio.get_running_loop()
 
@@ -46,7 +46,7 @@ class ThreadBotWorker:
         return self._run(self._learn, task, player)
 
     def ask(self, task: Task, question: Question) -> asyncio.Future[BotAnswer]:
-        return self._run(self._think, task, question)
+        return self._run(self._ask, task, question)
 
     def _run(
         self, work: Callable[[Task, Any], BotAnswer], task: Task, about: object
@@ -55,13 +55,13 @@ class ThreadBotWorker:
         return self._loop.run_in_executor(self._executor, work, task, about)
 
     def _learn(self, task: Task, player: str) -> BotAnswer:
-        self.minds.show(task)
-        self.minds.learn(task.digest, player)
+        self.bots.show(task)
+        self.bots.learn(task.digest, player)
         return None
 
-    def _think(self, task: Task, question: Question) -> BotAnswer:
-        self.minds.show(task)
-        return self.minds.think(task.digest, question)
+    def _ask(self, task: Task, question: Question) -> BotAnswer:
+        self.bots.show(task)
+        return self.bots.answer(task.digest, question)
 
     def retire(self) -> None:
         """Answer what was asked, and end; nothing is asked any more."""

@@ -1,4 +1,4 @@
-"""The process in which stand-ins think.
+"""The process in which substitute bots decide.
 
 It reads requests from its standard input and writes replies to its standard output, each a
 MessagePack array, and does one after the other. It ends where its input does: with the server,
@@ -8,7 +8,7 @@ however that ended.
 | --- | --- |
 | `["task", digest, json]` | none |
 | `["learn", number, digest, player]` | `[number, "done", nil]` |
-| `["think", number, digest, …question]` | `[number, "done", [action, …arguments]]`, or nil |
+| `["ask", number, digest, …question]` | `[number, "done", [action, …arguments]]`, or nil |
 
 A request about a task that is not known (any more) is replied to by `[number, "unknown", nil]`, one
 that failed by `[number, "failed", traceback]`.
@@ -28,16 +28,24 @@ from typing import Any
 import msgpack
 
 from robotouille.domain.task import Task
-from robotouille_server.rooms.substitutes.bot_minds import Bots, Question
+from robotouille_server.rooms.substitutes.bots import Bots, Question
 
-__all__ = ["DONE", "FAILED", "MAX_BYTES", "UNKNOWN", "learn_request", "main", "task_request",
-           "think_request"]  # fmt: skip
+__all__ = [
+    "DONE",
+    "FAILED",
+    "MAX_BYTES",
+    "UNKNOWN",
+    "ask_request",
+    "learn_request",
+    "main",
+    "task_request",
+]  # fmt: skip
 
 DONE, UNKNOWN, FAILED = "done", "unknown", "failed"
 MAX_BYTES = 16 * 1024 * 1024
 """Of one request or reply."""
 NICENESS = 5
-"""How far games, the server's and everybody else's, go before stand-ins."""
+"""How far games, the server's and everybody else's, go before bots."""
 CHUNK = 65536
 
 
@@ -50,11 +58,11 @@ def learn_request(number: int, digest: str, player: str) -> bytes:
     return _packed("learn", number, digest, player)
 
 
-def think_request(number: int, digest: str, question: Question) -> bytes:
+def ask_request(number: int, digest: str, question: Question) -> bytes:
     q, facts = question, question.facts
     whole = facts.to_bytes((facts.bit_length() + 7) // 8, "big")
-    about = (q.mind, q.player, q.kind, whole, q.timers, q.busy, q.observed)
-    return _packed("think", number, digest, *about)
+    about = (q.bot, q.player, q.kind, whole, q.timers, q.busy, q.observed)
+    return _packed("ask", number, digest, *about)
 
 
 def _packed(*values: Any) -> bytes:
@@ -63,24 +71,24 @@ def _packed(*values: Any) -> bytes:
 
 
 def _question(
-    mind: int, player: str, kind: Any, facts: bytes, timers: Any, busy: Any, observed: Any
+    bot: int, player: str, kind: Any, facts: bytes, timers: Any, busy: Any, observed: Any
 ) -> Question:
-    return Question(mind, player, kind, int.from_bytes(facts, "big"), timers, busy, observed)
+    return Question(bot, player, kind, int.from_bytes(facts, "big"), timers, busy, observed)
 
 
-def _reply(minds: Bots, request: Any) -> bytes | None:
+def _reply(bots: Bots, request: Any) -> bytes | None:
     what, *rest = request
     if what == "task":
-        minds.show(Task.from_json(json.loads(rest[1])))
+        bots.show(Task.from_json(json.loads(rest[1])))
         return None
     number, digest, *about = rest
-    if not minds.knows(digest):
+    if not bots.knows(digest):
         return _packed(number, UNKNOWN, None)
     try:
         if what == "learn":
-            minds.learn(digest, *about)
+            bots.learn(digest, *about)
             return _packed(number, DONE, None)
-        return _packed(number, DONE, minds.think(digest, _question(*about)))
+        return _packed(number, DONE, bots.answer(digest, _question(*about)))
     except Exception:
         return _packed(number, FAILED, traceback.format_exc())
 
@@ -100,10 +108,10 @@ def main() -> None:
         os.nice(NICENESS)
     replies = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)  # Whatever is printed by mistake is no reply.
-    minds = Bots()
+    bots = Bots()
     try:
         for request in _requests(0):
-            reply = _reply(minds, request)
+            reply = _reply(bots, request)
             if reply is not None:
                 replies.write(reply)
     except BrokenPipeError:

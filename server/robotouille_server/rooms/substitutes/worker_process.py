@@ -1,5 +1,5 @@
-"""The server's end of the process in which stand-ins think (`thinking`): starts it when the first
-question is asked, starts it anew when it dies, and ends it."""
+"""The server's end of the process in which substitute bots decide (`worker_main`): starts it when
+the first question is asked, starts it anew when it dies, and ends it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, cast
 
 import msgpack
 
-from robotouille_server.rooms.substitutes.bot_minds import BotAnswer, Question
 from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError, ThreadBotWorker
+from robotouille_server.rooms.substitutes.bots import BotAnswer, Question
 from robotouille_server.rooms.substitutes.worker_main import (
     DONE,
     MAX_BYTES,
     UNKNOWN,
+    ask_request,
     learn_request,
     task_request,
-    think_request,
 )
 from robotouille_server.runtime.logs import get_logger
 
@@ -35,11 +35,11 @@ COMMAND = (
     "-c",
     "from robotouille_server.rooms.substitutes.worker_main import main; main()",
 )
-FIRST_PAUSE, LONGEST_PAUSE = 0.1, 5.0
+FIRST_BACK_OFF, MAX_BACK_OFF = 0.1, 5.0
 """Seconds after which a process that has died is replaced, the first time and at most."""
 HEALTHY_SECONDS = 10.0
 """After which a process that dies is not one that dies again and again."""
-PATIENCE = 60.0
+REPLY_SECONDS = 60.0
 """Seconds without any reply after which the process is taken for stuck, and killed."""
 CLOSE_SECONDS = 1.0
 
@@ -58,8 +58,8 @@ class _Request:
 
 
 class ProcessBotWorker:
-    """Thinks in a process of its own, at low priority. While none is running, what is asked is
-    lost at once; where none can be started at first, a thread thinks until one can."""
+    """Decides in a process of its own, at low priority. While none is running, what is asked is
+    lost at once; where none can be started at first, a thread does until one can."""
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
         self.pid: int | None = None
@@ -70,32 +70,32 @@ class ProcessBotWorker:
         self._thread: ThreadBotWorker | None = None
         self._requests: dict[int, _Request] = {}
         self._number = 0
-        self._shown: set[str] = set()
-        self._started = self._rests_until = 0.0
-        self._pause = FIRST_PAUSE
-        self._stuck: asyncio.TimerHandle | None = None
+        self._tasks_sent: set[str] = set()
+        self._started = self._retry_at = 0.0
+        self._back_off_seconds = FIRST_BACK_OFF
+        self._reply_timer: asyncio.TimerHandle | None = None
         self._closed = False
 
     def learn(self, task: Task, player: str) -> asyncio.Future[BotAnswer]:
-        if (thread := self._instead()) is not None:
+        if (thread := self._fallback()) is not None:
             return thread.learn(task, player)
         return self._request(task, lambda number: learn_request(number, task.digest, player))
 
     def ask(self, task: Task, question: Question) -> asyncio.Future[BotAnswer]:
-        if (thread := self._instead()) is not None:
+        if (thread := self._fallback()) is not None:
             return thread.ask(task, question)
-        return self._request(task, lambda number: think_request(number, task.digest, question))
+        return self._request(task, lambda number: ask_request(number, task.digest, question))
 
-    def _instead(self) -> ThreadBotWorker | None:
-        """The thread that thinks as long as there was no process; now and then one is tried."""
-        rested = self._loop.time() >= self._rests_until
-        if self._thread is not None and self._starting is None and rested and not self._closed:
+    def _fallback(self) -> ThreadBotWorker | None:
+        """The thread that answers as long as there was no process; now and then one is tried."""
+        due = self._loop.time() >= self._retry_at
+        if self._thread is not None and self._starting is None and due and not self._closed:
             self._starting = asyncio.create_task(self._start())
         return self._thread
 
     def _request(self, task: Task, make: Callable[[int], bytes]) -> asyncio.Future[BotAnswer]:
         answer: asyncio.Future[BotAnswer] = self._loop.create_future()
-        if self._closed or self._loop.time() < self._rests_until:
+        if self._closed or self._loop.time() < self._retry_at:
             answer.set_exception(BotWorkerLostError())
             return answer
         self._number += 1
@@ -110,12 +110,12 @@ class ProcessBotWorker:
         request, pipe = self._requests[number], self._pipe
         if pipe is None:
             return
-        if request.task.digest not in self._shown:
-            self._shown.add(request.task.digest)
+        if request.task.digest not in self._tasks_sent:
+            self._tasks_sent.add(request.task.digest)
             pipe.write(task_request(request.task))
         pipe.write(request.make(number))
-        if self._stuck is None:
-            self._stuck = self._loop.call_later(PATIENCE, self._kill)
+        if self._reply_timer is None:
+            self._reply_timer = self._loop.call_later(REPLY_SECONDS, self._kill)
 
     # The process
 
@@ -137,8 +137,8 @@ class ProcessBotWorker:
             return
         self._pipe, self.pid = pipe, pipe.pid
         self._started = self._loop.time()
-        self._shown.clear()
-        self._leave_thread()
+        self._tasks_sent.clear()
+        self._retire_thread()
         if self._closed:
             pipe.end()
         for number in list(self._requests):
@@ -151,9 +151,9 @@ class ProcessBotWorker:
             get_logger().error("no process for stand-ins", error=str(error) or repr(error))
             if not (self._started or self._closed):
                 self._thread = ThreadBotWorker()
-        self._rest()
+        self._back_off()
 
-    def _leave_thread(self) -> None:
+    def _retire_thread(self) -> None:
         """There is a process now: the thread answers what it was asked, and ends."""
         if self._thread is not None:
             get_logger().info("stand-ins think in a process of their own now")
@@ -165,28 +165,28 @@ class ProcessBotWorker:
         if not self._closed:
             get_logger().error("the stand-ins' process died", status=status)
         if self._loop.time() - self._started > HEALTHY_SECONDS:
-            self._pause = FIRST_PAUSE
-        self._rest()
+            self._back_off_seconds = FIRST_BACK_OFF
+        self._back_off()
 
-    def _rest(self) -> None:
+    def _back_off(self) -> None:
         """Answer nothing for a while; who asks after it gets a new process."""
-        self._rests_until = self._loop.time() + self._pause
-        self._pause = min(LONGEST_PAUSE, 2 * self._pause)
-        self._watch_anew()
+        self._retry_at = self._loop.time() + self._back_off_seconds
+        self._back_off_seconds = min(MAX_BACK_OFF, 2 * self._back_off_seconds)
+        self._reset_reply_timer()
         requests, self._requests = self._requests, {}
         for request in requests.values():
             if not request.answer.done():
                 request.answer.set_exception(BotWorkerLostError())
 
     def _kill(self) -> None:
-        self._stuck = None
+        self._reply_timer = None
         if self._pipe is not None:
             self._pipe.kill()
 
-    def _watch_anew(self) -> None:
-        if self._stuck is not None:
-            self._stuck.cancel()
-            self._stuck = None
+    def _reset_reply_timer(self) -> None:
+        if self._reply_timer is not None:
+            self._reply_timer.cancel()
+            self._reply_timer = None
 
     async def close(self) -> None:
         self._closed = True
@@ -199,25 +199,25 @@ class ProcessBotWorker:
             if not pipe.gone.done():
                 pipe.kill()
                 await pipe.gone
-        self._rest()
+        self._back_off()
         if self._thread is not None:
             await self._thread.close()
 
-    # What it says
+    # Replies
 
     def _replied(self, reply: Any) -> None:
         number, how, what = reply
-        self._watch_anew()
+        self._reset_reply_timer()
         request = self._requests.get(number)
         if request is None:
             return
         if how == UNKNOWN:
-            self._shown.discard(request.task.digest)
+            self._tasks_sent.discard(request.task.digest)
             self._send(number)
             return
         del self._requests[number]
         if self._requests:
-            self._stuck = self._loop.call_later(PATIENCE, self._kill)
+            self._reply_timer = self._loop.call_later(REPLY_SECONDS, self._kill)
         if request.answer.done():
             return
         if how == DONE:
@@ -227,7 +227,7 @@ class ProcessBotWorker:
 
 
 class _Pipe(asyncio.SubprocessProtocol):
-    """The process as it is talked to; `gone` is done when it has ended."""
+    """The pipes to the process; `gone` is done when it has ended."""
 
     def __init__(self, replied: Callable[[Any], None], died: Callable[[int | None], None]) -> None:
         self.gone: asyncio.Future[None] = asyncio.get_running_loop().create_future()

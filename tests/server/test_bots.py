@@ -1,4 +1,4 @@
-"""What stand-ins think: alike in like games, for the price of one, in bounded memory."""
+"""What substitute bots decide: alike in like games, for the price of one, in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,18 +10,12 @@ from robotouille.domain.catalogue import load_task
 from robotouille.planning.beam.planner import Planner
 from robotouille.world.state import State
 from robotouille.world.world import World, shared_world
-from robotouille_server.rooms.substitutes import bot_minds as minds
-from robotouille_server.rooms.substitutes.bot_minds import Bots, Deed, Question
+from robotouille_server.rooms.substitutes import bots
+from robotouille_server.rooms.substitutes.bots import Bots, ObservedMove
+from tests.support.questions import question
 
 TASK = load_task("training/03_multi_agent@2")
 OTHERS = [load_task(f"multi_agent/0{number}") for number in (1, 2, 3)]
-
-
-def question(state: State, mind: int = 1, player: str = "robot1", **more: Any) -> Question:
-    more.setdefault("kind", "planner")
-    return Question(
-        mind, player, facts=state.facts, timers=state.timer_rows(), busy=state.timers.busy, **more
-    )
 
 
 @pytest.fixture
@@ -41,7 +35,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
 def test_games_in_the_same_state_share_a_plan(searches: list[State]) -> None:
     here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
-    answers = {here.think(TASK.digest, question(state, mind)) for mind in range(1, 101)}
+    answers = {here.answer(TASK.digest, question(state, bot)) for bot in range(1, 101)}
     assert len(answers) == len(searches) == 1
 
 
@@ -52,25 +46,25 @@ def test_a_kitchen_is_learnt_once_and_for_each_seat(searches: list[State]) -> No
         here.learn(TASK.digest, player)
     assert len(searches) == 2
     state = shared_world(TASK).initial
-    here.think(TASK.digest, question(state, 1, "robot1"))
-    here.think(TASK.digest, question(state, 2, "robot2"))
+    here.answer(TASK.digest, question(state, 1, "robot1"))
+    here.answer(TASK.digest, question(state, 2, "robot2"))
     assert len(searches) == 2, "what was learnt is not used"
 
 
-def course(here: Bots, mind: int, steps: int) -> list[Any]:
+def course(here: Bots, bot: int, steps: int) -> list[Any]:
     """What one stand-in does, as long as nobody else does anything."""
-    world, deeds, done = World(TASK), (), []  # type: tuple[World, tuple[tuple[Deed, ...], ...], list[Any]]
+    world, moves, done = World(TASK), (), []  # type: tuple[World, tuple[tuple[ObservedMove, ...], ...], list[Any]]
     state = world.initial
     for _ in range(steps):
         if state.busy_steps("robot1"):
-            state, deeds = state.step([]).state, (*deeds, ())
+            state, moves = state.step([]).state, (*moves, ())
             continue
-        answer = here.think(TASK.digest, question(state, mind, observed=deeds))
+        answer = here.answer(TASK.digest, question(state, bot, observed=moves))
         done.append(answer)
         action = None if answer is None else world.action(answer[0], *answer[1:])
         result = state.step([action])
         state = result.state
-        deeds = (tuple(("robot1", a.action.name, a.action.arguments, a.applied)
+        moves = (tuple(("robot1", a.action.name, a.action.arguments, a.applied)
                        for a in result.attempts),)  # fmt: skip
     return done
 
@@ -80,8 +74,8 @@ def test_the_same_questions_have_the_same_answers() -> None:
     fresh, used = Bots(), Bots()
     for here in (fresh, used):
         here.show(TASK)
-    for step, mind in enumerate((5, 6, 7)):
-        course(used, mind, 3 * step)
+    for step, bot in enumerate((5, 6, 7)):
+        course(used, bot, 3 * step)
     first = course(fresh, 1, 15)
     assert first == course(used, 1, 15)
     assert sum(answer is not None for answer in first) >= 5
@@ -90,38 +84,38 @@ def test_the_same_questions_have_the_same_answers() -> None:
 def test_what_was_found_out_is_forgotten_when_it_is_much(
     searches: list[State], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(minds, "MAX_SEARCHES", 3)
+    monkeypatch.setattr(bots, "MAX_SEARCHES", 3)
     here, start = Bots(), shared_world(TASK).initial
     here.show(TASK)
-    planner = here._kitchens[TASK.digest].planner
+    planner = here._worlds[TASK.digest].planner
     remembered = []
-    for mind in range(7):
-        state = start.step([start.actions("robot2")[mind]]).state
-        here.think(TASK.digest, question(state, mind))
+    for bot in range(7):
+        state = start.step([start.actions("robot2")[bot]]).state
+        here.answer(TASK.digest, question(state, bot))
         remembered.append(planner.searches)
     assert remembered == [1, 2, 0, 1, 2, 0, 1]
     assert len(searches) == 7
 
 
-def test_few_kitchens_and_minds_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(minds, "MAX_KITCHENS", 2)
-    monkeypatch.setattr(minds, "MAX_BOTS", 3)
+def test_few_worlds_and_bots_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bots, "MAX_WORLDS", 2)
+    monkeypatch.setattr(bots, "MAX_BOTS", 3)
     here = Bots()
     for number, task in enumerate(OTHERS):
         here.show(task)
-        here.think(task.digest, question(shared_world(task).initial, number + 1, kind="random"))
+        here.answer(task.digest, question(shared_world(task).initial, number + 1, kind="random"))
     assert [here.knows(task.digest) for task in OTHERS] == [False, True, True]
     state = shared_world(OTHERS[2]).initial
-    for mind in range(10, 20):
-        here.think(OTHERS[2].digest, question(state, mind, kind="random"))
-    assert list(here._minds) == [17, 18, 19]
+    for bot in range(10, 20):
+        here.answer(OTHERS[2].digest, question(state, bot, kind="random"))
+    assert list(here._bots) == [17, 18, 19]
 
 
 def test_a_mind_that_failed_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     here, state = Bots(), shared_world(TASK).initial
     here.show(TASK)
-    answer = here.think(TASK.digest, question(state))
-    nonsense: tuple[tuple[Deed, ...], ...] = ((("robot1", "dance", (), True),),)
+    answer = here.answer(TASK.digest, question(state))
+    nonsense: tuple[tuple[ObservedMove, ...], ...] = ((("robot1", "dance", (), True),),)
     with pytest.raises(KeyError, match="dance"):
-        here.think(TASK.digest, question(state, observed=nonsense))
-    assert here.think(TASK.digest, question(state, observed=nonsense)) == answer
+        here.answer(TASK.digest, question(state, observed=nonsense))
+    assert here.answer(TASK.digest, question(state, observed=nonsense)) == answer

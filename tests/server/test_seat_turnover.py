@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from robotouille_server.rooms.room import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
+from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 

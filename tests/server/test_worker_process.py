@@ -17,13 +17,13 @@ import pytest
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
-from robotouille_server.rooms.substitutes import worker_process as thinking_process
-from robotouille_server.rooms.substitutes.bot_minds import Question
+from robotouille_server.rooms.substitutes import worker_process
 from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError, ThreadBotWorker
+from robotouille_server.rooms.substitutes.bots import Question
 from robotouille_server.rooms.substitutes.worker_process import ProcessBotWorker
-from tests.server.test_minds import question
-from tests.server.test_process import process
-from tests.support.thinking import AtOnce
+from tests.support.executors import ImmediateExecutor
+from tests.support.processes import process
+from tests.support.questions import question
 
 TASK = load_task("training/03_multi_agent@2")
 START = shared_world(TASK).initial
@@ -32,7 +32,7 @@ NONSENSE = ((("robot1", "dance", (), True),),)
 
 
 @asynccontextmanager
-async def thinker(*command: str) -> AsyncIterator[ProcessBotWorker]:
+async def bot_worker(*command: str) -> AsyncIterator[ProcessBotWorker]:
     made = ProcessBotWorker(command) if command else ProcessBotWorker()
     try:
         async with asyncio.timeout(PATIENCE):
@@ -41,9 +41,9 @@ async def thinker(*command: str) -> AsyncIterator[ProcessBotWorker]:
         await made.close()
 
 
-def random_move(mind: int) -> Question:
+def random_move(bot: int) -> Question:
     """Quickly answered."""
-    return question(START, mind, kind="random")
+    return question(START, bot, kind="random")
 
 
 async def gone(pid: int) -> None:
@@ -54,14 +54,14 @@ async def gone(pid: int) -> None:
 
 def test_it_answers_as_a_thread_does() -> None:
     async def main() -> None:
-        thread = ThreadBotWorker(AtOnce())
+        thread = ThreadBotWorker(ImmediateExecutor())
         step = START.step([START.actions("robot1")[0]])
-        deeds = ((("robot1", "move", START.actions("robot1")[0].arguments, True),),)
-        async with thinker() as apart:
+        moves = ((("robot1", "move", START.actions("robot1")[0].arguments, True),),)
+        async with bot_worker() as apart:
             assert await apart.learn(TASK, "robot1") is None
             for asked in (
                 question(START, 1),
-                question(step.state, 1, observed=deeds),
+                question(step.state, 1, observed=moves),
                 random_move(2),
             ):
                 assert await apart.ask(TASK, asked) == await thread.ask(TASK, asked)
@@ -76,12 +76,12 @@ def test_it_is_shown_again_what_it_has_forgotten() -> None:
     """Everybody may play another task."""
     tasks = [load_task("training/03_multi_agent@2", timing=timing) for timing in Timing]
     program = (
-        "from robotouille_server import minds; minds.MAX_KITCHENS = 1;"
+        "from robotouille_server.rooms.substitutes import bots; bots.MAX_WORLDS = 1;"
         "from robotouille_server.rooms.substitutes.worker_main import main; main()"
     )
 
     async def main() -> None:
-        async with thinker(sys.executable, "-c", program) as apart:
+        async with bot_worker(sys.executable, "-c", program) as apart:
             for task in (*tasks, *tasks):
                 asked = question(shared_world(task).initial, kind="random")
                 assert await apart.ask(task, asked) is not None
@@ -91,10 +91,10 @@ def test_it_is_shown_again_what_it_has_forgotten() -> None:
 
 def test_one_that_dies_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was asked is lost, and what is asked at once, too; later another process answers."""
-    monkeypatch.setattr(thinking_process, "FIRST_PAUSE", 0.05)
+    monkeypatch.setattr(worker_process, "FIRST_BACK_OFF", 0.05)
 
     async def main() -> None:
-        async with thinker() as apart:
+        async with bot_worker() as apart:
             await apart.ask(TASK, random_move(1))
             assert apart.pid is not None
             os.kill(apart.pid, signal.SIGSTOP)
@@ -116,13 +116,13 @@ def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def main() -> None:
-        async with thinker(sys.executable, "-c", "pass") as apart:
+        async with bot_worker(sys.executable, "-c", "pass") as apart:
             pauses = []
             for _ in range(8):
                 with pytest.raises(BotWorkerLostError):
                     await apart.ask(TASK, random_move(1))
-                pauses.append(round(apart._rests_until - apart._loop.time(), 1))
-                apart._rests_until = 0.0
+                pauses.append(round(apart._retry_at - apart._loop.time(), 1))
+                apart._retry_at = 0.0
             assert pauses == [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0]
 
     asyncio.run(main())
@@ -130,7 +130,7 @@ def test_one_that_dies_again_and_again_is_started_ever_more_rarely(
 
 def test_where_no_process_can_be_started_a_thread_thinks(tmp_path: Path) -> None:
     async def main() -> None:
-        async with thinker(str(tmp_path / "nothing")) as apart:
+        async with bot_worker(str(tmp_path / "nothing")) as apart:
             with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
             assert await apart.ask(TASK, random_move(1)) is not None
@@ -146,27 +146,27 @@ def test_a_thread_thinks_no_longer_than_until_a_process_can_be_started(
     refused: list[int] = []
 
     async def main() -> None:
-        async with thinker() as apart:
+        async with bot_worker() as apart:
             loop = asyncio.get_running_loop()
 
             async def refusing(*_: object, **__: object) -> None:
                 refused.append(1)
                 raise OSError(errno.EMFILE, "too many open files")
 
-            monkeypatch.setattr(thinking_process, "FIRST_PAUSE", 1000.0)
-            monkeypatch.setattr(thinking_process, "LONGEST_PAUSE", 1500.0)
-            apart._pause = thinking_process.FIRST_PAUSE
+            monkeypatch.setattr(worker_process, "FIRST_BACK_OFF", 1000.0)
+            monkeypatch.setattr(worker_process, "MAX_BACK_OFF", 1500.0)
+            apart._back_off_seconds = worker_process.FIRST_BACK_OFF
             monkeypatch.setattr(loop, "subprocess_exec", refusing)
             with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
             for _ in range(3):
                 assert await apart.ask(TASK, random_move(1)) is not None
             assert len(refused) == 1, "it is not tried with every question"
-            apart._rests_until = 0.0
+            apart._retry_at = 0.0
             assert await apart.ask(TASK, random_move(1)) is not None
             assert len(refused) == 2
-            assert apart._rests_until > loop.time() + 1400, "and ever more rarely"
-            apart._rests_until = 0.0
+            assert apart._retry_at > loop.time() + 1400, "and ever more rarely"
+            apart._retry_at = 0.0
             monkeypatch.undo()
             under_way = apart.ask(TASK, random_move(1))
             while apart.pid is None:
@@ -181,10 +181,10 @@ def test_a_thread_thinks_no_longer_than_until_a_process_can_be_started(
 
 
 def test_one_that_is_stuck_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thinking_process, "PATIENCE", 0.05)
+    monkeypatch.setattr(worker_process, "REPLY_SECONDS", 0.05)
 
     async def main() -> None:
-        async with thinker(sys.executable, "-c", "import time; time.sleep(1000)") as apart:
+        async with bot_worker(sys.executable, "-c", "import time; time.sleep(1000)") as apart:
             with pytest.raises(BotWorkerLostError):
                 await apart.ask(TASK, random_move(1))
 
@@ -193,7 +193,7 @@ def test_one_that_is_stuck_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_it_heeds_no_signals_that_are_the_servers_and_ends_with_it() -> None:
     async def main() -> None:
-        async with thinker() as apart:
+        async with bot_worker() as apart:
             await apart.ask(TASK, random_move(1))
             pid = apart.pid
             assert pid is not None
@@ -212,7 +212,7 @@ def test_it_gets_none_of_the_servers_secrets(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("ROBOTOUILLE_SIGNING_KEYS", "secret")
 
     async def main() -> None:
-        async with thinker() as apart:
+        async with bot_worker() as apart:
             await apart.ask(TASK, random_move(1))
             environment = psutil.Process(apart.pid).environ()
             assert "ROBOTOUILLE_SIGNING_KEYS" not in environment

@@ -210,9 +210,9 @@ def test_a_game_that_nobody_waits_for_sets_no_timers_of_its_own(tmp_path: Path) 
     async def main() -> None:
         async with serving(tmp_path, move_budget="0") as server, table(server) as (ada, bob, _):
             room = next(iter(server.lobby.rooms.values()))
-            agenda, looks = room._host.agenda, []
-            call_at = agenda.call_at
-            agenda.call_at = lambda due, call: looks.append(due) or call_at(due, call)  # type: ignore
+            timers, looks = room._host.timers, []
+            call_at = timers.call_at
+            timers.call_at = lambda due, call: looks.append(due) or call_at(due, call)  # type: ignore
             for _ in range(100):
                 await ada.act()
                 await bob.act()

@@ -15,7 +15,7 @@ from robotouille_server.auth.visitors import (
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
-    NoPlaceError,
+    TooManyConnectionsError,
     Visitor,
     counted_as,
     origin_refusal,
@@ -221,7 +221,7 @@ class Door(ConnectionLimiter):
         caller = self.call(who)
         try:
             self.admit(caller, counted_as(who, subject), instead_of)
-        except NoPlaceError as error:
+        except TooManyConnectionsError as error:
             assert error.code == "rate/connections"
             self.release(caller)
             return False

@@ -1,6 +1,6 @@
-"""What goes on in the minds of stand-ins: worlds, planners and policies, without any I/O.
+"""Substitute bots: worlds, planners and policies, without any I/O.
 
-All stand-ins of a task think with one world and one planner: what one has found out the others
+All substitute bots of a task share one world and one planner: what one has found out the others
 know, and those that are in the same state have the same plan for the price of one.
 """
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from robotouille.planning.anytime import Anytime
     from robotouille.planning.policies.policy import Policy
 
-__all__ = ["EXPANSIONS", "BotAnswer", "BotWorld", "Bots", "Deed", "Question"]
+__all__ = ["EXPANSIONS", "BotAnswer", "BotWorld", "Bots", "ObservedMove", "Question"]
 
 EXPANSIONS = 200
 """Of the search for a first plan: some hundredths of a second, so that the next step has it."""
-MAX_KITCHENS = 24
+MAX_WORLDS = 24
 """Tasks that are known at a time: what is learnt of one takes 5 to 20 MB."""
 MAX_SEARCHES = 1_000
-"""Plans after which a kitchen is learnt anew: each leaves up to 0.1 MB behind."""
+"""Plans after which a world is learnt anew: each leaves up to 0.1 MB behind."""
 MAX_BOTS = 2_000
-"""Stand-ins that are remembered; one that is forgotten plans anew."""
+"""Bots that are remembered; one that is forgotten plans anew."""
 SEED = 0
 """The same for all, so that what happens alike in two games is thought about once."""
 
-Deed: TypeAlias = "tuple[str, str, tuple[str, ...], bool]"
+ObservedMove: TypeAlias = "tuple[str, str, tuple[str, ...], bool]"
 """What somebody did in a step: player, the action's name and arguments, whether it was applied."""
 Rows: TypeAlias = "tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]"
 BotAnswer: TypeAlias = "tuple[str, ...] | None"
@@ -43,17 +43,17 @@ BotAnswer: TypeAlias = "tuple[str, ...] | None"
 class Question:
     """What is `player` to do in a state (its facts, timers and busy players)?
 
-    `mind` is the stand-in's number; a new one knows nothing of what was before. `observed` are
+    `bot` is the bot's number; a new one knows nothing of what was before. `observed` are
     the steps since its last question, each with what everybody did.
     """
 
-    mind: int
+    bot: int
     player: str
     kind: Kind
     facts: int
     timers: Rows
     busy: tuple[tuple[str, int], ...]
-    observed: tuple[tuple[Deed, ...], ...] = ()
+    observed: tuple[tuple[ObservedMove, ...], ...] = ()
 
 
 class BotWorld:
@@ -70,7 +70,7 @@ class BotWorld:
 
     @property
     def planner(self) -> Anytime:
-        """The planner of all stand-ins of the task."""
+        """The planner of all bots of the task."""
         if self._anytime is None:
             from robotouille.planning.anytime import Anytime
 
@@ -78,7 +78,7 @@ class BotWorld:
         return self._anytime
 
     def learn(self, player: str) -> None:
-        """Plan from the start, if nobody has yet: what takes longest is to learn the kitchen."""
+        """Plan from the start, if nobody has yet: what takes longest is to learn the world."""
         planner = self.planner
         if player not in self.learnt:
             self.learnt.add(player)
@@ -99,66 +99,66 @@ class BotWorld:
 
 @dataclass(slots=True)
 class _Bot:
-    """One stand-in: the kitchen it is in, and the policy that it follows."""
+    """One bot: the world it is in, and the policy that it follows."""
 
-    kitchen: BotWorld
+    world: BotWorld
     policy: Policy
 
 
 class Bots:
-    """The minds of all stand-ins, in whatever process they think. The same questions in the same
-    order have the same answers, whatever is known of `kitchens` (by digest) already."""
+    """All substitute bots, in whatever process they are. The same questions in the same
+    order have the same answers, whatever is known of `worlds` (by digest) already."""
 
-    def __init__(self, kitchens: OrderedDict[str, BotWorld] | None = None) -> None:
-        self._kitchens = OrderedDict() if kitchens is None else kitchens
-        self._minds: OrderedDict[int, _Bot] = OrderedDict()
+    def __init__(self, worlds: OrderedDict[str, BotWorld] | None = None) -> None:
+        self._worlds = OrderedDict() if worlds is None else worlds
+        self._bots: OrderedDict[int, _Bot] = OrderedDict()
 
     def knows(self, digest: str) -> bool:
         """Whether a task was shown, and is remembered."""
-        return digest in self._kitchens
+        return digest in self._worlds
 
     def show(self, task: Task) -> None:
         """Get to know a task."""
-        if task.digest not in self._kitchens:
-            self._kitchens[task.digest] = BotWorld(task)
-            if len(self._kitchens) > MAX_KITCHENS:
-                self._kitchens.popitem(last=False)
+        if task.digest not in self._worlds:
+            self._worlds[task.digest] = BotWorld(task)
+            if len(self._worlds) > MAX_WORLDS:
+                self._worlds.popitem(last=False)
 
     def learn(self, digest: str, player: str) -> None:
         """Get ready to play a seat of a task."""
-        self._kitchen(digest).learn(player)
+        self._world(digest).learn(player)
 
-    def think(self, digest: str, question: Question) -> BotAnswer:
+    def answer(self, digest: str, question: Question) -> BotAnswer:
         """The answer to a question about a task that is known."""
-        kitchen = self._kitchen(digest)
-        mind = self._minds.pop(question.mind, None)
-        if mind is None or mind.kitchen is not kitchen:
-            mind = _Bot(kitchen, _policy(kitchen, question))
+        world = self._world(digest)
+        bot = self._bots.pop(question.bot, None)
+        if bot is None or bot.world is not world:
+            bot = _Bot(world, _policy(world, question))
         else:
-            _observe(mind, question)
-        state = kitchen.world.restore(question.facts, question.timers, question.busy)
-        action = mind.policy.act(state)
-        kitchen.tidy()
-        self._minds[question.mind] = mind  # One that has failed is not remembered.
-        if len(self._minds) > MAX_BOTS:
-            self._minds.popitem(last=False)
+            _observe(bot, question)
+        state = world.world.restore(question.facts, question.timers, question.busy)
+        action = bot.policy.act(state)
+        world.tidy()
+        self._bots[question.bot] = bot  # One that has failed is not remembered.
+        if len(self._bots) > MAX_BOTS:
+            self._bots.popitem(last=False)
         return None if action is None else (action.name, *action.arguments)
 
-    def _kitchen(self, digest: str) -> BotWorld:
-        self._kitchens.move_to_end(digest)
-        return self._kitchens[digest]
+    def _world(self, digest: str) -> BotWorld:
+        self._worlds.move_to_end(digest)
+        return self._worlds[digest]
 
 
-def _observe(mind: _Bot, question: Question) -> None:
-    world = mind.kitchen.world
+def _observe(bot: _Bot, question: Question) -> None:
+    world = bot.world.world
     for step in question.observed:
         world.admit(argument for _, _, arguments, _ in step for argument in arguments)
-        mind.policy.observe(
+        bot.policy.observe(
             [(player, world.action(name, *args), applied) for player, name, args, applied in step]
         )
 
 
-def _policy(kitchen: BotWorld, question: Question) -> Policy:
+def _policy(world: BotWorld, question: Question) -> Policy:
     if question.kind == "random":
         from robotouille.planning.policies.policy import RandomPolicy
 
@@ -166,10 +166,10 @@ def _policy(kitchen: BotWorld, question: Question) -> Policy:
     from robotouille.planning.policies.planner_policy import PlannerPolicy
 
     return PlannerPolicy(
-        kitchen.world,
+        world.world,
         question.player,
         seed=SEED,
         expansions=EXPANSIONS,
         alone=True,
-        anytime=kitchen.planner,
+        anytime=world.planner,
     )

@@ -7,9 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -18,47 +15,7 @@ import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import Over, connect
-
-COMMAND = [sys.executable, "-c", "from robotouille_server.cli import main; main()"]
-
-
-@contextmanager
-def started(
-    folder: Path, *flags: str, **environment: str
-) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A server process that serves, and what it has printed."""
-    arguments = [*COMMAND, "--port", "0", "--recordings", str(folder), *flags]
-    server = subprocess.Popen(
-        arguments,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, **environment},
-    )
-    assert server.stdout is not None
-    try:
-        text = ""
-        for line in server.stdout:
-            text += line
-            if "stop:" in line:
-                break
-        assert "stop:" in text, (text, server.stderr.read() if server.stderr else "")
-        yield server, text
-    finally:
-        if server.poll() is None:
-            server.kill()
-        server.communicate()
-
-
-@contextmanager
-def process(
-    folder: Path, *flags: str, **environment: str
-) -> Iterator[tuple[subprocess.Popen[str], str, str]]:
-    """A server process, its URL and the code of its first kitchen."""
-    with started(folder, *flags, **environment) as (server, text):
-        found = re.search(r"(ws://\S+)[\s\S]*code is ([A-Z-]+)", text)
-        assert found, text
-        yield server, found.group(1), found.group(2)
+from tests.support.processes import COMMAND, process, started
 
 
 async def play_until_signal(

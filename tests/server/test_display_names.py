@@ -10,7 +10,7 @@ from robotouille import World
 from robotouille.episode import Episode, Rules
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
-from robotouille_server.rooms.display_names import DisplayNames
+from robotouille_server.rooms.seats.display_names import DisplayNames
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.transport.admission import TURN
+from robotouille_server.transport.admission import LOOP_BUDGET
 from robotouille_server.transport.connection import (
     FRAMES_BURST,
     MAX_EXCESS,
@@ -339,7 +339,7 @@ def test_all_together_have_so_much_of_a_turn(tmp_path: Path) -> None:
                     await asyncio.sleep(0)
                 counting.cancel()
             most = max(handled.count(number) for number in set(handled))
-            assert most <= TURN
+            assert most <= LOOP_BUDGET
             for wire in wires:
                 wire.cut()
 

@@ -11,8 +11,8 @@ import pytest
 from robotouille.replay.recording import read_recording
 from robotouille_server import Server
 from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
+from tests.support.executors import ImmediateExecutor
 from tests.support.servers import Raw, raw, serving
-from tests.support.thinking import AtOnce
 from tests.support.virtual_time import run
 
 
@@ -27,19 +27,19 @@ async def begin(server: Server, ada: Raw, bob: Raw, **options: Any) -> str:
 
 def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
     async def main() -> None:
-        thread = ThreadBotWorker(AtOnce())
+        thread = ThreadBotWorker(ImmediateExecutor())
         async with (
-            serving(tmp_path, thinker=lambda: thread) as server,
+            serving(tmp_path, bot_worker=lambda: thread) as server,
             raw(server) as ada,
             raw(server) as bob,
         ):
             code = await begin(server, ada, bob, task="multi_agent/03")
             room = server.lobby.find(code)
             digest = room.world.task.digest
-            while not thread.minds.knows(digest):
+            while not thread.bots.knows(digest):
                 await asyncio.sleep(0.01)
             await asyncio.sleep(0.1)
-            assert thread.minds._kitchens[digest].learnt == {"robot1", "robot2"}
+            assert thread.bots._worlds[digest].learnt == {"robot1", "robot2"}
             assert all(seat.present for seat in room.episode.seats.values())
 
     run(main())

@@ -86,7 +86,7 @@ def test_the_server_counts_all_that_came_and_went(tmp_path: Path) -> None:
             async with raw(server) as ada:
                 created = await ada.ask({"type": "create", "task": "synchronous/01"}, "created")
                 await ada.ask({"type": "join", "episode": created["code"]}, "joined")
-                assert (server.there, server.closed) == (2, 0)
+                assert (server.open_count, server.closed_count) == (2, 0)
                 await ada.ask({"type": "leave"}, "left")
             for words in (b"", b"hello?\r\n\r\n"):
                 _, writer = await asyncio.open_connection("127.0.0.1", server.port)
@@ -94,7 +94,7 @@ def test_the_server_counts_all_that_came_and_went(tmp_path: Path) -> None:
                 await writer.drain()
                 writer.close()
             await asyncio.sleep(2000)
-            assert (server.there, server.closed) == (0, 4)
+            assert (server.open_count, server.closed_count) == (0, 4)
 
     run(main())
 

@@ -1,0 +1,136 @@
+"""Whose turn it is: the stand-in whose step comes first, with the state that is there by then."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Task
+from robotouille_server.rooms.substitutes.bot_scheduler import MAX_IN_FLIGHT, BotScheduler
+from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError
+from robotouille_server.rooms.substitutes.bots import BotAnswer, Question
+
+TASK = load_task("training/03_multi_agent@2")
+
+
+class Slow:
+    """Answers when it is told to."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, asyncio.Future[BotAnswer]]] = []
+        self.closed = False
+
+    def _ask(self, what: str) -> asyncio.Future[BotAnswer]:
+        future: asyncio.Future[BotAnswer] = asyncio.get_running_loop().create_future()
+        self.asked.append((what, future))
+        return future
+
+    def learn(self, task: Task, player: str) -> asyncio.Future[BotAnswer]:
+        return self._ask(f"learn {player}")
+
+    def ask(self, task: Task, question: Question) -> asyncio.Future[BotAnswer]:
+        return self._ask(question.player)
+
+    async def answer(self) -> None:
+        """Answer the oldest question."""
+        what, future = self.asked.pop(0)
+        future.set_result((what,))
+        await asyncio.sleep(0)
+
+    @property
+    def busy_with(self) -> list[str]:
+        return [what for what, _ in self.asked]
+
+    async def close(self) -> None:
+        self.closed = True
+
+
+class Seat:
+    """A stand-in that always has to decide, unless it is `over`."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.over = False
+        self.answers: list[BotAnswer] = []
+
+    def question(self) -> tuple[Task, Question] | None:
+        if self.over:
+            return None
+        return TASK, Question(1, self.name, "random", 0, (), ())
+
+    def answered(self, answer: BotAnswer) -> None:
+        self.answers.append(answer)
+
+
+def checked(course: Any) -> None:
+    async def main() -> None:
+        worker = Slow()
+        scheduler = BotScheduler(lambda: worker)
+        await course(worker, scheduler)
+        await scheduler.close()
+
+    asyncio.run(main())
+
+
+def test_the_oldest_deadline_comes_first_and_few_are_asked_at_once() -> None:
+    async def course(worker: Slow, scheduler: BotScheduler) -> None:
+        first = [Seat(f"first{number}") for number in range(MAX_IN_FLIGHT)]
+        for seat in first:
+            scheduler.schedule(seat, 0.0)
+        late, soon = Seat("late"), Seat("soon")
+        scheduler.schedule(late, 9.0)
+        scheduler.schedule(soon, 2.0)
+        assert worker.busy_with == [seat.name for seat in first]
+        await worker.answer()
+        assert worker.busy_with[-1] == "soon"
+        await worker.answer()
+        assert worker.busy_with[-1] == "late"
+        assert first[0].answers == [("first0",)]
+
+    checked(course)
+
+
+def test_nobody_thinks_about_what_is_over() -> None:
+    async def course(worker: Slow, scheduler: BotScheduler) -> None:
+        for number in range(MAX_IN_FLIGHT):
+            scheduler.schedule(Seat(str(number)), 0.0)
+        back, absent = Seat("back"), Seat("absent")
+        scheduler.schedule(back, 1.0)
+        scheduler.schedule(absent, 2.0)
+        back.over = True
+        await worker.answer()
+        assert worker.busy_with[-1] == "absent"
+
+    checked(course)
+
+
+def test_worlds_are_learnt_once_and_while_nobody_waits() -> None:
+    async def course(worker: Slow, scheduler: BotScheduler) -> None:
+        seat = Seat("seat")
+        scheduler.schedule(seat, 0.0)
+        for _ in range(3):
+            scheduler.learn(TASK, "robot1")
+            scheduler.learn(TASK, "robot2")
+        assert worker.busy_with == ["seat"]
+        await worker.answer()
+        assert worker.busy_with == ["learn robot1"], "one at a time"
+        scheduler.schedule(seat, 1.0)
+        await worker.answer()
+        assert worker.busy_with == ["seat"], "a stand-in waits for a lesson"
+        await worker.answer()
+        await worker.answer()
+        assert worker.busy_with == []
+
+    checked(course)
+
+
+def test_a_thought_that_is_lost_is_answered_by_nothing() -> None:
+    async def course(worker: Slow, scheduler: BotScheduler) -> None:
+        seat = Seat("seat")
+        scheduler.schedule(seat, 0.0)
+        worker.asked.pop()[1].set_exception(BotWorkerLostError())
+        await asyncio.sleep(0)
+        assert seat.answers == [None]
+
+    checked(course)

@@ -1,0 +1,18 @@
+"""Questions that are put to substitute bots."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robotouille.world.state import State
+from robotouille_server.rooms.substitutes.bots import Question
+
+__all__ = ["question"]
+
+
+def question(state: State, bot: int = 1, player: str = "robot1", **more: Any) -> Question:
+    """What is `player` to do in a state? Asked of a planner, unless `kind` says otherwise."""
+    more.setdefault("kind", "planner")
+    return Question(
+        bot, player, facts=state.facts, timers=state.timer_rows(), busy=state.timers.busy, **more
+    )
