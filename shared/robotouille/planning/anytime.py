@@ -15,28 +15,10 @@ from dataclasses import replace
 from math import ceil
 
 from robotouille.domain.task import Timing
-from robotouille.planners.kitchen.compact_state import PLACE, PLAYERS, ROOT, ROWS, WAIT, WORDS
-from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
-from robotouille.planners.kitchen.kernels import Ints, ints
-from robotouille.planners.kitchen.kitchen_search import (
-    COUNT,
-    CUT,
-    GOAL,
-    PROMISE,
-    PROMISES,
-    Nodes,
-    copy,
-    margin,
-    new_nodes,
-    pop,
-    push,
-)
-from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, SolverRun, kitchen_search
-from robotouille.planners.kitchen.transitions import act, options, running, spot, tick, unpack
 from robotouille.planning.beam.planner import EXPANSIONS, Planner, Solution
 from robotouille.planning.plan import Plan
+from robotouille.planning.plugins import AnytimeSearch, first_offer
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
-from robotouille.planning.validation import replay
 from robotouille.world.state import State
 from robotouille.world.world import World
 
@@ -44,21 +26,8 @@ __all__ = ["Anytime"]
 
 BEAM = "beam 1"
 
-DEEPEST = 2_000
-"""Expansions after which a dive is given up."""
-
-KEPT = 256
+MAX_KEPT = 256
 """Plans by beam search that are kept: whoever asks the same again is answered at once."""
-
-MAX_PLAYERS = 2
-"""Larger teams have too many joint actions for a search that tries all of them."""
-
-NEAR = 1.05
-"""By how much a plan may be longer than what is proven before another is sought for a team."""
-
-EXACT, BOLD = 4, 6
-"""Weights of the estimate, in quarters: shortest plans, and those for which teams have time."""
-
 
 _Asked = tuple[State, tuple[str, ...], int, int]
 """A question to the beam search: state, team, seed and expansions."""
@@ -113,23 +82,21 @@ class Anytime:
     ) -> Iterator[SearchResult]:
         """Plans for the players of `team` (all, if empty), the others doing nothing.
 
-        Each is shorter than the one before, or more is proven about it. A player who is alone in
-        a kitchen has a plan at once, then the shortest that is found within the limits. Others
-        (and that player at last, if nothing else helps and `beam` is not 0) have one by beam
-        search, of as many expansions as `beam`; the limits are for a second search by two in a
-        kitchen. A beam search proves nothing.
+        Each is shorter than the one before, or more is proven about it. Where a plug-in knows the
+        domain and all players are to plan, the first plan is the plug-in's, if it has one at once,
+        and the second one is what it finds within the limits. Else (and at last, if that found
+        nothing and `beam` is not 0) there is one by beam search, of as many expansions as `beam`,
+        which proves nothing. Raises PluginError.
         """
         start = self.in_model(state)
-        search = self._kitchen(start, team)
-        alone = search is not None and search.model.kitchen[PLAYERS] == 1
-        first = dive(search, limits) if search is not None and alone else None
-        answer = first or self._beam(start, team, seed, beam)
-        yield answer
-        if search is None or answer.optimal or answer.unsolvable:
+        search = self._domain_search(start, team)
+        greedy = search.greedy(limits) if search is not None else None
+        result = greedy or self._beam(start, team, seed, beam)
+        yield result
+        if search is None or result.optimal or result.unsolvable:
             return
-        more = search.solve(limits) if alone else _bold(search, answer.plan, limits)
-        better = _joined(answer, more)
-        if better.plan is None and not better.unsolvable and alone and beam:
+        better = _joined(result, search.improve(result.plan, limits))
+        if greedy is not None and better.plan is None and not better.unsolvable and beam:
             better = _joined(better, self._beam(start, team, seed, beam))
         yield better
 
@@ -139,14 +106,11 @@ class Anytime:
         """What leads as near to the goal as the beam search gets, where it gets no further."""
         return self._beam_search(self.in_model(state), team, seed, beam).plan
 
-    def _kitchen(self, start: State, team: Sequence[str]) -> KitchenSearch | None:
-        players = self.model.players
-        if len(players) > MAX_PLAYERS or (team and not set(team).issuperset(players)):
+    def _domain_search(self, start: State, team: Sequence[str]) -> AnytimeSearch | None:
+        """The search of the plug-in that knows the domain, if all players are to plan."""
+        if team and not set(team).issuperset(self.model.players):
             return None
-        try:
-            return kitchen_search(self.model, start)
-        except TooManyChoicesError:
-            return None
+        return first_offer(lambda planner: planner.anytime(self.model, start))
 
     def _beam(self, start: State, team: Sequence[str], seed: int, beam: int) -> SearchResult:
         found = self._beam_search(start, team, seed, beam)
@@ -160,118 +124,10 @@ class Anytime:
             self.searches += 1
             found = self._planner.solve(start, asked[1], seed=seed, expansions=beam)
             self._solutions[asked] = found
-            if len(self._solutions) > KEPT:
+            if len(self._solutions) > MAX_KEPT:
                 self._solutions.popitem(last=False)
         self._solutions.move_to_end(asked)
         return found
-
-
-def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> SearchResult:
-    """A plan for a player who is alone, by always going on from the best successor.
-
-    The first successor that gives nothing away is good enough, so most are never looked at. Where
-    there is none at all, it goes back to the best state that was left, if any. The bound is the
-    estimate at the start.
-    """
-    k, x = search.model.kitchen, _roots(search)
-    if x.notes[PROMISE] == PROMISES and x.notes[GOAL] < 0:
-        nothing = x.notes[CUT] == PROMISES
-        proof = Proof.EXHAUSTED if nothing else Proof.NONE
-        return SearchResult(None, 0, proof, PLANNER, 0, unsolvable=bool(nothing))
-    bound = 0 if x.notes[GOAL] >= 0 else int(x.notes[PROMISE])
-    most = DEEPEST if limits.expansions is None else min(limits.expansions, DEEPEST)
-    node, spent = pop(x), 0
-    while node >= 0 and x.notes[GOAL] < 0 and spent < most:
-        spent += 1
-        if x.notes[COUNT] + margin(1) > len(x.steps):
-            x = new_nodes(k, 2 * len(x.steps), x)
-        node = _best_successor(k, search.goals, x, node)
-        if node < 0:
-            node = pop(x)
-    plan = _to_the_goal(search, _path(x)) if x.notes[GOAL] >= 0 else None
-    return SearchResult(plan, bound, Proof.HEURISTIC, PLANNER, spent)
-
-
-def _to_the_goal(search: KitchenSearch, path: list[list[int]]) -> Plan:
-    """The plan of a path, without what comes after the goal: time may bring it on a last walk."""
-    plan = search.plan(path)
-    return Plan(plan.steps[: replay(plan, search.model.world, search.start).reached_at])
-
-
-def _roots(search: KitchenSearch) -> Nodes:
-    """The start, once for each choice of objects."""
-    k, g = search.model.kitchen, search.goals
-    x = new_nodes(k, 1 << max(4 * margin(1), 2 * g[ROWS]).bit_length())
-    for row in range(g[ROWS]):
-        state = list(search.code)
-        state[ROOT] = row
-        push(k, g, x, ints(state), -1, 0, 0, EXACT)
-    return x
-
-
-def _best_successor(k: Ints, g: Ints, x: Nodes, node: int) -> int:
-    """Of the new successors the one with the least promise, then the nearest to the goal; -1 if
-    none is new. No others are made once there is one with the promise of the state itself."""
-    first, promise = x.notes[COUNT], x.steps[node] + x.estimate[node]
-    unpack(k, x.key, node * k[WORDS], x.s)
-    for action, steps in _successors(k, g, x):
-        before = x.notes[COUNT]
-        push(k, g, x, x.t, node, action, x.steps[node] + steps, EXACT)
-        if x.notes[GOAL] >= 0:
-            break
-        new = x.notes[COUNT] - 1
-        if new >= before and x.steps[new] + x.estimate[new] <= promise:
-            break
-    news = range(first, x.notes[COUNT])
-    return min(news, key=lambda i: (x.steps[i] + x.estimate[i], x.estimate[i]), default=-1)
-
-
-def _successors(k: Ints, g: Ints, x: Nodes) -> Iterator[tuple[int, int]]:
-    """What follows on the state in `x.s`, one after the other in `x.t`: the action and its steps.
-
-    First what is done here, then what is done elsewhere, which takes a step to walk there; waiting
-    comes last.
-    """
-    for action in list(x.acts[: options(k, g, x.s, 0, True, x.acts, 0)]):
-        copy(k, x.s, x.t)
-        act(k, x.t, 0, action)
-        tick(k, x.t)
-        yield action, 1
-    copy(k, x.s, x.u)
-    tick(k, x.u)
-    for action in list(x.acts[: options(k, g, x.u, 0, False, x.acts, 0)]):
-        copy(k, x.u, x.t)
-        x.t[k[PLACE]] = spot(k, x.t, action)
-        act(k, x.t, 0, action)
-        tick(k, x.t)
-        yield action, 2
-    if running(k, x.s):
-        copy(k, x.u, x.t)
-        yield WAIT, 1
-
-
-def _path(x: Nodes) -> list[list[int]]:
-    """The actions that lead to the goal that was found."""
-    node, actions = int(x.notes[GOAL]), []
-    while x.parent[node] >= 0:
-        actions.append([int(x.action[node])])
-        node = int(x.parent[node])
-    return actions[::-1]
-
-
-def _bold(search: KitchenSearch, known: Plan | None, limits: Limits) -> SearchResult:
-    """Another plan for a team, unless a known one is near to what an estimate proves.
-
-    What does not promise to better that one is not left out: then the search would look in many
-    more places, and find less.
-    """
-    run = SolverRun(search, BOLD, limits, None)
-    bound = min(run.nodes.estimate[: run.nodes.notes[COUNT]], default=0)
-    plan = None
-    if known is None or len(known) > NEAR * bound:
-        run.go(None)
-        plan = search.plan(run.path()) if run.best is not None else None
-    return SearchResult(plan, int(bound), Proof.HEURISTIC, PLANNER, run.expansions)
 
 
 def _joined(old: SearchResult, new: SearchResult) -> SearchResult:
