@@ -36,6 +36,9 @@ class WorkshopSearch:
 
 
 class WorkshopPlanner:
+    def recognises(self, world):
+        return any(action.name == "dispense" for action in world.task.domain.action_defs)
+
     def solve(self, world, start, limits, watch):
         search = self.anytime(world, start)
         return None if search is None else search.improve(search.plan, limits)
@@ -114,7 +117,11 @@ def test_kitchens_are_planned_by_the_built_in_one(install: Install) -> None:
     [
         ("workshop_planner:WORKSHOP", "import no_such_module", "No module named 'no_such_module'"),
         ("workshop_planner:NOTHING", WORKSHOP_PLANNER, "has no attribute 'NOTHING'"),
-        ("workshop_planner:plan_beside", WORKSHOP_PLANNER, "it has no solve and no anytime"),
+        (
+            "workshop_planner:plan_beside",
+            WORKSHOP_PLANNER,
+            "it has no recognises and no solve and no anytime",
+        ),
     ],
 )
 def test_a_plug_in_that_cannot_be_loaded_is_named(

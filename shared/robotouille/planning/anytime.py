@@ -10,14 +10,18 @@ Work is counted in expansions, never in seconds: one question has the same answe
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import ceil
+from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
+from robotouille.planning.action_elimination import tidy
 from robotouille.planning.beam.planner import EXPANSIONS, Planner, Solution
 from robotouille.planning.plan import Plan
-from robotouille.planning.plugins import AnytimeSearch, first_offer
+from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
+from robotouille.planning.search import greedy
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.world.state import State
 from robotouille.world.world import World
@@ -27,10 +31,37 @@ __all__ = ["Anytime"]
 BEAM = "beam 1"
 
 MAX_KEPT = 256
-"""Plans by beam search that are kept: whoever asks the same again is answered at once."""
+"""Plans by general searches that are kept."""
 
-_Asked = tuple[State, tuple[str, ...], int, int]
-"""A question to the beam search: state, team, seed and expansions."""
+STATES_PER_EXPANSION = 4
+"""Of greedy search: it is each state's heuristic that takes time."""
+
+T = TypeVar("T")
+
+
+class _Query(NamedTuple):
+    """What a general search is asked."""
+
+    start: State
+    team: tuple[str, ...]
+    seed: int
+    expansions: int
+
+
+class _Recent(Generic[T]):
+    """The answers to the last queries: the same one is answered at once."""
+
+    def __init__(self) -> None:
+        self._answers: OrderedDict[_Query, T] = OrderedDict()
+
+    def get(self, query: _Query, search: Callable[[], T]) -> T:
+        """The answer that is known, or what a search finds."""
+        if query not in self._answers:
+            self._answers[query] = search()
+            if len(self._answers) > MAX_KEPT:
+                self._answers.popitem(last=False)
+        self._answers.move_to_end(query)
+        return self._answers[query]
 
 
 class Anytime:
@@ -51,7 +82,8 @@ class Anytime:
         """Remember nothing of what was found out so far; the answers stay the same."""
         self.searches = 0
         self._planner = Planner(self.model)
-        self._solutions: OrderedDict[_Asked, Solution] = OrderedDict()
+        self._solutions: _Recent[Solution] = _Recent()
+        self._greedy: _Recent[SearchResult] = _Recent()
 
     def in_model(self, state: State) -> State:
         """A state of the task, of whatever timing, as one of the model.
@@ -86,48 +118,69 @@ class Anytime:
         domain and all players are to plan, the first plan is the plug-in's, if it has one at once,
         and the second one is what it finds within the limits. Else (and at last, if that found
         nothing and `beam` is not 0) there is one by beam search, of as many expansions as `beam`,
-        which proves nothing. Raises PluginError.
+        which proves nothing; and where no plug-in knows the domain and that search finds nothing,
+        by greedy best-first search. Raises PluginError.
         """
         start = self.in_model(state)
         search = self._domain_search(start, team)
-        greedy = search.greedy(limits) if search is not None else None
-        result = greedy or self._beam(start, team, seed, beam)
+        at_once = search.greedy(limits) if search is not None else None
+        query = _Query(start, tuple(sorted(team)), seed, beam)
+        result = at_once or self._general(query)
         yield result
         if search is None or result.optimal or result.unsolvable:
             return
         better = _joined(result, search.improve(result.plan, limits))
-        if greedy is not None and better.plan is None and not better.unsolvable and beam:
-            better = _joined(better, self._beam(start, team, seed, beam))
+        if at_once is not None and better.plan is None and not better.unsolvable and beam:
+            better = _joined(better, self._general(query))
         yield better
 
     def towards(
         self, state: State, *, team: Sequence[str] = (), seed: int = 0, beam: int = EXPANSIONS
     ) -> Plan:
         """What leads as near to the goal as the beam search gets, where it gets no further."""
-        return self._beam_search(self.in_model(state), team, seed, beam).plan
+        query = _Query(self.in_model(state), tuple(sorted(team)), seed, beam)
+        return self._beam_search(query).plan
+
+    @cached_property
+    def _domain_planner(self) -> DomainPlanner | None:
+        return domain_planner(self.model)
 
     def _domain_search(self, start: State, team: Sequence[str]) -> AnytimeSearch | None:
         """The search of the plug-in that knows the domain, if all players are to plan."""
         if team and not set(team).issuperset(self.model.players):
             return None
-        return first_offer(lambda planner: planner.anytime(self.model, start))
+        planner = self._domain_planner
+        return None if planner is None else planner.anytime(self.model, start)
 
-    def _beam(self, start: State, team: Sequence[str], seed: int, beam: int) -> SearchResult:
-        found = self._beam_search(start, team, seed, beam)
-        plan = found.plan if found.reached else None
-        return SearchResult(plan, 0, Proof.NONE, BEAM, found.expansions)
+    def _general(self, query: _Query) -> SearchResult:
+        """A plan by beam search; if that finds none where no plug-in knows the domain, by greedy
+        search: a beam search may be blind for what matters in a domain."""
+        solution = self._beam_search(query)
+        plan = solution.plan if solution.reached else None
+        result = SearchResult(plan, 0, Proof.NONE, BEAM, solution.expansions)
+        if plan is not None or self._domain_planner is not None:
+            return result
+        greedy = self._greedy_search(query)
+        return replace(greedy, expansions=solution.expansions + greedy.expansions)
 
-    def _beam_search(self, start: State, team: Sequence[str], seed: int, beam: int) -> Solution:
-        asked = (start, tuple(sorted(team)), seed, beam)
-        found = self._solutions.get(asked)
-        if found is None:
+    def _beam_search(self, query: _Query) -> Solution:
+        def search() -> Solution:
             self.searches += 1
-            found = self._planner.solve(start, asked[1], seed=seed, expansions=beam)
-            self._solutions[asked] = found
-            if len(self._solutions) > MAX_KEPT:
-                self._solutions.popitem(last=False)
-        self._solutions.move_to_end(asked)
-        return found
+            return self._planner.solve(
+                query.start, query.team, seed=query.seed, expansions=query.expansions
+            )
+
+        return self._solutions.get(query, search)
+
+    def _greedy_search(self, query: _Query) -> SearchResult:
+        def search() -> SearchResult:
+            limits = Limits(query.expansions, STATES_PER_EXPANSION * query.expansions)
+            found = greedy.solve(self.model, query.start, team=query.team, limits=limits)
+            if found.plan is None:
+                return found
+            return replace(found, plan=tidy(found.plan, query.start))
+
+        return self._greedy.get(query, search)
 
 
 def _joined(old: SearchResult, new: SearchResult) -> SearchResult:

@@ -1,16 +1,17 @@
 """Planners made for one kind of domain: what they offer, and how they are found.
 
 Those in `BUILT_IN` are asked first, then those that installed distributions name under the entry
-point group `robotouille.planners`, in the order of their names. The first that does not decline
-plans; if all decline, the general planners do. A plug-in is imported when it is first asked.
+point group `robotouille.planners`, in the order of their names. The first that recognises a world
+plans; if none does, or that one declines, the general planners do. A plug-in is imported when it
+is first asked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from robotouille.errors import PluginError
 from robotouille.planning.plan import Plan
@@ -18,14 +19,12 @@ from robotouille.planning.search_result import Limits, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["BUILT_IN", "GROUP", "AnytimeSearch", "DomainPlanner", "domain_planners", "first_offer"]
+__all__ = ["BUILT_IN", "GROUP", "AnytimeSearch", "DomainPlanner", "domain_planner"]
 
 GROUP = "robotouille.planners"
 
 BUILT_IN = {"kitchen": "robotouille.planners.kitchen.plugin:KITCHEN"}
 """Where the shipped plug-ins are, by name."""
-
-T = TypeVar("T")
 
 
 class AnytimeSearch(Protocol):
@@ -39,10 +38,14 @@ class AnytimeSearch(Protocol):
 
 
 class DomainPlanner(Protocol):
-    """A planner made for one kind of domain. It declines what it does not model with None.
+    """A planner made for one kind of domain.
 
-    What it answers is the same for the same arguments, unless `limits.stop` intervenes.
+    With None it declines a state, a goal or a size that it does not model. What it answers is the
+    same for the same arguments, unless `limits.stop` intervenes.
     """
+
+    def recognises(self, world: World) -> bool:
+        """Whether a world's domain is of this kind, judged by its definitions."""
 
     def solve(
         self, world: World, start: State, limits: Limits, watch: Watch | None
@@ -53,14 +56,12 @@ class DomainPlanner(Protocol):
         """A search for play, where plans matter more than proofs."""
 
 
-def first_offer(ask: Callable[[DomainPlanner], T | None]) -> T | None:
-    """What the first plug-in that does not decline offers. Raises PluginError."""
-    offers = (ask(planner) for planner in domain_planners())
-    return next((offer for offer in offers if offer is not None), None)
+def domain_planner(world: World) -> DomainPlanner | None:
+    """The first plug-in that recognises a world. Raises PluginError."""
+    return next((planner for planner in _planners() if planner.recognises(world)), None)
 
 
-def domain_planners() -> Iterator[DomainPlanner]:
-    """All plug-ins, in the order in which they are asked. Raises PluginError."""
+def _planners() -> Iterator[DomainPlanner]:
     for name, target in BUILT_IN.items():
         yield _load(EntryPoint(name, target, GROUP))
     for entry in _installed():
@@ -79,7 +80,8 @@ def _load(entry: EntryPoint) -> DomainPlanner:
     except Exception as error:  # whatever the import of somebody else's module may raise
         why = f"{type(error).__name__}: {error}"
         raise PluginError(GROUP, entry.name, entry.value, why) from error
-    missing = [name for name in ("solve", "anytime") if not callable(getattr(planner, name, None))]
+    methods = ("recognises", "solve", "anytime")
+    missing = [name for name in methods if not callable(getattr(planner, name, None))]
     if missing:
         raise PluginError(GROUP, entry.name, entry.value, f"it has no {' and no '.join(missing)}")
     return planner

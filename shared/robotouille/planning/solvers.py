@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robotouille.planning.optimal.astar import solve as solve_generally
-from robotouille.planning.plugins import first_offer
+from robotouille.planning.plugins import domain_planner
+from robotouille.planning.search import astar
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.world import World
@@ -24,5 +24,6 @@ def solve(
     Raises PluginError if an installed plug-in cannot be loaded.
     """
     state = world.initial if start is None else start
-    found = first_offer(lambda planner: planner.solve(world, state, limits, watch))
-    return found or solve_generally(world, state, limits=limits, watch=watch)
+    planner = domain_planner(world)
+    found = planner.solve(world, state, limits, watch) if planner is not None else None
+    return found or astar.solve(world, state, limits=limits, watch=watch)

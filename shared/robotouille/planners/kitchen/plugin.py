@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robotouille.planners.kitchen.anytime_search import KitchenAnytimeSearch
 from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
+from robotouille.planners.kitchen.recognition import recognise
 from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planning.beam.planner import Planner
 from robotouille.planning.plan import Plan
@@ -22,6 +23,9 @@ BEAM = 4_000
 
 class KitchenPlanner:
     """Plans for worlds that are kitchens, with goals that are a kitchen's."""
+
+    def recognises(self, world: World) -> bool:
+        return recognise(world.task.domain) is not None
 
     def solve(
         self, world: World, start: State, limits: Limits, watch: Watch | None
