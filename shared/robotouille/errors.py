@@ -10,6 +10,7 @@
     ├── RecordingError       a recording is damaged or does not re-simulate
     ├── IllegalEventError    an episode or a seat was told of what cannot happen to it now
     ├── MissingExtraError    an optional library is needed; the message has the install line
+    ├── PluginError          an installed plug-in cannot be loaded; the message names it
     └── ProtocolError        a peer's message cannot be honoured; `code` is stable on the wire
 
 `FileError` and `ProtocolError` are somebody else's fault (a file's author, a peer);
@@ -28,6 +29,7 @@ __all__ = [
     "IllegalEventError",
     "InapplicableError",
     "MissingExtraError",
+    "PluginError",
     "ProtocolError",
     "RecordingError",
     "RobotouilleError",
@@ -134,6 +136,17 @@ class MissingExtraError(RobotouilleError):
     def __init__(self, what: str, extra: str) -> None:
         self.extra = extra
         super().__init__(f"{what} needs an optional library: pip install 'robotouille[{extra}]'")
+
+
+class PluginError(RobotouilleError):
+    """A plug-in of another distribution that cannot be loaded."""
+
+    def __init__(self, group: str, name: str, target: str, why: str) -> None:
+        self.group, self.name, self.target, self.why = group, name, target, why
+        super().__init__(f"the plug-in {name!r} ({target}) of {group} cannot be loaded: {why}")
+
+    def __reduce__(self) -> tuple[type[PluginError], tuple[str, str, str, str]]:
+        return PluginError, (self.group, self.name, self.target, self.why)
 
 
 class ProtocolError(RobotouilleError):

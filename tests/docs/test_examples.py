@@ -10,7 +10,9 @@ import pytest
 from robotouille import Task, World, load_task
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import InputFile
-from robotouille.planning.plan import read_plan
+from robotouille.planning.plan import Plan, read_plan
+from robotouille.planning.search_result import Limits
+from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
 from robotouille_client import connect
@@ -144,6 +146,13 @@ def test_generation_example() -> None:
 
 def test_pddl_example() -> None:
     assert len(run_blocks("pddl.md")["plan"]) == 1
+
+
+def test_planner_examples() -> None:
+    planner, world = run_blocks("planners.md")["WAITING"], World("synchronous/01")
+    end = replay(solve(world).plan or Plan(()), world).final
+    assert planner.solve(world, end, Limits(), None).optimal
+    assert planner.anytime(world, end) is None
 
 
 def test_parts_of_files_are_valid() -> None:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from robotouille import GroundAction, State, World, load_task, task_names
 from robotouille.episode import Clock, Episode, Outcome, Phase, Rules, Stepped
 from robotouille.planning.anytime import Anytime
+from robotouille.planning.beam.planner import Planner, Solution
+from robotouille.planning.plan import Plan
 from robotouille.planning.policies.planner_policy import PlannerPolicy
 from robotouille.planning.policies.script import Did
 from robotouille.planning.search_result import Limits
+from robotouille_client.bots.kinds import BotKind, policy_maker
+from tests.support.pancakes import pancake_kitchen
 from tests.world.kitchens import kitchen
 
 MULTI = [name for name in task_names() if name.startswith("multi_agent/")]
@@ -170,4 +175,64 @@ def test_nothing_is_done_where_nothing_helps() -> None:
         goal=[{"predicate": "iscut", "args": ["lettuce"], "ids": [1]}],
     )
     policy = PlannerPolicy(world, "robot1")
-    assert all(policy.act(world.initial) is None for _ in range(4))
+    assert policy.has_plan
+    assert all(policy.act(world.initial) is None for _ in range(9))
+    assert not policy.has_plan
+
+
+STACK = [
+    {"predicate": "ispancake", "args": ["pancake"], "ids": [1]},
+    {"predicate": "atop", "args": ["pancake", "pancake"], "ids": [2, 1]},
+]
+
+
+def pancake_steps(seats: int, **kitchen: Any) -> int:
+    """The steps that planners in so many seats take to the goal in a domain of their own."""
+    world = pancake_kitchen(**kitchen)
+    players = world.players[:seats]
+    policies = {p: PlannerPolicy(World(world.task), p, alone=seats == 1) for p in players}
+    state, steps = world.initial, 0
+    while not state.goal_reached and steps < 100:
+        actions = [policy.act(state) for policy in policies.values()]
+        step = state.step([world.action(a.name, *a.arguments) for a in actions if a is not None])
+        did = [(a.action.player or "", a.action, a.applied) for a in step.attempts]
+        for policy in policies.values():
+            policy.observe(did)
+        assert all(policy.has_plan for policy in policies.values())
+        state, steps = step.state, steps + 1
+    return steps
+
+
+@pytest.mark.parametrize(
+    ("most", "seats", "kitchen"),
+    [
+        (10, 1, {}),
+        (10, 1, {"players": 2}),
+        (12, 2, {"players": 2}),
+        (22, 1, {"batter": 2, "goal": STACK}),
+    ],
+)
+def test_where_an_object_takes_the_place_of_another(
+    most: int, seats: int, kitchen: dict[str, Any]
+) -> None:
+    """Batter becomes a pancake: what the goal wants is still to be made of something else."""
+    assert pancake_steps(seats, **kitchen) <= most
+
+
+@pytest.mark.parametrize("seats", [1, 2])
+def test_where_a_beam_search_is_blind_a_plan_is_found_otherwise(
+    monkeypatch: pytest.MonkeyPatch, seats: int
+) -> None:
+    nothing = Solution(Plan(()), False, 9.0, 1)
+    monkeypatch.setattr(Planner, "solve", lambda *_, **__: nothing)
+    assert pancake_steps(seats, players=seats) <= 14
+
+
+def test_a_bot_says_that_it_finds_no_plan(capsys: pytest.CaptureFixture[str]) -> None:
+    world = kitchen(
+        items=[{"name": "lettuce", "x": 0, "y": 0}],
+        goal=[{"predicate": "iscut", "args": ["lettuce"], "ids": [1]}],
+    )
+    policy = policy_maker(BotKind.PLANNER)(world.initial, "robot1")
+    assert all(policy.act(world.initial) is None for _ in range(9))
+    assert capsys.readouterr().err == "robot1 finds no plan from here\n"

@@ -3,6 +3,7 @@
 import pytest
 
 from robotouille import InapplicableError, State, World, load_task
+from robotouille.world.unmet import Unmet, UnmetKind
 from tests.world.differential import all_actions
 from tests.world.kitchens import act, kitchen, play, waiting
 

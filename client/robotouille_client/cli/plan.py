@@ -32,8 +32,8 @@ from robotouille.certification.certificate import (
 from robotouille.certification.certifying import BUDGET
 from robotouille.errors import FileError, RecordingError, RobotouilleError
 from robotouille.planning import solvers as optimal
-from robotouille.planning.optimal.unsolvable import unreachable_goal
 from robotouille.planning.plan import read_plan, write_plan
+from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording

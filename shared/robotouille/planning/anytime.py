@@ -10,33 +10,19 @@ Work is counted in expansions, never in seconds: one question has the same answe
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import ceil
+from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
-from robotouille.planners.kitchen.compact_state import PLACE, PLAYERS, ROOT, ROWS, WAIT, WORDS
-from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
-from robotouille.planners.kitchen.kernels import Ints, ints
-from robotouille.planners.kitchen.kitchen_search import (
-    COUNT,
-    CUT,
-    GOAL,
-    PROMISE,
-    PROMISES,
-    Nodes,
-    copy,
-    margin,
-    new_nodes,
-    pop,
-    push,
-)
-from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, SolverRun, kitchen_search
-from robotouille.planners.kitchen.transitions import act, options, running, spot, tick, unpack
+from robotouille.planning.action_elimination import tidy
 from robotouille.planning.beam.planner import EXPANSIONS, Planner, Solution
 from robotouille.planning.plan import Plan
+from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
+from robotouille.planning.search import greedy
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
-from robotouille.planning.validation import replay
 from robotouille.world.state import State
 from robotouille.world.world import World
 
@@ -44,24 +30,38 @@ __all__ = ["Anytime"]
 
 BEAM = "beam 1"
 
-DEEPEST = 2_000
-"""Expansions after which a dive is given up."""
+MAX_KEPT = 256
+"""Plans by general searches that are kept."""
 
-KEPT = 256
-"""Plans by beam search that are kept: whoever asks the same again is answered at once."""
+STATES_PER_EXPANSION = 4
+"""Of greedy search: it is each state's heuristic that takes time."""
 
-MAX_PLAYERS = 2
-"""Larger teams have too many joint actions for a search that tries all of them."""
-
-NEAR = 1.05
-"""By how much a plan may be longer than what is proven before another is sought for a team."""
-
-EXACT, BOLD = 4, 6
-"""Weights of the estimate, in quarters: shortest plans, and those for which teams have time."""
+T = TypeVar("T")
 
 
-_Asked = tuple[State, tuple[str, ...], int, int]
-"""A question to the beam search: state, team, seed and expansions."""
+class _Query(NamedTuple):
+    """What a general search is asked."""
+
+    start: State
+    team: tuple[str, ...]
+    seed: int
+    expansions: int
+
+
+class _Recent(Generic[T]):
+    """The answers to the last queries: the same one is answered at once."""
+
+    def __init__(self) -> None:
+        self._answers: OrderedDict[_Query, T] = OrderedDict()
+
+    def get(self, query: _Query, search: Callable[[], T]) -> T:
+        """The answer that is known, or what a search finds."""
+        if query not in self._answers:
+            self._answers[query] = search()
+            if len(self._answers) > MAX_KEPT:
+                self._answers.popitem(last=False)
+        self._answers.move_to_end(query)
+        return self._answers[query]
 
 
 class Anytime:
@@ -82,7 +82,8 @@ class Anytime:
         """Remember nothing of what was found out so far; the answers stay the same."""
         self.searches = 0
         self._planner = Planner(self.model)
-        self._solutions: OrderedDict[_Asked, Solution] = OrderedDict()
+        self._solutions: _Recent[Solution] = _Recent()
+        self._greedy: _Recent[SearchResult] = _Recent()
 
     def in_model(self, state: State) -> State:
         """A state of the task, of whatever timing, as one of the model.
@@ -113,165 +114,73 @@ class Anytime:
     ) -> Iterator[SearchResult]:
         """Plans for the players of `team` (all, if empty), the others doing nothing.
 
-        Each is shorter than the one before, or more is proven about it. A player who is alone in
-        a kitchen has a plan at once, then the shortest that is found within the limits. Others
-        (and that player at last, if nothing else helps and `beam` is not 0) have one by beam
-        search, of as many expansions as `beam`; the limits are for a second search by two in a
-        kitchen. A beam search proves nothing.
+        Each is shorter than the one before, or more is proven about it. Where a plug-in knows the
+        domain and all players are to plan, the first plan is the plug-in's, if it has one at once,
+        and the second one is what it finds within the limits. Else (and at last, if that found
+        nothing and `beam` is not 0) there is one by beam search, of as many expansions as `beam`,
+        which proves nothing; and where no plug-in knows the domain and that search finds nothing,
+        by greedy best-first search. Raises PluginError.
         """
         start = self.in_model(state)
-        search = self._kitchen(start, team)
-        alone = search is not None and search.model.kitchen[PLAYERS] == 1
-        first = dive(search, limits) if search is not None and alone else None
-        answer = first or self._beam(start, team, seed, beam)
-        yield answer
-        if search is None or answer.optimal or answer.unsolvable:
+        search = self._domain_search(start, team)
+        at_once = search.greedy(limits) if search is not None else None
+        query = _Query(start, tuple(sorted(team)), seed, beam)
+        result = at_once or self._general(query)
+        yield result
+        if search is None or result.optimal or result.unsolvable:
             return
-        more = search.solve(limits) if alone else _bold(search, answer.plan, limits)
-        better = _joined(answer, more)
-        if better.plan is None and not better.unsolvable and alone and beam:
-            better = _joined(better, self._beam(start, team, seed, beam))
+        better = _joined(result, search.improve(result.plan, limits))
+        if at_once is not None and better.plan is None and not better.unsolvable and beam:
+            better = _joined(better, self._general(query))
         yield better
 
     def towards(
         self, state: State, *, team: Sequence[str] = (), seed: int = 0, beam: int = EXPANSIONS
     ) -> Plan:
         """What leads as near to the goal as the beam search gets, where it gets no further."""
-        return self._beam_search(self.in_model(state), team, seed, beam).plan
+        query = _Query(self.in_model(state), tuple(sorted(team)), seed, beam)
+        return self._beam_search(query).plan
 
-    def _kitchen(self, start: State, team: Sequence[str]) -> KitchenSearch | None:
-        players = self.model.players
-        if len(players) > MAX_PLAYERS or (team and not set(team).issuperset(players)):
+    @cached_property
+    def _domain_planner(self) -> DomainPlanner | None:
+        return domain_planner(self.model)
+
+    def _domain_search(self, start: State, team: Sequence[str]) -> AnytimeSearch | None:
+        """The search of the plug-in that knows the domain, if all players are to plan."""
+        if team and not set(team).issuperset(self.model.players):
             return None
-        try:
-            return kitchen_search(self.model, start)
-        except TooManyChoicesError:
-            return None
+        planner = self._domain_planner
+        return None if planner is None else planner.anytime(self.model, start)
 
-    def _beam(self, start: State, team: Sequence[str], seed: int, beam: int) -> SearchResult:
-        found = self._beam_search(start, team, seed, beam)
-        plan = found.plan if found.reached else None
-        return SearchResult(plan, 0, Proof.NONE, BEAM, found.expansions)
+    def _general(self, query: _Query) -> SearchResult:
+        """A plan by beam search; if that finds none where no plug-in knows the domain, by greedy
+        search: a beam search may be blind for what matters in a domain."""
+        solution = self._beam_search(query)
+        plan = solution.plan if solution.reached else None
+        result = SearchResult(plan, 0, Proof.NONE, BEAM, solution.expansions)
+        if plan is not None or self._domain_planner is not None:
+            return result
+        greedy = self._greedy_search(query)
+        return replace(greedy, expansions=solution.expansions + greedy.expansions)
 
-    def _beam_search(self, start: State, team: Sequence[str], seed: int, beam: int) -> Solution:
-        asked = (start, tuple(sorted(team)), seed, beam)
-        found = self._solutions.get(asked)
-        if found is None:
+    def _beam_search(self, query: _Query) -> Solution:
+        def search() -> Solution:
             self.searches += 1
-            found = self._planner.solve(start, asked[1], seed=seed, expansions=beam)
-            self._solutions[asked] = found
-            if len(self._solutions) > KEPT:
-                self._solutions.popitem(last=False)
-        self._solutions.move_to_end(asked)
-        return found
+            return self._planner.solve(
+                query.start, query.team, seed=query.seed, expansions=query.expansions
+            )
 
+        return self._solutions.get(query, search)
 
-def dive(search: KitchenSearch, limits: Limits = UNLIMITED) -> SearchResult:
-    """A plan for a player who is alone, by always going on from the best successor.
+    def _greedy_search(self, query: _Query) -> SearchResult:
+        def search() -> SearchResult:
+            limits = Limits(query.expansions, STATES_PER_EXPANSION * query.expansions)
+            found = greedy.solve(self.model, query.start, team=query.team, limits=limits)
+            if found.plan is None:
+                return found
+            return replace(found, plan=tidy(found.plan, query.start))
 
-    The first successor that gives nothing away is good enough, so most are never looked at. Where
-    there is none at all, it goes back to the best state that was left, if any. The bound is the
-    estimate at the start.
-    """
-    k, x = search.model.kitchen, _roots(search)
-    if x.notes[PROMISE] == PROMISES and x.notes[GOAL] < 0:
-        nothing = x.notes[CUT] == PROMISES
-        proof = Proof.EXHAUSTED if nothing else Proof.NONE
-        return SearchResult(None, 0, proof, PLANNER, 0, unsolvable=bool(nothing))
-    bound = 0 if x.notes[GOAL] >= 0 else int(x.notes[PROMISE])
-    most = DEEPEST if limits.expansions is None else min(limits.expansions, DEEPEST)
-    node, spent = pop(x), 0
-    while node >= 0 and x.notes[GOAL] < 0 and spent < most:
-        spent += 1
-        if x.notes[COUNT] + margin(1) > len(x.steps):
-            x = new_nodes(k, 2 * len(x.steps), x)
-        node = _best_successor(k, search.goals, x, node)
-        if node < 0:
-            node = pop(x)
-    plan = _to_the_goal(search, _path(x)) if x.notes[GOAL] >= 0 else None
-    return SearchResult(plan, bound, Proof.HEURISTIC, PLANNER, spent)
-
-
-def _to_the_goal(search: KitchenSearch, path: list[list[int]]) -> Plan:
-    """The plan of a path, without what comes after the goal: time may bring it on a last walk."""
-    plan = search.plan(path)
-    return Plan(plan.steps[: replay(plan, search.model.world, search.start).reached_at])
-
-
-def _roots(search: KitchenSearch) -> Nodes:
-    """The start, once for each choice of objects."""
-    k, g = search.model.kitchen, search.goals
-    x = new_nodes(k, 1 << max(4 * margin(1), 2 * g[ROWS]).bit_length())
-    for row in range(g[ROWS]):
-        state = list(search.code)
-        state[ROOT] = row
-        push(k, g, x, ints(state), -1, 0, 0, EXACT)
-    return x
-
-
-def _best_successor(k: Ints, g: Ints, x: Nodes, node: int) -> int:
-    """Of the new successors the one with the least promise, then the nearest to the goal; -1 if
-    none is new. No others are made once there is one with the promise of the state itself."""
-    first, promise = x.notes[COUNT], x.steps[node] + x.estimate[node]
-    unpack(k, x.key, node * k[WORDS], x.s)
-    for action, steps in _successors(k, g, x):
-        before = x.notes[COUNT]
-        push(k, g, x, x.t, node, action, x.steps[node] + steps, EXACT)
-        if x.notes[GOAL] >= 0:
-            break
-        new = x.notes[COUNT] - 1
-        if new >= before and x.steps[new] + x.estimate[new] <= promise:
-            break
-    news = range(first, x.notes[COUNT])
-    return min(news, key=lambda i: (x.steps[i] + x.estimate[i], x.estimate[i]), default=-1)
-
-
-def _successors(k: Ints, g: Ints, x: Nodes) -> Iterator[tuple[int, int]]:
-    """What follows on the state in `x.s`, one after the other in `x.t`: the action and its steps.
-
-    First what is done here, then what is done elsewhere, which takes a step to walk there; waiting
-    comes last.
-    """
-    for action in list(x.acts[: options(k, g, x.s, 0, True, x.acts, 0)]):
-        copy(k, x.s, x.t)
-        act(k, x.t, 0, action)
-        tick(k, x.t)
-        yield action, 1
-    copy(k, x.s, x.u)
-    tick(k, x.u)
-    for action in list(x.acts[: options(k, g, x.u, 0, False, x.acts, 0)]):
-        copy(k, x.u, x.t)
-        x.t[k[PLACE]] = spot(k, x.t, action)
-        act(k, x.t, 0, action)
-        tick(k, x.t)
-        yield action, 2
-    if running(k, x.s):
-        copy(k, x.u, x.t)
-        yield WAIT, 1
-
-
-def _path(x: Nodes) -> list[list[int]]:
-    """The actions that lead to the goal that was found."""
-    node, actions = int(x.notes[GOAL]), []
-    while x.parent[node] >= 0:
-        actions.append([int(x.action[node])])
-        node = int(x.parent[node])
-    return actions[::-1]
-
-
-def _bold(search: KitchenSearch, known: Plan | None, limits: Limits) -> SearchResult:
-    """Another plan for a team, unless a known one is near to what an estimate proves.
-
-    What does not promise to better that one is not left out: then the search would look in many
-    more places, and find less.
-    """
-    run = SolverRun(search, BOLD, limits, None)
-    bound = min(run.nodes.estimate[: run.nodes.notes[COUNT]], default=0)
-    plan = None
-    if known is None or len(known) > NEAR * bound:
-        run.go(None)
-        plan = search.plan(run.path()) if run.best is not None else None
-    return SearchResult(plan, int(bound), Proof.HEURISTIC, PLANNER, run.expansions)
+        return self._greedy.get(query, search)
 
 
 def _joined(old: SearchResult, new: SearchResult) -> SearchResult:

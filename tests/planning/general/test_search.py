@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_task
-from robotouille.planning.optimal.admissible import BLIND, CriticalPath, LandmarkCut
-from robotouille.planning.optimal.astar import solve
-from robotouille.planning.optimal.symmetry import interchangeable
-from robotouille.planning.optimal.unsolvable import unreachable_goal
+from robotouille.planning.search.astar import solve
+from robotouille.planning.search.heuristics import BLIND, CriticalPath, LandmarkCut
+from robotouille.planning.search.symmetry import interchangeable
+from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.planning.validation import replay
 from tests.world.kitchens import act, kitchen

@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from robotouille import Task, World
-from robotouille.planning.optimal.admissible import BLIND, CriticalPath, Heuristic, LandmarkCut
-from robotouille.planning.optimal.astar import solve
-from robotouille.planning.optimal.unsolvable import unreachable_goal
+from robotouille.planning.search.astar import solve
+from robotouille.planning.search.heuristics import BLIND, CriticalPath, Heuristic, LandmarkCut
+from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.planning.validation import replay
 from tests.planning.general.small_tasks import deep_tasks, tiny_kitchens

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from robotouille.domain.schema import Condition
+from robotouille.domain.schema import Condition, Creation, EffectDef
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World
 
-__all__ = ["SOMEBODY", "DomainAnalysis"]
+__all__ = ["SOMEBODY", "DomainAnalysis", "creates"]
 
 SOMEBODY = "@"
 """Stands for any player in the atoms of a projection."""
@@ -70,13 +70,14 @@ class DomainAnalysis:
 
     @cached_property
     def _distinguishing(self) -> frozenset[str]:
-        """Static predicates that decide which movables an action combines, or does something to
-        a station with."""
+        """Static predicates that decide which movables an action combines, makes something of, or
+        does something to a station with."""
         found = set()
         for schema in self.world.schemas:
             movable = {n for n, kind in schema.parameters if self.is_movable(kind)}
             effects = schema.definition.immediate_fx
-            if len(movable) > 1 or any(self._is_about_stations(c.predicate) for c in effects):
+            about_stations = any(self._is_about_stations(c.predicate) for c in effects)
+            if len(movable) > 1 or about_stations or creates(schema):
                 found |= {
                     c.predicate
                     for c in schema.definition.precons
@@ -186,6 +187,15 @@ class DomainAnalysis:
     def is_idle(self, action: GroundAction) -> bool:
         """Whether an action does nothing but let time pass."""
         return not action.touched and not action.effects
+
+
+def creates(schema: ActionSchema) -> bool:
+    """Whether an action can bring an object into being."""
+
+    def inside(effects: tuple[EffectDef, ...]) -> bool:
+        return any(isinstance(e, Creation) or inside(e.sfx) for e in effects)
+
+    return inside(schema.definition.sfx)
 
 
 def _product(pools: list[list[str]]) -> list[tuple[str, ...]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 from robotouille.domain.schema import Condition, Creation, Deletion, EffectDef
-from robotouille.planning.beam.domain_analysis import SOMEBODY, DomainAnalysis
+from robotouille.planning.beam.domain_analysis import SOMEBODY, DomainAnalysis, creates
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.objects import Atom
@@ -172,10 +172,10 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
             others = (c for c in vocabulary.classes_of(kind) if c not in own)
             pools.append(known + [c for c in others if set(vocabulary.classes[c]) - set(known)])
     names = [name for name, _ in schema.parameters]
-    creates = _creates(schema)
+    creating = creates(schema)
     for values in product(*pools):
         exact = [v for v in values if v in focus.names or v in focus.partners]
-        near = creates or any(v in focus.names or v in focus.stations for v in values)
+        near = creating or any(v in focus.names or v in focus.stations for v in values)
         if near and len(set(exact)) == len(exact):
             binding = dict(zip(names, values, strict=True))
             if all(vocabulary.static_holds(c, binding) for c in _static(schema, vocabulary)):
@@ -185,13 +185,6 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
 def _static(schema: ActionSchema, vocabulary: DomainAnalysis) -> list[Condition]:
     static = vocabulary.world.table.static_predicates
     return [c for c in schema.definition.precons if c.predicate in static]
-
-
-def _creates(schema: ActionSchema) -> bool:
-    def inside(effects: tuple[EffectDef, ...]) -> bool:
-        return any(isinstance(e, Creation) or inside(e.sfx) for e in effects)
-
-    return inside(schema.definition.sfx)
 
 
 def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator | None:

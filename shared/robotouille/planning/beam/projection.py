@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from robotouille.planning.beam.domain_analysis import DomainAnalysis
 from robotouille.planning.beam.object_operators import Focus, Operator, operators
-from robotouille.world.grounding.atoms import bits_of
+from robotouille.world.grounding.atoms import EXISTS, bits_of
 from robotouille.world.grounding.objects import Atom
 
 __all__ = ["ANYWHERE", "DEAD", "Projection"]
@@ -55,11 +55,17 @@ class Projection:
                 self._tracked |= outcome.holds | outcome.lacks
         self._by_bit = _by_bit(self.operators)
         self.strangers = {s for operator in self.operators for s in operator.strangers}
+        self.sources = {s for o in self.operators if self._creates(o) for s in o.strangers}
         self._explored: dict[int, list[tuple[Operator, int]]] = {}
         self._incoming: dict[int, list[tuple[int, Operator]]] = {}
         self._distance: dict[Key, float] = {}
         self._nodes: dict[int, int] = {}
         self.mask = _mask(vocabulary, names, stations)
+
+    def _creates(self, operator: Operator) -> bool:
+        """Whether an operator brings an object of the focus into being."""
+        born = self.focus.mask((EXISTS, name) for name in self.focus.names)
+        return any(outcome.sets & born for outcome in operator.outcomes)
 
     def node(self, facts: int) -> int:
         """The node of a state's facts."""

@@ -186,7 +186,8 @@ class HeuristicContext:
     def _supports(self, name: str, goal: frozenset[Atom], taken: frozenset[str]) -> list[str]:
         """The objects, none of the goal's own, one of which the work cannot do without.
 
-        Looked for only where the object is yet to be made or there is none; else [""].
+        Looked for only where the object is yet to be made or there is none; else [""]. What it can
+        be made of comes first.
         """
         if name and (EXISTS, name) not in self.world.table.bit:
             return [""]
@@ -195,7 +196,7 @@ class HeuristicContext:
         if found is None:
             plain = Projection(self.vocabulary, (name,) if name else (), goal)
             found = [""]
-            for stranger in sorted(plain.strangers):
+            for stranger in sorted(plain.strangers, key=lambda s: (s not in plain.sources, s)):
                 members = self.vocabulary.classes[stranger]
                 if not any(member in taken for member in members):
                     found = members[:MAX_SUPPORTS]

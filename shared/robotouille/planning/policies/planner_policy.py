@@ -62,7 +62,13 @@ class PlannerPolicy:
         self._left = 0
         self._open = False
         self._waited = 0
-        self._failures = 0
+        self._has_plan = True
+
+    @property
+    def has_plan(self) -> bool:
+        """Whether the last search found a plan. Without one the seat comes as near to the goal as
+        it can, and then does nothing but make way for others."""
+        return self._has_plan
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
@@ -101,7 +107,7 @@ class PlannerPolicy:
             seed=self._seed,
             beam=self._expansions,
         )
-        self._failures = 0 if answer.plan is not None else self._failures + 1
+        self._has_plan = answer.plan is not None
         if answer.plan is not None:
             self._follow(answer.plan, state)
         elif answer.unsolvable:
@@ -136,7 +142,9 @@ class PlannerPolicy:
         script, self._script, self._waited = self._script, None, 0
         if script is not None:
             self._team -= set(script.waits_for())
-        helpless = script is None or script.finished or self._failures > 0
+        if self._only:
+            return None
+        helpless = script is None or script.finished or not self._has_plan
         return self._step_aside(state) if helpless or self._random.random() < 0.25 else None
 
     def _somebody_is_busy(self, state: State) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import prod
 
 from robotouille.domain.schema import Condition
-from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects
+from robotouille.planning.search.relaxation.abstract_objects import AbstractObjects
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import AtomTable
 from robotouille.world.grounding.objects import bound

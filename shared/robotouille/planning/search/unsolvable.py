@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.optimal.joint_actions import Transitions
-from robotouille.planning.optimal.relaxation.relaxed_task import Relaxation
-from robotouille.planning.optimal.relaxation.schema_grounding import TooLargeError
+from robotouille.planning.search.joint_actions import Transitions
+from robotouille.planning.search.relaxation.relaxed_task import Relaxation
+from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
 from robotouille.planning.search_result import Limits
 from robotouille.world.state import State
 from robotouille.world.text import describe

@@ -31,8 +31,8 @@ from robotouille.domain.schema import (
     EffectDef,
     Repetitive,
 )
-from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects, future_name
-from robotouille.planning.optimal.relaxation.schema_grounding import Grounding
+from robotouille.planning.search.relaxation.abstract_objects import AbstractObjects, future_name
+from robotouille.planning.search.relaxation.schema_grounding import Grounding
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.objects import Atom, bound

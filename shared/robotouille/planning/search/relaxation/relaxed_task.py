@@ -10,9 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.optimal.relaxation.abstract_objects import cast_of, future_name
-from robotouille.planning.optimal.relaxation.relaxed_goal import GOAL, RelaxedGoal
-from robotouille.planning.optimal.relaxation.relaxed_operators import (
+from robotouille.planning.search.relaxation.abstract_objects import cast_of, future_name
+from robotouille.planning.search.relaxation.relaxed_goal import GOAL, RelaxedGoal
+from robotouille.planning.search.relaxation.relaxed_operators import (
     MAX_COUNTED,
     Label,
     Prop,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from heapq import heappop, heappush
 
-from robotouille.planning.optimal.relaxation.relaxed_task import RelaxedTask, Situation
+from robotouille.planning.search.relaxation.relaxed_task import RelaxedTask, Situation
 
 __all__ = ["critical_path"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from robotouille.planning.plan import Joint
@@ -24,16 +24,16 @@ class JointMove(NamedTuple):
 
 
 class Transitions:
-    """The steps of all players of a world together (world.md, "A step").
+    """The steps of the players of `team` (all, if empty) together (world.md, "A step").
 
     Each seat takes one action or none, one after the other: a seat may use what an earlier one
     has done in the same step, so all orders are tried. Partial steps that agree in facts, timers
     and who has acted are continued once.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, team: Sequence[str] = ()) -> None:
         self._world = world
-        self._players = world.players
+        self._players = tuple(p for p in world.players if p in team or not team)
 
     def moves(self, facts: int, timers: Timers) -> Iterable[JointMove]:
         """All steps that change anything or let time pass, each result once for each way."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from robotouille.planning.optimal.relaxation.relaxed_task import RelaxedTask
+from robotouille.planning.search.relaxation.relaxed_task import RelaxedTask
 
 __all__ = ["landmark_cut"]
 

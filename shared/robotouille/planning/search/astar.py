@@ -11,14 +11,12 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Hashable
 from typing import NamedTuple
 
-from robotouille.planning.optimal.admissible import BLIND, Blind, Heuristic, LandmarkCut
-from robotouille.planning.optimal.joint_actions import Transitions
-from robotouille.planning.optimal.relaxation.schema_grounding import TooLargeError
-from robotouille.planning.optimal.symmetry import Symmetry
 from robotouille.planning.plan import Joint, Plan
+from robotouille.planning.search.heuristics import Blind, Heuristic, default_heuristic
+from robotouille.planning.search.joint_actions import Transitions
+from robotouille.planning.search.symmetry import StateKey, state_keys
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.timers import Timers
@@ -33,8 +31,6 @@ PAUSE = 64
 
 BATCH = 64
 """How many successors of one state are made before it is looked at whether to stop."""
-
-Key = tuple[int, int]
 
 
 def solve(
@@ -54,15 +50,8 @@ def solve(
     state = world.initial if start is None else start
     if state.goal_reached:
         return SearchResult(Plan(()), 0, Proof.EXHAUSTED, PLANNER, 0)
-    guide = _default(world, state) if heuristic is None else heuristic
+    guide = default_heuristic(world, state) if heuristic is None else heuristic
     return _Search(world, guide, limits, watch, symmetry).run(state)
-
-
-def _default(world: World, start: State) -> Heuristic:
-    try:
-        return LandmarkCut(world, start)
-    except TooLargeError:
-        return BLIND
 
 
 class SearchNode(NamedTuple):
@@ -70,7 +59,7 @@ class SearchNode(NamedTuple):
 
     facts: int
     timers: Timers
-    key: Key
+    key: StateKey
     steps: int
     left: int
     evaluated: bool
@@ -94,9 +83,9 @@ class _Search:
         self._heuristic = heuristic
         self._limits = limits
         self._watch = watch
-        self._key = _keys(world, symmetry)
+        self._key = state_keys(world, symmetry)
         self._proof = Proof.EXHAUSTED if isinstance(heuristic, Blind) else Proof.HEURISTIC
-        self._known: dict[Key, int] = {}
+        self._known: dict[StateKey, int] = {}
         self._open: defaultdict[int, list[SearchNode]] = defaultdict(list)
         self._bound = 0
         self._expansions = 0
@@ -185,22 +174,3 @@ def _plan(goal: SearchNode) -> Plan:
         steps.append(node.joint)
         node = node.parent
     return Plan(tuple(reversed(steps)))
-
-
-def _keys(world: World, symmetry: bool) -> Callable[[int, Timers], Key]:
-    """What tells states apart."""
-    if symmetry:
-        groups = Symmetry(world)
-        if groups:
-            return groups.key
-    numbers: dict[Hashable, int] = {}
-    known: dict[Timers, int] = {}
-
-    def key(facts: int, timers: Timers) -> Key:
-        number = known.get(timers)
-        if number is None:
-            value = (timers.entries, timers.busy)
-            number = known[timers] = numbers.setdefault(value, len(numbers))
-        return facts, number
-
-    return key

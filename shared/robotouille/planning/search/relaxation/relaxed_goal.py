@@ -12,9 +12,9 @@ from itertools import combinations, product
 from math import prod
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.optimal.relaxation.abstract_objects import AbstractObjects
-from robotouille.planning.optimal.relaxation.relaxed_operators import Prop, RelaxedOperator
-from robotouille.planning.optimal.relaxation.schema_grounding import MAX_CHOICES, TooLargeError
+from robotouille.planning.search.relaxation.abstract_objects import AbstractObjects
+from robotouille.planning.search.relaxation.relaxed_operators import Prop, RelaxedOperator
+from robotouille.planning.search.relaxation.schema_grounding import MAX_CHOICES, TooLargeError
 from robotouille.world.grounding.goal import Goal, Variable
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import World

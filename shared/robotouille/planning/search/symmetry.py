@@ -12,7 +12,7 @@ with one key are equally far from the goal; not all such states get one key.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from functools import reduce
 from itertools import combinations
 from operator import or_
@@ -23,7 +23,7 @@ from robotouille.world.grounding.objects import Atom, Object
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["Symmetry", "interchangeable"]
+__all__ = ["StateKey", "Symmetry", "interchangeable", "state_keys"]
 
 Renaming = tuple[tuple[str, str], ...]
 """Old names, and the new one of each."""
@@ -31,7 +31,29 @@ Renaming = tuple[tuple[str, str], ...]
 MAX_KEPT = 500_000
 """How many states' keys are kept, since most states are come by again and again."""
 
+StateKey = tuple[int, int]
+"""What a state has in common with those that need not be told from it."""
+
 Label = tuple[str, int, tuple[str, ...]]
+
+
+def state_keys(world: World, symmetry: bool = True) -> Callable[[int, Timers], StateKey]:
+    """What tells states apart; with `symmetry`, not merely which of like objects is which."""
+    if symmetry:
+        groups = Symmetry(world)
+        if groups:
+            return groups.key
+    numbers: dict[Hashable, int] = {}
+    known: dict[Timers, int] = {}
+
+    def key(facts: int, timers: Timers) -> StateKey:
+        number = known.get(timers)
+        if number is None:
+            value = (timers.entries, timers.busy)
+            number = known[timers] = numbers.setdefault(value, len(numbers))
+        return facts, number
+
+    return key
 
 
 def interchangeable(world: World) -> list[tuple[str, ...]]:
@@ -85,12 +107,12 @@ class Symmetry:
         self._size = len(world.table.atoms)
         self._timer_keys: dict[tuple[Timers, Renaming], int] = {}
         self._numbers: dict[Hashable, int] = {}
-        self._keys: dict[tuple[int, Timers], tuple[int, int]] = {}
+        self._keys: dict[tuple[int, Timers], StateKey] = {}
 
     def __bool__(self) -> bool:
         return bool(self._groups)
 
-    def key(self, facts: int, timers: Timers) -> tuple[int, int]:
+    def key(self, facts: int, timers: Timers) -> StateKey:
         """What a state has in common with those that differ in names only."""
         key = self._keys.get((facts, timers))
         if key is None:
@@ -99,7 +121,7 @@ class Symmetry:
             key = self._keys[facts, timers] = self._new_key(facts, timers)
         return key
 
-    def _new_key(self, facts: int, timers: Timers) -> tuple[int, int]:
+    def _new_key(self, facts: int, timers: Timers) -> StateKey:
         if len(self._table.atoms) != self._size:
             self._size = len(self._table.atoms)
             self._groups = [_Group(self._table, g.names, self._blank) for g in self._groups]

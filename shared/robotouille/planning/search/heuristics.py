@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from robotouille.planning.optimal.relaxation.critical_path import critical_path
-from robotouille.planning.optimal.relaxation.landmark_cut import landmark_cut
-from robotouille.planning.optimal.relaxation.relaxed_task import Relaxation
+from robotouille.planning.search.relaxation.critical_path import critical_path
+from robotouille.planning.search.relaxation.landmark_cut import landmark_cut
+from robotouille.planning.search.relaxation.relaxed_task import Relaxation
+from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
 from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["BLIND", "Blind", "CriticalPath", "Heuristic", "LandmarkCut"]
+__all__ = ["BLIND", "Blind", "CriticalPath", "Heuristic", "LandmarkCut", "default_heuristic"]
 
 
 class Heuristic(Protocol):
@@ -49,7 +50,8 @@ class CriticalPath:
 class LandmarkCut:
     """The larger of the critical path and what time the actions that LM-cut counts take.
 
-    For states that can be reached from `start` (the initial state if None).
+    For states that can be reached from `start` (the initial state if None); 1 where so much has
+    been created that a relaxation would be too large.
     """
 
     def __init__(self, world: World, start: State | None = None) -> None:
@@ -57,13 +59,24 @@ class LandmarkCut:
         self._players = max(1, len(world.players))
 
     def __call__(self, facts: int, timers: Timers) -> float:
-        task = self._relaxation.task(facts, timers)
+        try:
+            task = self._relaxation.task(facts, timers)
+        except TooLargeError:
+            return 1
         situation = task.situation(facts, timers)
         actions = landmark_cut(task, situation.props)
         if actions == math.inf:
             return math.inf
         steps = critical_path(task, situation, self._players)
         return max(_steps_for(int(actions), timers, self._players), steps)
+
+
+def default_heuristic(world: World, start: State) -> Heuristic:
+    """LM-cut, or nothing where a relaxation of the start would be too large."""
+    try:
+        return LandmarkCut(world, start)
+    except TooLargeError:
+        return BLIND
 
 
 def _steps_for(actions: int, timers: Timers, players: int) -> int:
