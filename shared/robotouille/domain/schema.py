@@ -257,6 +257,11 @@ class ProblemFile(Schema):
     goal: tuple[GoalTerm, ...] = Field(max_length=1000)
     provenance: Provenance | None = None
 
+    @property
+    def published(self) -> bool:
+        """Whether it is of the published dialect (1.x), which numbers objects in its own way."""
+        return self.version.startswith("1.")
+
     @model_validator(mode="before")
     @classmethod
     def _gather_objects(cls, raw: Any) -> Any:
