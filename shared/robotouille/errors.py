@@ -39,7 +39,11 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Fault:
-    """One thing wrong with a file: where inside it, and what."""
+    """One thing wrong with a file: where inside it, and what.
+
+    `severity` is `error` (cannot be used so), `warning` (surely not meant) or `note` (works, and
+    may be better).
+    """
 
     path: str
     message: str

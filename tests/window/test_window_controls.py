@@ -9,8 +9,9 @@ import pytest
 
 from robotouille import Timing, World, load_task
 from robotouille.domain.files import read_model
+from robotouille.domain.inputs import bindings_of
 from robotouille.domain.schema import InputFile
-from robotouille_client.window.controls import Controls, bindings_of
+from robotouille_client.window.controls import Controls
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"
 POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
