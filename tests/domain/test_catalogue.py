@@ -9,7 +9,14 @@ from robotouille import FileError, Task, UnknownTaskError, World, load_task, tas
 from robotouille.world.lint import lint_task
 from tests.domain.broken import PROBLEM, write
 
-SHIPPED = {"synchronous": 10, "asynchronous": 10, "multi_agent": 10, "training": 3, "workshop": 2}
+SHIPPED = {
+    "synchronous": 10,
+    "asynchronous": 10,
+    "multi_agent": 10,
+    "training": 3,
+    "workshop": 2,
+    "examples": 1,
+}
 
 
 def test_the_shipped_tasks() -> None:
