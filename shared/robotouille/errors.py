@@ -49,7 +49,11 @@ def did_you_mean(name: object, valid: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True, order=True)
 class Fault:
-    """One thing wrong with a file: where inside it, and what."""
+    """One thing wrong with a file: where inside it, and what.
+
+    `severity` is `error` (cannot be used so), `warning` (surely not meant) or `note` (works, and
+    may be better).
+    """
 
     path: str
     message: str

@@ -2,10 +2,12 @@
 
 import json
 import random
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from robotouille import Task, World, load_task
 from robotouille.domain.rendering import RenderingFile
@@ -16,7 +18,7 @@ from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
 from robotouille_client import connect
-from robotouille_client.cli.main import lint_file
+from robotouille_client.cli.main import app
 from robotouille_server import ServerSettings, serve
 from tests.docs.pages import blocks, read, titled
 from tests.support.virtual_time import run
@@ -80,41 +82,83 @@ def test_the_json_bot_plays(mode: str, seats: int) -> None:
         assert all(seat["applied"] > 5 for seat in outcome["seats"])
 
 
+NEW_DISH = ("diner.json", "pancakes.json", "diner.input.json", "diner.rendering.json")
+
+
 @pytest.fixture
-def bistro(tmp_path: Path) -> Path:
-    """The files of the page's new dish, made as it says."""
-    domain = json.loads((data_folder("domains") / "robotouille.json").read_text(encoding="utf-8"))
-    additions = json.loads(titled("formats.md", "additions to bistro.json"))
-    for key, value in additions.items():
-        domain[key] = domain[key] + value if isinstance(value, list) else value
-    (tmp_path / "bistro.json").write_text(json.dumps(domain), encoding="utf-8")
-    problem = titled("formats.md", "mushroom_toast.json")
-    (tmp_path / "mushroom_toast.json").write_text(problem, encoding="utf-8")
+def diner(tmp_path: Path) -> Path:
+    """The first two files of the page's new dish, made as it says."""
+    for name in NEW_DISH[:2]:
+        (tmp_path / name).write_text(titled("formats.md", name), encoding="utf-8")
     return tmp_path
 
 
-def test_the_new_dish_has_no_faults(bistro: Path) -> None:
-    assert lint_file(str(bistro / "bistro.json")) == []
-    assert lint_file(str(bistro / "mushroom_toast.json")) == []
+@pytest.fixture
+def whole_diner(diner: Path) -> Path:
+    """The same with its keys and pictures."""
+    for name in NEW_DISH[2:]:
+        (diner / name).write_text(titled("formats.md", name), encoding="utf-8")
+    shutil.copytree(data_folder("assets") / "diner", diner / "diner")
+    return diner
 
 
-def test_the_new_dish_can_be_cooked(bistro: Path) -> None:
-    world = World(load_task(str(bistro / "mushroom_toast.json")))
-    plan = read_plan(titled("formats.md", "mushroom_toast.plan"), world)
+def lint_lines(folder: Path, *names: str) -> list[str]:
+    """What `robotouille lint` prints in a folder."""
+    result = CliRunner().invoke(app, ["lint", *(str(folder / name) for name in names)])
+    assert result.exit_code == 0
+    return result.stdout.replace(f"{folder}/", "").splitlines()
+
+
+def test_lint_says_of_the_new_dish_what_the_page_says(diner: Path) -> None:
+    lines = lint_lines(diner, *NEW_DISH[:2])
+    shown = read("formats.md").split("$ robotouille lint diner.json pancakes.json\n")[1]
+    assert lines[:3] == shown.splitlines()[:3]
+    assert all(": note: " in line for line in lines)
+    without = {line.split("'")[1] for line in lines if "has no picture" in line}
+    assert without == {"griddle", "batter", "syrup", "pancake"}
+
+
+def test_the_new_dish_has_no_faults(whole_diner: Path) -> None:
+    lines = lint_lines(whole_diner, *NEW_DISH)
+    assert lines == [f"{name}: no faults" for name in NEW_DISH]
+    assert "\n".join(lines) in read("formats.md")
+
+
+def test_the_new_dish_can_be_cooked(diner: Path) -> None:
+    world = World(load_task(str(diner / "pancakes.json")))
+    plan = read_plan(titled("formats.md", "pancakes.plan"), world)
     report = replay(plan, world)
     assert report.ok, report
     assert f"in {len(plan)} steps" in read("formats.md")
 
 
+def test_the_new_dish_is_shipped_as_it_is_shown() -> None:
+    """But for the names of its files, which lie in other folders."""
+    shipped = {
+        "diner.json": data_folder("domains") / "diner.json",
+        "diner.input.json": data_folder("domains") / "diner.input.json",
+        "diner.rendering.json": data_folder("renderings") / "diner.json",
+        "pancakes.json": data_folder("problems") / "examples/pancakes.json",
+    }
+    for name, path in shipped.items():
+        value = json.loads(path.read_text(encoding="utf-8"))
+        names = {key: value.pop(key, None) for key in ("input_json", "rendering_json")}
+        assert value == json.loads(titled("formats.md", name)), name
+        if name == "diner.json":
+            assert names == {"input_json": "diner.input.json", "rendering_json": "diner.json"}
+
+
+def test_the_new_dish_travels(diner: Path) -> None:
+    """A task of one's own is complete in itself, as clients get it."""
+    task = load_task(str(diner / "pancakes.json"))
+    sent = task.to_json()
+    assert "extends" not in sent["domain"]
+    assert Task.from_json(json.loads(json.dumps(sent))).digest == task.digest
+
+
 def test_plan_example() -> None:
     names = run_blocks("formats.md")
     assert f"{names['report'].ok} {names['report']}" in read("formats.md")
-
-
-def test_the_new_dish_travels(bistro: Path) -> None:
-    """A task of one's own is complete in itself, as clients get it."""
-    task = load_task(str(bistro / "mushroom_toast.json"))
-    assert Task.from_json(json.loads(json.dumps(task.to_json()))).digest == task.digest
 
 
 @pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the published files are not shipped")

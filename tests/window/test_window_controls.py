@@ -9,8 +9,11 @@ import pytest
 
 from robotouille import Timing, World, load_task
 from robotouille.domain.files import read_model
+from robotouille.domain.inputs import bindings_of
 from robotouille.domain.schema import InputFile
-from robotouille_client.window.controls import Controls, bindings_of
+from robotouille.planning.plan import read_plan
+from robotouille.resources import data_folder
+from robotouille_client.window.controls import Controls
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"
 POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
@@ -193,3 +196,27 @@ def test_a_domain_without_an_input_file_gets_one() -> None:
     assert clicks == ["walk"]
     assert keys["hammer"] == "b1"
     assert keys["rest"] is None
+
+
+def test_an_action_that_the_input_file_does_not_name_has_a_key_and_is_in_the_help() -> None:
+    task = load_task("examples/pancakes")
+    domain = task.domain.model_copy(update={"input_json": "robotouille.input.json"})
+    controls = Controls(World(dataclasses.replace(task, domain=domain)))
+    rows = dict(controls.help())
+    assert (rows["B"], rows["P"]) == ("bake", "pour syrup")
+    assert "bake" not in rows["E"]
+
+
+def test_the_pancakes_are_made_with_the_shipped_keys(play) -> None:
+    """Of the shipped plan, each action is what its click or key means."""
+    world = World("examples/pancakes")
+    plan = read_plan((data_folder("problems") / "examples/pancakes.plan").read_text(), world)
+    controls, state = Controls(world), world.initial
+    for joint in plan:
+        for action in joint:
+            binding = action.schema.bind(action.arguments)
+            keyed = action.name in ("bake", "pour-syrup")
+            what = "key e" if keyed else binding["s2" if action.name == "move" else "s1"]
+            assert meaning(controls, state, "robot1", what).action == action
+        state = state.step(joint).state
+    assert state.goal_reached

@@ -28,9 +28,21 @@ def test_ours_names_no_missing_and_no_superfluous_picture() -> None:
     assert {path.name for path in folder.iterdir()} == rendering.files()
 
 
-@pytest.mark.parametrize("name", sorted(ours().files()))
-def test_every_picture_can_be_drawn(name: str) -> None:
-    picture = pygame.image.load_sized_svg(data_folder("assets") / "kitchen" / name, (32, 32))
+def test_the_diner_has_pictures_of_its_own_and_those_of_the_kitchen() -> None:
+    rendering = rendering_of(load_task("examples/pancakes"))
+    own, kitchen = rendering.folders(None)
+    assert (own.name, kitchen.name) == ("diner", "kitchen")
+    assert rendering.files() - ours().files() == {path.name for path in own.iterdir()}
+    assert ours().files() <= rendering.files()
+    assert rendering.item.entities["bread"] == ours().item.entities["bread"]
+
+
+PICTURES = [p for name in ("kitchen", "diner") for p in (data_folder("assets") / name).iterdir()]
+
+
+@pytest.mark.parametrize("path", sorted(PICTURES), ids=lambda p: p.name)
+def test_every_picture_can_be_drawn(path: Path) -> None:
+    picture = pygame.image.load_sized_svg(path, (32, 32))
     assert picture.get_size() == (32, 32)
     assert pygame.mask.from_surface(picture, 10).count() > 60
 

@@ -111,32 +111,56 @@ def lint(
 def lint_file(name: str, domain: str | None = None) -> list[Fault]:
     """All faults of one file, whichever of the four kinds it is."""
     from robotouille import load_task
-    from robotouille.domain.checks import check_domain, check_input
-    from robotouille.domain.files import read_json, validate
+    from robotouille.domain.files import read_json
     from robotouille.domain.rendering import RenderingFile
-    from robotouille.domain.schema import DomainFile, InputFile
-    from robotouille.domain.task import complete_domain, read_domain
-    from robotouille.world.lint import lint_domain, lint_task
+    from robotouille.world.lint import lint_task
 
     try:
         raw = read_json(Path(name)) if name.endswith(".json") else {}
-        keys = raw.keys() if isinstance(raw, dict) else ()
-        if "action_defs" in keys:
-            parsed = complete_domain(validate(raw, DomainFile, name))
-            return check_domain(parsed) or lint_domain(parsed)
-        if "keyboard_actions" in keys or "mouse_click_actions" in keys:
-            inputs = validate(raw, InputFile, name)
-            own = Path(name.replace(".input.json", ".json"))
-            beside = str(own) if own.is_file() and str(own) != name else "robotouille"
-            return check_input(inputs, read_domain(domain or beside))
-        if "floor" in keys and "goal" not in keys:
-            validate(raw, RenderingFile, name)
-            return []
+        keys = set(raw) if isinstance(raw, dict) else set()
+        if "name" in keys or "action_defs" in keys:
+            return _lint_domain(Path(name))
+        if name.endswith(".input.json") or keys & {"keyboard_actions", "mouse_click_actions"}:
+            return _lint_input(Path(name), domain)
+        if keys & set(RenderingFile.model_fields) and not keys & {"goal", "width"}:
+            return _lint_rendering(Path(name))
         return lint_task(load_task(name, domain=domain))
     except FileError as error:
-        return list(error.faults)
+        other = Path(error.file).name
+        if not error.file.endswith(".json") or other == Path(name).with_suffix(".json").name:
+            return list(error.faults)
+        return [Fault(f"{other}: {f.path}", f.message, f.severity) for f in error.faults]
     except RobotouilleError as error:
         return [Fault("", str(error))]
+
+
+def _lint_domain(path: Path) -> list[Fault]:
+    from robotouille.domain.checks import check_domain
+    from robotouille.domain.task import complete_domain, read_domain
+    from robotouille.world.lint import lint_domain_file
+
+    domain = complete_domain(read_domain(str(path)))
+    return check_domain(domain) or lint_domain_file(domain, path)
+
+
+def _lint_input(path: Path, domain: str | None) -> list[Fault]:
+    from robotouille.domain.extends import read_extending
+    from robotouille.domain.inputs import INPUT_FILES
+    from robotouille.domain.task import read_domain
+    from robotouille.world.lint_companions import lint_input
+
+    own = path.with_name(path.name.replace(".input.json", ".json"))
+    beside = str(own) if own.is_file() and own != path else "robotouille"
+    inputs = read_extending(path, INPUT_FILES)
+    return lint_input(inputs, read_domain(domain or beside), path.name)
+
+
+def _lint_rendering(path: Path) -> list[Fault]:
+    from robotouille.domain.extends import read_extending
+    from robotouille.domain.rendering import RENDERING_FILES
+    from robotouille.world.lint_companions import lint_pictures
+
+    return lint_pictures(read_extending(path, RENDERING_FILES), path.parent)
 
 
 @app.command()

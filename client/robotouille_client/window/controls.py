@@ -9,17 +9,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-from robotouille.domain.files import read_model, validate
-from robotouille.domain.schema import DomainFile, InputFile
-from robotouille.domain.task import Task
+from robotouille.domain.inputs import bindings_of
+from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.scene import Placed, scene
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Button", "Controls", "Meaning", "Option", "bindings_of"]
+__all__ = ["Button", "Controls", "Meaning", "Option"]
 
 Button = Literal["left", "middle", "right"]
 
@@ -105,7 +104,7 @@ class Controls:
         return tuple(found)
 
     def help(self) -> tuple[tuple[str, str], ...]:
-        """Rows of (input, what it does) from the input file."""
+        """Rows of (input, what it does): of the input file, then those that are made up."""
         rows = []
         for button, bindings in self._clicks.items():
             rows.append((f"{button.capitalize()} click", _names(bindings)))
@@ -198,31 +197,3 @@ def _near(me: str, meant: list[str], placed: dict[str, Placed]) -> list[str]:
     for host in hosts:
         found.update(dict.fromkeys([host, *_upon(host, placed)]))
     return list(found)
-
-
-def bindings_of(task: Task) -> InputFile:
-    """The input file beside a task or shipped for its domain, or one made up from its actions."""
-    domain = task.domain
-    path = task.companion("domains", domain.input_json or f"{domain.name}.input.json")
-    return read_model(path, InputFile) if path.is_file() else _made_up(domain)
-
-
-def _made_up(domain: DomainFile) -> InputFile:
-    """Clicks walk; E does everything else at a station; space does what needs none."""
-    types = {p.name: p.param_types for p in domain.predicate_defs}
-    clicks: list[dict[str, Any]] = []
-    keys: list[dict[str, Any]] = []
-    for action in domain.action_defs:
-        station = None
-        for condition in action.precons:
-            for name, kind in zip(condition.params, types[condition.predicate], strict=True):
-                if kind in domain.station_types:
-                    station = station or name
-        if action.travel is not None:
-            how: dict[str, Any] = {"button": "left", "click_on": action.travel[1]}
-            clicks.append({"name": action.name, "input_instructions": how})
-        else:
-            how = {"key": "e" if station else "space", "at": station}
-            keys.append({"name": action.name, "input_instructions": how})
-    raw = {"mouse_click_actions": clicks, "keyboard_actions": keys}
-    return validate(raw, InputFile, f"inputs of {domain.name}")

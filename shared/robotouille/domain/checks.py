@@ -29,6 +29,7 @@ __all__ = [
     "check_domain",
     "check_input",
     "check_problem",
+    "created_kinds",
     "fluents",
     "parameter_types",
     "placeholders",
@@ -41,6 +42,7 @@ MAX_FACTS, MAX_CHOICES = 20_000, 10_000_000
 def check_domain(domain: DomainFile) -> list[Fault]:
     """Unknown or repeated names, wrong numbers and types of arguments."""
     faults = [
+        *_not_whole(domain),
         *_repeated("object_types", domain.object_types),
         *_repeated("predicate_defs", [p.name for p in domain.predicate_defs]),
         *_repeated("action_defs", [a.name for a in domain.action_defs]),
@@ -82,6 +84,12 @@ def fluents(domain: DomainFile) -> frozenset[str]:
     )
 
 
+def created_kinds(domain: DomainFile) -> list[str]:
+    """The kinds of the objects that some action makes."""
+    made = [c.created_obj.name for a in domain.action_defs for c in _created(a.sfx)]
+    return list(dict.fromkeys(made))
+
+
 def check_problem(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
     """Objects off the grid or of unknown types, unknown predicates, ill-formed goals."""
     return [
@@ -117,6 +125,12 @@ def check_input(inputs: InputFile, domain: DomainFile) -> list[Fault]:
 
 def _unknown(path: str, what: str, name: str, valid: Iterable[str]) -> Fault:
     return Fault(path, f"unknown {what} {name!r}{did_you_mean(name, valid)}")
+
+
+def _not_whole(domain: DomainFile) -> list[Fault]:
+    """A domain that came in a message or a recording must not send for files."""
+    message = "is for files: here the domain has to be whole"
+    return [Fault("extends", message)] if domain.extends is not None else []
 
 
 def _repeated(path: str, names: Iterable[str]) -> list[Fault]:

@@ -1,24 +1,34 @@
 """Schema of rendering files: which picture shows each kind of object in each state.
 
 Two dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds
-`assets`, `floor.tiles`, `floor.wall`, `progress`, `icons`, lists of looks for players, and the
-constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item itself). Nothing
-here draws; it only decides which file shows what. See docs/formats.md.
+`assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, lists of looks for players,
+and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item itself).
+Nothing here draws; it only decides which file shows what. See docs/formats.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from robotouille.domain.files import read_model
-from robotouille.domain.schema import Schema
+from robotouille.domain.companions import companion_folder, rendering_path
+from robotouille.domain.extends import FileKind, each, read_extending
+from robotouille.domain.schema import Extends, Schema
 from robotouille.domain.task import Task
-from robotouille.resources import data_folder
 
-__all__ = ["Art", "Constants", "Entity", "Facings", "RenderingFile", "Trait", "rendering_of"]
+__all__ = [
+    "RENDERING_FILES",
+    "Art",
+    "Constants",
+    "Entity",
+    "Facings",
+    "RenderingFile",
+    "Trait",
+    "rendering_of",
+]
 
 FileName = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
 Ratio = Annotated[float, Field(ge=-4, le=4, allow_inf_nan=False)]
@@ -101,12 +111,12 @@ class Art(BaseModel):
                 best, most = art.asset, count
         return best
 
-    def files(self) -> Iterator[str]:
-        """Every picture that may be chosen."""
+    def pictures(self, place: str) -> Iterator[tuple[str, str]]:
+        """Every picture that may be chosen, with its place in the file."""
         if self.asset is not None:
-            yield self.asset
-        for art in self.named.values():
-            yield from art.files()
+            yield place, self.asset
+        for name, art in self.named.items():
+            yield from art.pictures(f"{place}.{name}")
 
 
 class Constants(Schema):
@@ -144,9 +154,6 @@ class Facings(Schema):
     left: FileName
     right: FileName
 
-    def files(self) -> Iterator[str]:
-        yield from (self.front, self.back, self.left, self.right)
-
 
 class FloorArt(Schema):
     """Pictures of floor tiles by their letter in a problem's `ground`, and of the wall."""
@@ -159,11 +166,17 @@ class FloorArt(Schema):
 
 
 class RenderingFile(Schema):
-    """How a domain looks. `assets` is the folder of its pictures among the shipped assets."""
+    """How a domain looks.
+
+    `assets` is the folder of its pictures; what is not there is looked for in those of
+    `inherited_assets`, which are the folders of the renderings it extends.
+    """
 
     schema_uri: str | None = Field(default=None, alias="$schema")
+    extends: Extends = None
     version: str = "1.0.0"
     assets: FileName = "kitchen"
+    inherited_assets: tuple[FileName, ...] = ()
     floor: FloorArt = FloorArt()
     player: dict[
         str, Annotated[tuple[Facings, ...], BeforeValidator(_listed), Field(min_length=1)]
@@ -176,27 +189,74 @@ class RenderingFile(Schema):
 
     def group_of(self, kind: str) -> Group | None:
         """The group that has pictures of a kind."""
-        return next((g for g in self._groups() if kind in g.entities), None)
+        return next((g for g in self._groups().values() if kind in g.entities), None)
+
+    def shows(self, kind: str) -> bool:
+        """Whether there are pictures of a kind, be it by those of a container that holds it."""
+        if kind in self.player or self.group_of(kind) is not None:
+            return True
+        return any(kind in entity.assets.named for entity in self.container.entities.values())
 
     def files(self) -> set[str]:
         """Every picture the file names."""
-        found = {*self.progress.values(), *self.icons.values(), *self.floor.tiles.values()}
-        found.update(f for f in (self.floor.default, self.floor.wall) if f is not None)
-        for group in self._groups():
-            for entity in group.entities.values():
-                found.update(entity.assets.files())
-        for looks in self.player.values():
-            for facings in looks:
-                found.update(facings.files())
-        return found
+        return {file for _, file in self.pictures()}
 
-    def _groups(self) -> tuple[Group, Group, Group]:
-        return self.item, self.station, self.container
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture the file names, with its place in the file."""
+        for field in ("progress", "icons"):
+            for name, file in getattr(self, field).items():
+                yield f"{field}.{name}", file
+        for letter, file in self.floor.tiles.items():
+            yield f"floor.tiles.{letter}", file
+        for field in ("default", "wall"):
+            if getattr(self.floor, field) is not None:
+                yield f"floor.{field}", getattr(self.floor, field)
+        for role, group in self._groups().items():
+            for kind, entity in group.entities.items():
+                yield from entity.assets.pictures(f"{role}.entities.{kind}.assets")
+        for kind, looks in self.player.items():
+            for i, facings in enumerate(looks):
+                for side in ("front", "back", "left", "right"):
+                    yield f"player.{kind}[{i}].{side}", getattr(facings, side)
+
+    def folders(self, beside: Path | None) -> tuple[Path, ...]:
+        """Where its pictures are looked for, the first first."""
+        names = dict.fromkeys((self.assets, *self.inherited_assets))
+        return tuple(companion_folder("assets", name, beside) for name in names)
+
+    def _groups(self) -> dict[str, Group]:
+        return {"item": self.item, "station": self.station, "container": self.container}
+
+
+_fields = each(
+    floor=each(tiles=each()),
+    player=each(),
+    progress=each(),
+    icons=each(),
+    **{
+        group: each(constants=each(), entities=each()) for group in ("item", "station", "container")
+    },
+)
+
+
+def _extend(base: Any, own: Any) -> Any:
+    """A rendering with pictures of its own needs those of the extended one as well."""
+    merged = _fields(base, own)
+    if isinstance(merged, dict) and "assets" in own:
+        inherited = [base.get("assets", "kitchen"), *base.get("inherited_assets", ())]
+        merged["inherited_assets"] = inherited
+    return merged
+
+
+RENDERING_FILES = FileKind(
+    RenderingFile,
+    folder="renderings",
+    shipped=".json",
+    beside=".rendering.json",
+    merge=_extend,
+)
 
 
 def rendering_of(task: Task) -> RenderingFile:
     """The rendering beside a task or shipped for its domain; the kitchen's where there is none."""
-    path = task.companion("renderings", task.domain.rendering_json or f"{task.domain.name}.json")
-    if not path.is_file():
-        path = data_folder("renderings") / "robotouille.json"
-    return read_model(path, RenderingFile)
+    return read_extending(rendering_path(task.domain, task.folder), RENDERING_FILES)

@@ -3,7 +3,7 @@
 Paper: section 2 "Domain and Problem JSONs" and appendix "Additional Robotouille JSONs". Two
 dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds the
 fields `layout`, `travel`, `config`/`default` of effects, `player_types`, `station_types`,
-`objects`, `seats`, `domain` and `provenance`. See docs/formats.md.
+`objects`, `seats`, `domain`, `provenance` and `extends`. See docs/formats.md.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ __all__ = [
     "Deletion",
     "DomainFile",
     "EffectDef",
+    "Extends",
     "GoalTerm",
     "InputFile",
     "LayoutRule",
@@ -35,6 +36,8 @@ __all__ = [
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z_][A-Za-z0-9_'-]*$")]
 Steps = Annotated[int, Field(ge=0, le=100_000)]
 Words = Annotated[str, Field(max_length=2000)]
+Extends = Annotated[str | None, Field(default=None, min_length=1, max_length=200)]
+"""The name of the file that a file extends; see `extends.py`."""
 
 
 class Schema(BaseModel):
@@ -152,10 +155,23 @@ class LayoutRule(Schema):
         return self
 
 
+def _needs_less_if_it_extends(schema: dict[str, Any]) -> None:
+    """For editors: what is extended may have all but the name."""
+    required = schema["required"]
+    schema["required"] = ["name"]
+    schema["anyOf"] = [{"required": ["extends"]}, {"required": required}]
+
+
 class DomainFile(Schema):
-    """A domain: types, predicates and actions (paper, section 2)."""
+    """A domain: types, predicates and actions (paper, section 2).
+
+    One that is read from a file has no `extends`: what it extends has been put in by then.
+    """
+
+    model_config = ConfigDict(json_schema_extra=_needs_less_if_it_extends)
 
     schema_uri: str | None = Field(default=None, alias="$schema")
+    extends: Extends = None
     version: str = "1.0.0"
     name: Name
     input_json: str | None = None
@@ -257,6 +273,11 @@ class ProblemFile(Schema):
     goal: tuple[GoalTerm, ...] = Field(max_length=1000)
     provenance: Provenance | None = None
 
+    @property
+    def published(self) -> bool:
+        """Whether it is of the published dialect (1.x), which numbers objects in its own way."""
+        return self.version.startswith("1.")
+
     @model_validator(mode="before")
     @classmethod
     def _gather_objects(cls, raw: Any) -> Any:
@@ -303,5 +324,6 @@ class InputFile(Schema):
     """Which click or key performs which action (paper, appendix)."""
 
     schema_uri: str | None = Field(default=None, alias="$schema")
+    extends: Extends = None
     mouse_click_actions: tuple[ClickAction, ...] = ()
     keyboard_actions: tuple[KeyAction, ...] = ()

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.domain.checks import check_domain, check_problem
-from robotouille.domain.files import is_file, read_json, read_model, validate
+from robotouille.domain.extends import FileKind, by, each, read_extending, union
+from robotouille.domain.files import is_file, read_model, validate
 from robotouille.domain.schema import (
     Delayed,
     DomainFile,
@@ -24,7 +25,15 @@ from robotouille.domain.wildcards import resolve_wildcards
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille.resources import data_folder
 
-__all__ = ["Task", "Timing", "TimingProfile", "build_task", "complete_domain"]
+__all__ = [
+    "DOMAIN_FILES",
+    "Task",
+    "Timing",
+    "TimingProfile",
+    "build_task",
+    "complete_domain",
+    "read_domain",
+]
 
 
 class Timing(StrEnum):
@@ -71,15 +80,11 @@ class Task:
     def profile(self) -> TimingProfile:
         return PROFILES[self.timing]
 
-    def companion(self, folder: str, name: str) -> Path:
-        """Where a file or folder that belongs to the task is: beside its problem file, or shipped.
-
-        Only the last part of `name` is used, since a task may come from a stranger.
-        """
-        beside = Path(self.source).parent / Path(name).name
-        if Path(self.source).is_file() and beside.exists():
-            return beside
-        return data_folder(folder) / Path(name).name
+    @property
+    def folder(self) -> Path | None:
+        """Where its problem file lies; None for a task that was not read from a file."""
+        source = Path(self.source)
+        return source.parent if is_file(source) else None
 
     @property
     def goal_description(self) -> str:
@@ -184,6 +189,26 @@ def _with_config(effect: EffectDef, config: str, default: int) -> EffectDef:
     return effect.model_copy(update=update)
 
 
+DOMAIN_FILES = FileKind(
+    DomainFile,
+    folder="domains",
+    shipped=".json",
+    beside=".json",
+    merge=each(
+        object_types=union,
+        player_types=union,
+        station_types=union,
+        kinds=each(fields=union),
+        predicate_defs=by("name"),
+        action_defs=by("name"),
+        layout=by("predicate"),
+    ),
+    keys=(("predicate_defs", "name"), ("action_defs", "name"), ("layout", "predicate")),
+    complete=complete_domain,
+    check=check_domain,
+)
+
+
 def read_domain(name: str, beside: Path | None = None) -> DomainFile:
     """The domain called `name`: a file beside the problem, a path, or one that is shipped."""
     shipped = data_folder("domains") / f"{name}.json"
@@ -192,7 +217,7 @@ def read_domain(name: str, beside: Path | None = None) -> DomainFile:
         candidates += [beside / name, beside / f"{name}.json"]
     for path in [*candidates, shipped]:
         if is_file(path):
-            return validate(read_json(path), DomainFile, str(path))
+            return read_extending(path, DOMAIN_FILES)
     names = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]
     known = did_you_mean(name, names)
     raise FileError(name, [Fault("domain", f"there is no domain {name!r}{known}")])

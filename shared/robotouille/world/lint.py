@@ -7,19 +7,33 @@ objects are created as soon as they can be. What is unreachable there is unreach
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from itertools import product
+from pathlib import Path
 
 from robotouille.domain.checks import check_problem, fluents
+from robotouille.domain.extends import in_own_words
+from robotouille.domain.files import read_json
 from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef
-from robotouille.domain.task import Task
+from robotouille.domain.task import DOMAIN_FILES, Task
 from robotouille.errors import Fault
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Object, bound
+from robotouille.world.lint_companions import lint_companions
+from robotouille.world.scene import scene
 from robotouille.world.world import World
 
-__all__ = ["lint_domain", "lint_task", "reachable_facts"]
+__all__ = ["lint_domain", "lint_domain_file", "lint_task", "reachable_facts"]
+
+
+def lint_domain_file(domain: DomainFile, path: Path) -> list[Fault]:
+    """Findings on the domain that was read from a file, and on the files that belong to it."""
+    raw, whole = read_json(path), domain.model_dump(mode="json")
+    faults = lint_domain(domain)
+    if raw.get("extends") is not None:
+        faults = in_own_words(faults, raw, whole, DOMAIN_FILES)
+    return faults + lint_companions(domain, path.parent)
 
 
 def lint_domain(domain: DomainFile) -> list[Fault]:
@@ -48,14 +62,18 @@ def _contradictions(action: ActionDef) -> list[str]:
 
 
 def lint_task(task: Task) -> list[Fault]:
-    """Warnings of the loader, bad placements, unreachable stations, impossible goals."""
+    """Warnings of the loader, bad placements, unreachable stations, impossible goals, and what
+    is missing for the window."""
     world = World(task)
     placement = list(_placement(world))
+    kinds = dict.fromkeys(thing.kind for thing in world.placed)
     faults = [
         *(f for f in check_problem(task.problem, task.domain) if f.severity != "error"),
         *lint_domain(task.domain),
         *placement,
         *_stations(world),
+        *_invisible(world, {fault.path for fault in placement}),
+        *lint_companions(task.domain, task.folder, kinds),
     ]
     if not any(fault.severity == "error" for fault in placement):
         faults += _goal(world)
@@ -110,6 +128,19 @@ def _stations(world: World) -> Iterator[Fault]:
             yield Fault(
                 name, f"cannot be reached: no walkable tile is next to {floor.stations[name]}"
             )
+
+
+def _invisible(world: World, known: Set[str]) -> Iterator[Fault]:
+    """Things that no fact puts on a tile or on something that is there."""
+    placed = scene(world.initial)
+    shown = {name for thing in placed.values() for name in thing.contents}
+    for name, thing in placed.items():
+        if thing.tile is None and name not in shown | known:
+            message = (
+                "cannot be seen: no fact puts it on a station, on a player or into something; "
+                "give the domain a layout rule 'shares_tile' about its type"
+            )
+            yield Fault(name, message, "warning")
 
 
 def _goal(world: World) -> Iterator[Fault]:

@@ -79,7 +79,7 @@ class Painter:
         self._world = world
         self._stages = []
         self._art = self._rendering or rendering_of(world.task)
-        self._sprites = Sprites(world.task.companion("assets", self._art.assets), self._text)
+        self._sprites = Sprites(self._art.folders(world.task.folder), self._text)
         self._kitchen = KitchenLayer(world, self._art, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)

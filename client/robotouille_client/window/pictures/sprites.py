@@ -16,20 +16,20 @@ _KEPT = 600
 
 
 class Sprites:
-    """The pictures of one folder, drawn once for each size.
+    """The pictures of some folders, the first that has one wins, drawn once for each size.
 
     A file that is missing or is no picture is not an error: the kind gets a made-up tile.
     """
 
-    def __init__(self, folder: Path, text: Typesetter) -> None:
-        self.folder = folder
+    def __init__(self, folders: tuple[Path, ...], text: Typesetter) -> None:
+        self._folders = folders
         self._text = text
         self._files: dict[tuple[str, int], pygame.Surface | None] = {}
         self._made: dict[tuple[Appearance, int], pygame.Surface] = {}
         self._faded: dict[tuple[str, int], pygame.Surface] = {}
 
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
-        """A picture of the folder as a square of `size` pixels, if there is one."""
+        """A picture of the folders as a square of `size` pixels, if there is one."""
         if name is None or size < 1:
             return None
         key = (name, size)
@@ -66,7 +66,9 @@ class Sprites:
         return self._made[key]
 
     def _load(self, name: str, size: int) -> pygame.Surface | None:
-        path = self.folder / name
+        path = next((f / name for f in self._folders if (f / name).is_file()), None)
+        if path is None:
+            return None
         try:
             if path.suffix == ".svg":
                 loaded = pygame.image.load_sized_svg(path, (size, size))

@@ -1,7 +1,7 @@
 """The objects of a problem, their names, and the facts that their positions imply.
 
-Objects of a kind are numbered in the order of their position, by x then y (world.md, "Order and
-naming of objects"). Which facts follow from positions is data: the domain's `layout` rules.
+Objects of a kind are numbered in the order of their position (docs/formats.md, "Names"). Which
+facts follow from positions is data: the domain's `layout` rules.
 """
 
 from __future__ import annotations
@@ -49,17 +49,27 @@ class Object:
 
 
 def place_objects(task: Task) -> tuple[Object, ...]:
-    """All objects of a task, by type in the domain's order, then by x and y."""
+    """All objects of a task, by type in the domain's order, then in the order of their names."""
     placed: list[Object] = []
     for kind in task.domain.object_types:
         definitions = list(task.problem.objects.get(kind, ()))
         if kind in task.domain.player_types:
             definitions = definitions[: task.seats]
         numbers: Counter[str] = Counter()
-        for definition in sorted(definitions, key=lambda o: (o.x, o.y, o.stack_level)):
+        for definition in _numbered(definitions, task.problem.published):
             numbers[definition.name] += 1
             placed.append(_object(definition, kind, numbers[definition.name]))
     return tuple(placed)
+
+
+def _numbered(definitions: list[ObjectDef], published: bool) -> list[ObjectDef]:
+    """In the order in which names are given: by x, then y, then from the bottom of a stack up.
+
+    The published simulator does not look at stack levels: on one tile, the file's order counts.
+    """
+    if published:
+        return sorted(definitions, key=lambda o: (o.x, o.y))
+    return sorted(definitions, key=lambda o: (o.x, o.y, o.stack_level))
 
 
 def _object(definition: ObjectDef, kind: str, number: int) -> Object:

@@ -1,0 +1,54 @@
+"""Where the files lie that belong to a domain: its input file, its rendering, its pictures.
+
+Those beside a problem come before those that are shipped. Only the last part of a name counts,
+since a domain may come from a stranger.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robotouille.domain.files import is_file, read_json
+from robotouille.domain.schema import DomainFile
+from robotouille.resources import data_folder
+
+__all__ = ["KITCHEN_RENDERING", "companion_folder", "input_path", "rendering_path"]
+
+KITCHEN_RENDERING = "robotouille.json"
+"""What a domain without a rendering of its own looks like."""
+
+
+def input_path(domain: DomainFile, beside: Path | None) -> Path | None:
+    """The input file of a domain: NAME.input.json beside it, or the one it names, or none."""
+    own = f"{domain.name}.input.json"
+    named = Path(domain.input_json or own).name
+    candidates = [beside / own, beside / named] if beside is not None else []
+    return next(filter(is_file, [*candidates, data_folder("domains") / named]), None)
+
+
+def rendering_path(domain: DomainFile, beside: Path | None) -> Path:
+    """The rendering of a domain: NAME.rendering.json beside it, the one it names, or the kitchen's.
+
+    A domain's own file is NAME.json, too, and no rendering.
+    """
+    shipped = data_folder("renderings")
+    named = Path(domain.rendering_json or f"{domain.name}.json").name
+    candidates = [shipped / named]
+    if beside is not None:
+        candidates = [beside / f"{domain.name}.rendering.json", beside / named, *candidates]
+    found = (path for path in candidates if is_file(path) and not _is_domain(path))
+    return next(found, shipped / KITCHEN_RENDERING)
+
+
+def companion_folder(folder: str, name: str, beside: Path | None) -> Path:
+    """A folder beside a problem, or a shipped one."""
+    name = Path(name).name
+    if beside is not None and (beside / name).is_dir():
+        return beside / name
+    return data_folder(folder) / name
+
+
+def _is_domain(path: Path) -> bool:
+    """Renderings have no name."""
+    raw = read_json(path)
+    return isinstance(raw, dict) and "name" in raw

@@ -1,0 +1,112 @@
+"""Which click or key does which action: from a domain's input file, and made up where it is silent.
+
+Every action can be done in a window. What the input file does not name gets a key of its own,
+the same in every window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from string import ascii_lowercase, digits
+from typing import Any
+
+from robotouille.domain.companions import input_path
+from robotouille.domain.extends import FileKind, by, each, read_extending
+from robotouille.domain.schema import ActionDef, DomainFile, InputFile
+from robotouille.domain.task import Task
+
+__all__ = ["INPUT_FILES", "WINDOW_KEYS", "bindings_of", "made_up_keys", "with_all_actions"]
+
+INPUT_FILES = FileKind(
+    InputFile,
+    folder="domains",
+    shipped=".input.json",
+    beside=".input.json",
+    merge=each(mouse_click_actions=by("name"), keyboard_actions=by("name")),
+)
+
+WINDOW_KEYS = frozenset({"h", "t", "return", "escape", "f12", "space"})
+"""Keys that are not made up: the window's own, and the one for what needs no station."""
+
+LETTERS = ascii_lowercase + digits
+SHARED_KEY = "e"
+"""What does everything at a station where there is no input file, or no key is left."""
+
+
+def bindings_of(task: Task) -> InputFile:
+    """The input file beside a task or shipped for its domain, with a key for every action."""
+    path = input_path(task.domain, task.folder)
+    if path is None:
+        return _made_up(task.domain)
+    return with_all_actions(read_extending(path, INPUT_FILES), task.domain)
+
+
+def with_all_actions(inputs: InputFile, domain: DomainFile) -> InputFile:
+    """An input file with a click or a key for each action that it does not name."""
+    made_up = made_up_keys(inputs, domain)
+    unnamed = _unnamed(inputs, domain)
+    if not unnamed:
+        return inputs
+    clicks = [_click(action) for action in unnamed if action.name not in made_up]
+    keys = [_on_key(a, made_up[a.name], domain) for a in unnamed if a.name in made_up]
+    more = InputFile.model_validate({"mouse_click_actions": clicks, "keyboard_actions": keys})
+    return InputFile(
+        mouse_click_actions=inputs.mouse_click_actions + more.mouse_click_actions,
+        keyboard_actions=inputs.keyboard_actions + more.keyboard_actions,
+    )
+
+
+def made_up_keys(inputs: InputFile, domain: DomainFile) -> dict[str, str]:
+    """The key of each action that an input file does not name, walks apart.
+
+    It is a free letter of the action's own name, else any free letter or digit.
+    """
+    taken = {k.input_instructions.key.casefold() for k in inputs.keyboard_actions} | WINDOW_KEYS
+    keys: dict[str, str] = {}
+    for action in _unnamed(inputs, domain):
+        if action.travel is None:
+            keys[action.name] = _free((*action.name.casefold(), *LETTERS), taken)
+            taken.add(keys[action.name])
+    return keys
+
+
+def _free(choices: Iterable[str], taken: set[str]) -> str:
+    return next((c for c in choices if c in LETTERS and c not in taken), SHARED_KEY)
+
+
+def _unnamed(inputs: InputFile, domain: DomainFile) -> list[ActionDef]:
+    named = {click.name for click in inputs.mouse_click_actions}
+    named |= {key.name for key in inputs.keyboard_actions}
+    return [action for action in domain.action_defs if action.name not in named]
+
+
+def _made_up(domain: DomainFile) -> InputFile:
+    """Clicks walk; E does everything else at a station; space does what needs none."""
+    walks = [action for action in domain.action_defs if action.travel is not None]
+    keys = [
+        _on_key(action, SHARED_KEY if _station(action, domain) else "space", domain)
+        for action in domain.action_defs
+        if action.travel is None
+    ]
+    clicks = [_click(action) for action in walks]
+    return InputFile.model_validate({"mouse_click_actions": clicks, "keyboard_actions": keys})
+
+
+def _click(walk: ActionDef) -> dict[str, Any]:
+    target = walk.travel[1] if walk.travel else None
+    return {"name": walk.name, "input_instructions": {"button": "left", "click_on": target}}
+
+
+def _on_key(action: ActionDef, key: str, domain: DomainFile) -> dict[str, Any]:
+    how = {"key": key, "at": _station(action, domain)}
+    return {"name": action.name, "input_instructions": how}
+
+
+def _station(action: ActionDef, domain: DomainFile) -> str | None:
+    """The parameter that is the station the player is at."""
+    types = {p.name: p.param_types for p in domain.predicate_defs}
+    for condition in action.precons:
+        for name, kind in zip(condition.params, types[condition.predicate], strict=True):
+            if kind in domain.station_types:
+                return name
+    return None
