@@ -10,11 +10,11 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.program import tell
 
 if TYPE_CHECKING:
+    from robotouille.planning.policies.planner_policy import PlannerPolicy
     from robotouille.planning.policies.policy import Policy
     from robotouille.world.grounding.actions import GroundAction
     from robotouille.world.state import State
     from robotouille_client.bots.player import MakePolicy
-    from robotouille.planning.policies.planner_policy import PlannerPolicy
 
 __all__ = ["BotKind", "policy_maker"]
 
