@@ -233,7 +233,7 @@ class Episode(EpisodeState):
         if seq == seat.seq and seq > 0:
             return
         if reasoning:
-            self._spend(seat.quota, len(reasoning.encode()), player, now, "act without")
+            self._take_quota(seat.quota, len(reasoning.encode()), player, now, "act without")
         seat.seq = seq
         if unmet := self._faults(seat, action):
             self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), unmet, now)
