@@ -122,7 +122,8 @@ class EpisodeState:
     @property
     def on_turn(self) -> str | None:
         """Whose turn it is, with the turn clock."""
-        return self._clock.on_turn(self.step) if self.in_progress else None
+        turn = self._clock.on_turn(self.step)
+        return turn if turn is not None and self.in_progress else None
 
     def _transition(
         self, moves: tuple[Move, ...], idle: tuple[tuple[str, int], ...], time: float
