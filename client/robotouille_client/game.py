@@ -7,9 +7,9 @@ from collections.abc import AsyncIterator, Callable
 
 from robotouille.protocol import messages
 from robotouille_client.events import ActResult, GameEvent, Over
-from robotouille_client.game_replica import GameReplica, ActionRequest
+from robotouille_client.game_replica import ActionRequest, GameReplica
 
-__all__ = ["Game", "ActionRequest"]
+__all__ = ["ActionRequest", "Game"]
 
 
 class Game(GameReplica):

@@ -31,7 +31,7 @@ from robotouille_client.events import (
     RosterChanged,
 )
 
-__all__ = ["GameReplica", "ActionRequest"]
+__all__ = ["ActionRequest", "GameReplica"]
 
 MAX_EVENTS = 10_000
 REPEAT_SECONDS = 5.0
