@@ -10,6 +10,7 @@ from robotouille.episode import Absence, Clock, Episode, PauseReason, Rejected, 
 from robotouille.replay.container import magic, read_frames
 from robotouille.replay.recorder import HASH_EVERY, MAX_NOTES, SNAPSHOT_EVERY, Recorder
 from robotouille.replay.recording import Recording
+from robotouille.world.unmet import only_words
 from tests.support.episodes import TWO
 from tests.support.games import record, recorded_game
 
@@ -27,7 +28,7 @@ def test_many_long_notes_at_once_take_several_frames() -> None:
 
     world = World("synchronous/01")
     rejected = Rejected(
-        player="robot1", seq=1, action="a" * 300, reasons=("r" * 500,) * 4,
+        player="robot1", seq=1, action="a" * 300, unmet=only_words(*["r" * 500] * 4),
         reasoning="\N{ROBOT FACE}" * 8000, time=0.0,
     )  # fmt: skip
     written = Recorder(world).record([rejected] * (3 * MAX_NOTES))
