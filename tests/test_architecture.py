@@ -103,3 +103,10 @@ def test_no_dangerous_calls() -> None:
                 assert not name.startswith("pickle."), path
                 for keyword in node.keywords:
                     assert keyword.arg != "shell", path
+
+
+@pytest.mark.parametrize("package", ["episode", "protocol", "replay"])
+def test_every_module_has_tests_under_its_name(package: str) -> None:
+    modules = {path.stem for path in (SOURCES["robotouille"] / package).glob("[!_]*.py")}
+    tests = {path.stem for path in (ROOT / "tests" / package).glob("test_*.py")}
+    assert {f"test_{module}" for module in modules} <= tests

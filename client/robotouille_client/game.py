@@ -7,9 +7,9 @@ from collections.abc import AsyncIterator, Callable
 
 from robotouille.protocol import messages
 from robotouille_client.events import ActResult, GameEvent, Over
-from robotouille_client.game_replica import GameReplica, Wish
+from robotouille_client.game_replica import ActionRequest, GameReplica
 
-__all__ = ["Game", "Wish"]
+__all__ = ["ActionRequest", "Game"]
 
 
 class Game(GameReplica):
@@ -22,7 +22,7 @@ class Game(GameReplica):
         self._news = asyncio.Event()
 
     def submit(
-        self, wish: Wish, *, think_ms: int = 0, reasoning: str | None = None
+        self, action: ActionRequest, *, think_ms: int = 0, reasoning: str | None = None
     ) -> asyncio.Future[ActResult]:
         """Send an action (None: do nothing); the future tells what became of it.
 
@@ -30,17 +30,17 @@ class Game(GameReplica):
         twice.
         """
         loop = asyncio.get_running_loop()
-        seq = self.propose(wish, loop.time(), think_ms=think_ms, reasoning=reasoning)
+        seq = self.propose(action, loop.time(), think_ms=think_ms, reasoning=reasoning)
         future = self._futures[seq] = loop.create_future()
         self.wake()
         self._flush()
         return future
 
     async def act(
-        self, wish: Wish, *, think_ms: int = 0, reasoning: str | None = None
+        self, action: ActionRequest, *, think_ms: int = 0, reasoning: str | None = None
     ) -> ActResult:
         """Send an action and wait until it was taken into a step or rejected."""
-        return await self.submit(wish, think_ms=think_ms, reasoning=reasoning)
+        return await self.submit(action, think_ms=think_ms, reasoning=reasoning)
 
     def say(self, text: str) -> None:
         super().say(text)

@@ -31,7 +31,7 @@ from robotouille_client.events import (
     RosterChanged,
 )
 
-__all__ = ["GameReplica", "Wish"]
+__all__ = ["ActionRequest", "GameReplica"]
 
 MAX_EVENTS = 10_000
 REPEAT_SECONDS = 5.0
@@ -39,7 +39,7 @@ REPEAT_SECONDS = 5.0
 SLOW_DOWN_SECONDS = 0.25
 """After which an action that came too soon after many others is sent again."""
 
-Wish = GroundAction | messages.NamedAction | str | int | None
+ActionRequest = GroundAction | messages.NamedAction | str | int | None
 """What one can ask to do: a ground action, a named one, its sentence, its place in the list of
 valid actions, or None for nothing."""
 
@@ -145,7 +145,7 @@ class GameReplica:
     # Acting
 
     def propose(
-        self, wish: Wish, now: float, *, think_ms: int = 0, reasoning: str | None = None
+        self, action: ActionRequest, now: float, *, think_ms: int = 0, reasoning: str | None = None
     ) -> int:
         """An action is to be sent (None: do nothing); `results` tell of its number what became
         of it.
@@ -157,7 +157,7 @@ class GameReplica:
         self._seq += 1
         act = messages.Act(
             seq=self._seq,
-            action=_wire_action(wish),
+            action=_wire_action(action),
             basis=self.step,
             think_ms=think_ms,
             reasoning=reasoning,
@@ -428,10 +428,10 @@ class GameReplica:
         self._events.append(event)
 
 
-def _wire_action(wish: Wish) -> messages.NamedAction | str | int | None:
-    if isinstance(wish, GroundAction):
-        return messages.NamedAction(name=wish.name, args=list(wish.arguments))
-    return wish
+def _wire_action(action: ActionRequest) -> messages.NamedAction | str | int | None:
+    if isinstance(action, GroundAction):
+        return messages.NamedAction(name=action.name, args=list(action.arguments))
+    return action
 
 
 def _unmet(words: Sequence[str], why: Sequence[messages.Why]) -> tuple[Unmet, ...]:

@@ -68,11 +68,11 @@ class Witness:
             self._write("says", text)
             self.game.say(text)
 
-    def submit(self, wish: Any, **options: Any) -> asyncio.Future[ActResult]:
+    def submit(self, action: Any, **options: Any) -> asyncio.Future[ActResult]:
         """Note what becomes of an action."""
-        future = self._submit(wish, **options)
-        action = [wish.name, *wish.arguments] if isinstance(wish, GroundAction) else None
-        future.add_done_callback(partial(self._answered, self.game._seq, action))
+        future = self._submit(action, **options)
+        named = [action.name, *action.arguments] if isinstance(action, GroundAction) else None
+        future.add_done_callback(partial(self._answered, self.game._seq, named))
         return future
 
     def _answered(

@@ -1,4 +1,4 @@
-"""What seats, clocks, budgets and limits do."""
+"""Who may come and act, and how an episode ends."""
 
 from __future__ import annotations
 
@@ -20,26 +20,8 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.episode.presence import LOBBY_SECONDS
+from tests.support.episodes import ONE, TWO, first, start, steps
 from tests.support.games import play_through, random_choice
-
-TWO = World("multi_agent/01")
-ONE = World("synchronous/01")
-
-
-def start(world: World = TWO, now: float = 0.0, **rules: object) -> Episode:
-    episode = Episode(world, Rules(**rules), now)  # type: ignore[arg-type]
-    for player in world.players:
-        episode.join(player, player.upper(), "bot", now)
-    episode.events()
-    return episode
-
-
-def steps(episode: Episode) -> list[Stepped]:
-    return [e for e in episode.events() if isinstance(e, Stepped)]
-
-
-def first(episode: Episode, player: str, name: str = "move"):  # type: ignore[no-untyped-def]
-    return next(a for a in episode.state.actions(player) if a.name == name)
 
 
 class TestSeats:
@@ -89,55 +71,7 @@ class TestSeats:
         assert episode.seat("robot1").name == "carol"
 
 
-class TestTurns:
-    def test_seats_act_one_after_the_other_one_action_a_step(self) -> None:
-        episode = start(clock=Clock.TURN)
-        assert episode.on_turn == "robot1"
-        episode.submit("robot1", 1, first(episode, "robot1"), 1.0)
-        assert episode.step == 1
-        assert episode.on_turn == "robot2"
-        episode.submit("robot2", 1, None, 2.0)
-        assert (episode.step, episode.on_turn) == (2, "robot1")
-
-    def test_out_of_turn_is_rejected_and_changes_nothing(self) -> None:
-        episode = start(clock=Clock.TURN)
-        episode.submit("robot2", 1, first(episode, "robot2"), 1.0)
-        rejected = [e for e in episode.events() if isinstance(e, Rejected)]
-        assert rejected[0].reasons == ("it is robot1's turn",)
-        assert episode.step == 0
-
-    def test_a_slow_seat_loses_its_turn_after_the_budget(self) -> None:
-        episode = start(clock=Clock.TURN, move_budget=5.0)
-        assert episode.due() == 5.0
-        episode.tick(4.999)
-        assert episode.step == 0
-        episode.tick(5.0)
-        assert (episode.step, episode.on_turn) == (1, "robot2")
-        assert episode.due() == 10.0
-
-    def test_the_turn_of_an_absent_seat_passes(self) -> None:
-        episode = start(clock=Clock.TURN)
-        episode.set_present("robot2", False, 0.5)
-        episode.submit("robot1", 1, None, 1.0)
-        assert (episode.step, episode.on_turn) == (2, "robot1")
-
-
-class TestLockstep:
-    def test_a_step_when_all_have_acted(self) -> None:
-        episode = start()
-        episode.submit("robot2", 1, first(episode, "robot2"), 1.0)
-        assert episode.step == 0
-        episode.submit("robot1", 1, first(episode, "robot1"), 2.0)
-        assert episode.step == 1
-        # In seat order, whoever was first.
-        assert [m.player for m in steps(episode)[0].moves] == ["robot1", "robot2"]
-
-    def test_or_when_the_budget_is_used_up(self) -> None:
-        episode = start(move_budget=3.0)
-        episode.submit("robot2", 1, first(episode, "robot2"), 1.0)
-        episode.tick(3.0)
-        assert [m.player for m in steps(episode)[0].moves] == ["robot2"]
-
+class TestActions:
     def test_an_invalid_action_is_rejected_at_once_with_reasons_and_may_be_replaced(self) -> None:
         episode = start()
         bad = TWO.action("place-item", "robot1", "patty1", "table1")
@@ -171,22 +105,6 @@ class TestLockstep:
         assert [attempt.applied for attempt in stepped.attempts] == [True, False]
         assert stepped.attempts[1].unmet
 
-
-class TestRealTime:
-    def test_steps_follow_an_absolute_schedule(self) -> None:
-        episode = start(clock=Clock.REALTIME, step_rate=10)
-        assert episode.due() == pytest.approx(0.1)
-        episode.tick(0.35)
-        assert episode.step == 3
-        assert episode.due() == pytest.approx(0.4)
-
-    def test_order_of_arrival_decides(self) -> None:
-        episode = start(clock=Clock.REALTIME, step_rate=10)
-        episode.submit("robot2", 1, first(episode, "robot2"), 0.01)
-        episode.submit("robot1", 1, first(episode, "robot1"), 0.02)
-        episode.tick(0.1)
-        assert [m.player for m in steps(episode)[0].moves] == ["robot2", "robot1"]
-
     def test_the_last_word_before_a_step_counts_and_the_former_is_answered(self) -> None:
         episode = start(clock=Clock.REALTIME, step_rate=10)
         moves = [a for a in episode.state.actions("robot1") if a.name == "move"]
@@ -198,27 +116,6 @@ class TestRealTime:
             ("superseded by action 2",)
         ]
         assert [m.action for e in events if isinstance(e, Stepped) for m in e.moves] == [moves[1]]
-
-    def test_after_a_stall_it_does_not_race(self) -> None:
-        episode = start(clock=Clock.REALTIME, step_rate=10)
-        episode.tick(100.0)
-        assert episode.step <= 10
-        assert episode.due() is not None
-        assert episode.due() > 100.0
-
-    def test_declared_thinking_time_is_charged_in_the_games_own_time(self) -> None:
-        episode = start(clock=Clock.REALTIME, step_rate=10, thinking="declared")
-        assert episode.due() is None
-        episode.submit("robot1", 1, first(episode, "robot1"), 50.0, think_ms=250)
-        assert episode.step == 0
-        episode.submit("robot2", 1, first(episode, "robot2"), 99.0, think_ms=0)
-        # robot2 acts at once and is asked again; robot1's move is due three steps later.
-        assert episode.step == 1
-        for seq in (2, 3, 4):
-            episode.submit("robot2", seq, None, 100.0)
-        assert episode.step == 4
-        moved = [m.player for e in steps(episode) for m in e.moves]
-        assert moved == ["robot2", "robot1"]
 
 
 class TestSequenceNumbers:
@@ -329,27 +226,6 @@ def test_busy_players_need_not_decide() -> None:
     )
     reasons = [e.reasons for e in episode.events() if isinstance(e, Rejected)]
     assert "busy" in reasons[0][0]
-
-
-class TestClocksAgree:
-    """One world, three clocks: the same joint actions lead to the same states."""
-
-    def test_real_time_replays_a_lockstep_game(self) -> None:
-        lockstep, events = play_through("multi_agent/02", Rules(max_steps=60), random_choice(8))
-        game = [e for e in events if isinstance(e, Stepped)]
-        episode = start(World("multi_agent/02"), clock=Clock.REALTIME, step_rate=10, max_steps=60)
-        now = 0.0
-        for seq, step in enumerate(game, 1):
-            for move in step.moves:
-                episode.submit(move.player, seq, move.action, now + 0.05)
-            now += 0.1
-            episode.tick(now + 1e-6)
-            applied = [a.applied for e in steps(episode) for a in e.attempts]
-            assert applied == [a.applied for a in step.attempts if a.applied] or applied == [
-                a.applied for a in step.attempts
-            ]
-            assert episode.state.digest == step.state.digest
-        assert episode.step == lockstep.step
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

@@ -83,22 +83,22 @@ class WatchedClient(Client):
         self.participant.plan.entered(self.incarnation, game.episode)
         submit = game.submit
 
-        def watched(wish: Any, **options: Any) -> asyncio.Future[ActResult]:
-            future = submit(wish, **options)
+        def watched(action: Any, **options: Any) -> asyncio.Future[ActResult]:
+            future = submit(action, **options)
             seq = game._seq
-            future.add_done_callback(lambda done: self._act_answered(game, seq, wish, done))
+            future.add_done_callback(lambda done: self._act_answered(game, seq, action, done))
             return future
 
         game.submit = watched  # type: ignore[method-assign]
 
     def _act_answered(
-        self, game: Game, seq: int, wish: Any, done: asyncio.Future[ActResult]
+        self, game: Game, seq: int, action: Any, done: asyncio.Future[ActResult]
     ) -> None:
         if done.cancelled() or not done.result().applied:
             return
         step = done.result().step
         self.sim.oracle.check_applied(
-            self.incarnation, game, seq, step, wish, exactly=game.has_state
+            self.incarnation, game, seq, step, action, exactly=game.has_state
         )
 
     def _check_state(self, game: Game, message: messages.ServerMessage) -> None:
@@ -290,8 +290,8 @@ class Participant:
             seen = game.observation
             if game.running and seen is not None and seen.step > decided and game.my_move:
                 decided = seen.step
-                wish = self._chance.choice(seen.actions) if seen.actions else None
-                await game.act(wish)
+                action = self._chance.choice(seen.actions) if seen.actions else None
+                await game.act(action)
             elif not game.ended:
                 await game.next_event()
 

@@ -233,7 +233,7 @@ class Episode(EpisodeState):
         if seq == seat.seq and seq > 0:
             return
         if reasoning:
-            self._spend(seat.quota, len(reasoning.encode()), player, now, "act without")
+            self._take_quota(seat.quota, len(reasoning.encode()), player, now, "act without")
         seat.seq = seq
         if unmet := self._faults(seat, action):
             self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), unmet, now)
@@ -315,9 +315,9 @@ class Episode(EpisodeState):
 
     def due(self) -> float | None:
         """When `tick` has something to do; None while only messages can move the episode."""
-        if self.ended:
+        if self.phase is Phase.ENDED:
             return None
-        clock = self._clock.due() if self.running else None
+        clock = self._clock.due() if self.phase is Phase.RUNNING else None
         if self._presence.complete and not self.pauses.until:
             return clock
         absence = self._presence.due(begun=self.in_progress)
@@ -327,7 +327,7 @@ class Episode(EpisodeState):
         """Let time pass: take the steps that are due, give up what has been waited for enough."""
         if self.pauses.until or not self._presence.complete:
             self._tick_absence(now)
-        if self.running:
+        if self.phase is Phase.RUNNING:
             for at in self._clock.on_tick(now, self):
                 self._take_step(at)
 

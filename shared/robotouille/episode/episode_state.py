@@ -20,7 +20,7 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.lifecycle import Phase, PhaseEvent, next_phase
-from robotouille.episode.quota import MAX_AUDIENCE_BYTES, NOTE_BYTES, Quota, spend
+from robotouille.episode.quota import MAX_AUDIENCE_BYTES, NOTE_BYTES, Quota, take_or_refuse
 from robotouille.episode.rules import Rules
 from robotouille.episode.seats import ActionAnswer, Seat, tally
 from robotouille.errors import ProtocolError
@@ -122,7 +122,8 @@ class EpisodeState:
     @property
     def on_turn(self) -> str | None:
         """Whose turn it is, with the turn clock."""
-        return self._clock.on_turn(self.step) if self.in_progress else None
+        turn = self._clock.on_turn(self.step)
+        return turn if turn is not None and self.in_progress else None
 
     def _transition(
         self, moves: tuple[Move, ...], idle: tuple[tuple[str, int], ...], time: float
@@ -151,16 +152,16 @@ class EpisodeState:
         self._check_open()
         quota = self.seat(player).quota if player else self.audience_quota
         size = NOTE_BYTES + len(name.encode()) + len(text.encode())
-        self._spend(quota, size, player, now, "you can say no more here")
+        self._take_quota(quota, size, player, now, "you can say no more here")
         if player:
             self.seat(player).tally.said += 1
         self.said += 1
         self._emit(Said(name, player, text, self._elapsed(now), self.said))
 
-    def _spend(self, quota: Quota, size: int, player: str, now: float, instead: str) -> None:
+    def _take_quota(self, quota: Quota, size: int, player: str, now: float, instead: str) -> None:
         reached = quota.reached
         try:
-            spend(quota, size, instead)
+            take_or_refuse(quota, size, instead)
         finally:
             if quota.reached and not reached:
                 self._emit(QuotaReached(player, self._elapsed(now)))

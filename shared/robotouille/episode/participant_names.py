@@ -6,9 +6,9 @@ from collections.abc import Callable
 from itertools import count
 from unicodedata import category, normalize
 
-__all__ = ["LONGEST_NAME", "distinct_name", "likeness", "proper_name"]
+__all__ = ["MAX_NAME_LENGTH", "distinct_name", "likeness", "proper_name"]
 
-LONGEST_NAME = 40
+MAX_NAME_LENGTH = 40
 
 _UNSEEN = frozenset(
     chr(point)
@@ -32,7 +32,7 @@ def proper_name(name: str) -> str:
     else:
         seen = "".join(filter(_is_seen, " ".join(name.split())))
         words = normalize("NFKC", seen).split()
-    proper = " ".join(words)[:LONGEST_NAME].rstrip()
+    proper = " ".join(words)[:MAX_NAME_LENGTH].rstrip()
     return proper if any(category(letter)[0] not in "MZ" for letter in proper) else ""
 
 
@@ -53,5 +53,5 @@ def distinct_name(name: str, is_taken: Callable[[str], bool], first: int = 2) ->
         if not is_taken(likeness(numbered)):
             break
         ending = f" {number}"
-        numbered = f"{name[: LONGEST_NAME - len(ending)].rstrip()}{ending}"
+        numbered = f"{name[: MAX_NAME_LENGTH - len(ending)].rstrip()}{ending}"
     return numbered

@@ -18,7 +18,7 @@ __all__ = [
     "SEAT_QUOTA_BYTES",
     "Quota",
     "size_of_rejection",
-    "spend",
+    "take_or_refuse",
 ]
 
 SEAT_QUOTA_BYTES = 8 * 1024 * 1024
@@ -68,7 +68,7 @@ class Quota:
         return True
 
 
-def spend(quota: Quota, size: int, instead: str) -> None:
+def take_or_refuse(quota: Quota, size: int, instead: str) -> None:
     """ProtocolError `rate/words` where a text cannot be recorded any more; `instead` says what one
     can do then."""
     if not quota.take(size):

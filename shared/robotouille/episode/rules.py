@@ -26,19 +26,19 @@ __all__ = [
 
 MOVE_BUDGET = 300.0
 """Seconds for a move in an episode of several seats for which nobody has said anything else."""
-LEAST_BUDGET = 0.01
+MIN_MOVE_BUDGET = 0.01
 
 
-def _some_time(seconds: float) -> float:
+def _check_budget(seconds: float) -> float:
     """No budget at all, or one in which other episodes have their turn."""
-    if 0 < seconds < LEAST_BUDGET:
+    if 0 < seconds < MIN_MOVE_BUDGET:
         words = "Input should be 0 (no limit), or at least {least} s"
-        raise PydanticCustomError("too_short", words, {"least": LEAST_BUDGET})
+        raise PydanticCustomError("too_short", words, {"least": MIN_MOVE_BUDGET})
     return seconds
 
 
 StepRate = Annotated[float, Field(ge=0.01, le=60)]
-MoveBudget = Annotated[float, Field(ge=0, le=86_400), AfterValidator(_some_time)]
+MoveBudget = Annotated[float, Field(ge=0, le=86_400), AfterValidator(_check_budget)]
 MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]

@@ -1,0 +1,20 @@
+"""Recordings of episodes: written, read, verified and exported.
+
+`replay.restore` makes an episode of one, which goes on where the recording ends.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robotouille.replay.recorder import Recorder, header
+    from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
+else:
+    from robotouille.lazy_exports import lazy_exports
+
+    __getattr__ = lazy_exports(
+        __name__, "robotouille.replay.recorder", "robotouille.replay.recording"
+    )
+
+__all__ = ["Recorder", "Recording", "Verification", "header", "read_recording", "recording_of"]

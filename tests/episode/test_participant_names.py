@@ -6,7 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotouille.episode.participant_names import LONGEST_NAME, distinct_name, likeness, proper_name
+from robotouille.episode.participant_names import (
+    MAX_NAME_LENGTH,
+    distinct_name,
+    likeness,
+    proper_name,
+)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +41,7 @@ def test_a_name_is_what_can_be_seen_of_it(said: str, shown: str) -> None:
 @given(st.text(max_size=60))
 def test_any_name_is_short_printable_and_stays_as_it_is(said: str) -> None:
     name = proper_name(said)
-    assert len(name) <= LONGEST_NAME
+    assert len(name) <= MAX_NAME_LENGTH
     assert name.isprintable()
     assert name == " ".join(name.split())
     assert proper_name(name) == name
@@ -60,5 +65,5 @@ def test_a_name_that_is_taken_gets_the_first_free_number() -> None:
 
 
 def test_a_number_does_not_make_a_name_too_long() -> None:
-    long = "n" * LONGEST_NAME
-    assert distinct_name(long, {long}.__contains__) == "n" * (LONGEST_NAME - 2) + " 2"
+    long = "n" * MAX_NAME_LENGTH
+    assert distinct_name(long, {long}.__contains__) == "n" * (MAX_NAME_LENGTH - 2) + " 2"

@@ -8,8 +8,7 @@ import zlib
 import msgpack
 import pytest
 
-from robotouille import RecordingError, World
-from robotouille.episode import Rejected
+from robotouille import RecordingError
 from robotouille.replay.bounded_msgpack import MAX_ENTRIES
 from robotouille.replay.container import (
     MAX_FRAME,
@@ -20,8 +19,7 @@ from robotouille.replay.container import (
     plain,
     read_frames,
 )
-from robotouille.replay.recorder import MAX_NOTES, Recorder
-from robotouille.replay.recording import Recording, recording_of
+from robotouille.replay.recording import recording_of
 from tests.support.games import recorded_game
 
 GAME = recorded_game("synchronous/01", seed=1, steps=5)
@@ -78,19 +76,6 @@ def test_verifying_holds_no_more_than_one_frame() -> None:
     assert most < 3 * len(stream) / MIB + 12
 
 
-@pytest.mark.parametrize(
-    "field",
-    [
-        {"kind": "notes", "notes": [], "more": 1},
-        {"kind": "notes", "notes": [{"note": "started", "t": 0, "more": 1}]},
-        {"kind": "footer", "outcome": {"reason": "goal", "steps": 5, "seconds": 1.0, "more": 1}},
-    ],
-)
-def test_unknown_fields_are_refused(field: dict[str, object]) -> None:
-    with pytest.raises(RecordingError, match="more: Extra inputs"):
-        Recording(BEGINNING + pack_frame(field))
-
-
 def test_a_bomb_of_another_kind_is_noticed_at_once() -> None:
     with pytest.raises(RecordingError, match="does not begin"):
         plain(compress(bytes(8 * MIB))[:40])
@@ -103,19 +88,6 @@ def test_nothing_is_written_that_is_not_read() -> None:
         pack_frame({"kind": "notes", "notes": [[0] * 200_000] * (MAX_ENTRIES // 200_000 + 1)})
     with pytest.raises(RecordingError, match="cannot be recorded"):
         pack_frame({"kind": "notes", "notes": [0] * 200_001})
-
-
-def test_many_long_notes_at_once_take_several_frames() -> None:
-    """What waited for a full disk, say: each frame is one that readers take."""
-
-    world = World("synchronous/01")
-    rejected = Rejected(
-        player="robot1", seq=1, action="a" * 300, reasons=("r" * 500,) * 4,
-        reasoning="\N{ROBOT FACE}" * 8000, time=0.0,
-    )  # fmt: skip
-    written = Recorder(world).record([rejected] * (3 * MAX_NOTES))
-    frames = list(read_frames(magic(2) + written))
-    assert [len(frame["notes"]) for frame in frames] == [MAX_NOTES] * 3
 
 
 def test_packing_and_unpacking_agree_with_messagepack() -> None:

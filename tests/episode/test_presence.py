@@ -1,15 +1,13 @@
-"""What happens while a participant is away, and while time stands still for other reasons."""
+"""What happens while a participant is away."""
 
 from __future__ import annotations
 
 import pytest
 
-from robotouille import World
 from robotouille.episode import (
     Absence,
     Clock,
     Controller,
-    Ended,
     Episode,
     Paused,
     PauseReason,
@@ -17,29 +15,15 @@ from robotouille.episode import (
     Reason,
     Resumed,
     RosterChanged,
-    Rules,
     Stepped,
 )
-
-TWO = World("multi_agent/01")
+from tests.support import episodes
+from tests.support.episodes import TWO, outcome, steps
 
 
 def start(absence: Absence, clock: Clock = Clock.REALTIME, **rules: object) -> Episode:
     options = {"step_rate": 10.0, "grace": 30.0, **rules}
-    episode = Episode(TWO, Rules(clock=clock, absence=absence, **options), 0.0)  # type: ignore[arg-type]
-    for player in TWO.players:
-        episode.join(player, player.upper(), "human", 0.0, session=f"s-{player}")
-    episode.events()
-    return episode
-
-
-def stepped(episode: Episode) -> list[Stepped]:
-    return [event for event in episode.events() if isinstance(event, Stepped)]
-
-
-def outcome(episode: Episode) -> tuple[Reason, str]:
-    assert episode.outcome is not None
-    return episode.outcome.reason, episode.outcome.detail
+    return episodes.start(kind="human", clock=clock, absence=absence, **options)
 
 
 class TestWait:
@@ -48,7 +32,7 @@ class TestWait:
         episode.set_present("robot2", False, 1.0)
         assert episode.seat("robot2").controller is Controller.ABSENT
         episode.tick(2.0)
-        assert len(stepped(episode)) == 10
+        assert len(steps(episode)) == 10
 
     def test_after_the_grace_the_seat_is_free_for_others(self) -> None:
         episode = start(Absence.WAIT)
@@ -80,9 +64,9 @@ class TestPause:
         episode.set_present("robot2", True, 21.0)
         assert any(isinstance(e, Resumed) for e in episode.events())
         episode.tick(21.05)
-        assert not stepped(episode)
+        assert not steps(episode)
         episode.tick(21.1)
-        assert len(stepped(episode)) == 1
+        assert len(steps(episode)) == 1
 
     def test_who_does_not_come_back_in_time_ends_the_game(self) -> None:
         episode = start(Absence.PAUSE)
@@ -97,7 +81,7 @@ class TestPause:
         episode.submit("robot1", 1, move, 2.0)
         episode.set_present("robot2", True, 3.0)
         episode.tick(3.1)
-        (step,) = stepped(episode)
+        (step,) = steps(episode)
         assert [m.action for m in step.moves] == [move]
 
     def test_in_lockstep_a_step_is_not_taken_without_the_absent(self) -> None:
@@ -118,13 +102,13 @@ class TestBot:
         move = next(a for a in episode.state.actions("robot2") if a.name == "move")
         episode.substitute("robot2", move, 1.05)
         episode.tick(1.1)
-        moves = [move for step in stepped(episode) for move in step.moves]
+        moves = [move for step in steps(episode) for move in step.moves]
         assert [(m.player, m.seq) for m in moves] == [("robot2", 0)]
         episode.set_present("robot2", True, 2.0)
         assert episode.seat("robot2").controller is Controller.HUMAN
         episode.substitute("robot2", move, 2.05)
         episode.tick(2.1)
-        assert not any(step.moves for step in stepped(episode))
+        assert not any(step.moves for step in steps(episode))
 
     def test_what_it_was_about_to_do_is_dropped_at_the_return(self) -> None:
         episode = start(Absence.BOT, Clock.LOCKSTEP)
@@ -135,7 +119,7 @@ class TestBot:
         episode.submit("robot1", 1, None, 1.3)
         assert episode.step == 0
         episode.submit("robot2", 1, None, 1.4)
-        assert [step.moves for step in stepped(episode)] == [()]
+        assert [step.moves for step in steps(episode)] == [()]
 
     def test_the_seat_is_kept_however_long_it_takes(self) -> None:
         episode = start(Absence.BOT)
@@ -187,46 +171,6 @@ def test_nobody_is_there_any_more(absence: Absence) -> None:
         episode.set_present(player, False, 1.0)
     episode.events()
     episode.tick(30.9)
-    assert not stepped(episode)
+    assert not steps(episode)
     episode.tick(31.0)
     assert outcome(episode) == (Reason.ABANDONED, "everybody left")
-
-
-class TestOperator:
-    def test_a_pause_lasts_until_it_is_lifted(self) -> None:
-        episode = start(Absence.WAIT)
-        episode.pause(PauseReason.OPERATOR, 1.0)
-        episode.tick(500.0)
-        assert not stepped(episode)
-        episode.resume(PauseReason.OPERATOR, 500.0)
-        episode.tick(500.1)
-        assert len(stepped(episode)) == 1
-
-    def test_in_it_nobody_loses_a_seat_and_has_the_whole_grace_afterwards(self) -> None:
-        episode = start(Absence.PAUSE)
-        episode.pause(PauseReason.OPERATOR, 1.0)
-        episode.set_present("robot2", False, 2.0)
-        episode.tick(400.0)
-        assert episode.outcome is None
-        episode.resume(PauseReason.OPERATOR, 500.0)
-        assert episode.due() == 530.0
-        episode.tick(529.0)
-        assert episode.outcome is None
-        episode.tick(530.0)
-        assert episode.outcome is not None
-
-    def test_two_reasons_at_a_time(self) -> None:
-        episode = start(Absence.PAUSE)
-        episode.set_present("robot2", False, 1.0)
-        episode.pause(PauseReason.OPERATOR, 2.0)
-        episode.set_present("robot2", True, 3.0)
-        assert episode.paused
-        episode.resume(PauseReason.OPERATOR, 4.0)
-        assert not episode.paused
-
-    def test_an_end_lifts_all(self) -> None:
-        episode = start(Absence.WAIT)
-        episode.pause(PauseReason.OPERATOR, 1.0)
-        episode.abort(2.0, "enough")
-        assert any(isinstance(e, Ended) for e in episode.events())
-        assert (episode.paused, episode.due()) == (False, None)

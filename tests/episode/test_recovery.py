@@ -6,7 +6,7 @@ from robotouille.episode import Absence, Clock, Episode, PauseReason, Reason, Ru
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
-from tests.episode.test_absence import TWO, outcome
+from tests.support.episodes import TWO, outcome
 
 PATIENCE = 10.0
 

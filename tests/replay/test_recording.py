@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -186,20 +184,3 @@ def test_a_wrong_file_is_named_with_the_reason(tmp_path: Path, content: bytes, r
     with pytest.raises(RecordingError, match=reason) as error:
         read_recording(path)
     assert str(path) in str(error.value)
-
-
-def test_export_is_json_lines_with_what_everybody_did() -> None:
-    recording = Recording(GAME)
-    lines = [json.loads(line) for line in json_lines(recording, texts=True)]
-    assert (lines[0]["kind"], lines[-1]["kind"]) == ("header", "outcome")
-    lines = [line for line in lines if line["kind"] == "step"]
-    assert len(lines) == len(recording.steps)
-    assert set(lines[1]["observations"]) == set(recording.world.players)
-    assert lines[1]["moves"][0]["text"]
-    assert {"added", "removed", "hash", "rejected"} <= lines[1].keys()
-
-
-def test_frames_are_plain_messagepack() -> None:
-    """Anybody can read them: four bytes of length, twice four of CRC-32, then MessagePack."""
-    length = int.from_bytes(GAME[5:9], "little")
-    assert msgpack.unpackb(GAME[17 : 17 + length])["kind"] == "header"

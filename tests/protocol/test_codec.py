@@ -1,0 +1,100 @@
+"""Messages to bytes and back: both encodings, limits before anything is built, stable codes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgpack
+import pytest
+
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
+from robotouille.protocol.codec import (
+    JSON,
+    MAX_CLIENT_BYTES,
+    MAX_DEPTH,
+    MAX_FIELDS,
+    MAX_ITEMS,
+    MSGPACK,
+    SUBPROTOCOLS,
+    Codec,
+    codec_for,
+)
+
+CODECS = [JSON, MSGPACK]
+HELLO: dict[str, Any] = {"type": "hello", "protocol": 1, "name": "ada"}
+
+
+def fault(codec: Codec, payload: bytes | str) -> ProtocolError:
+    with pytest.raises(ProtocolError) as error:
+        codec.decode_client(payload)
+    return error.value
+
+
+def payload(codec: Codec, plain: Any) -> bytes | str:
+    return json.dumps(plain) if codec.text else bytes(msgpack.packb(plain))
+
+
+def test_a_subprotocol_names_its_codec_and_json_is_for_those_who_ask_for_none() -> None:
+    assert [codec_for(name) for name in (*SUBPROTOCOLS, None)] == [MSGPACK, JSON, JSON]
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_defaults_are_left_out(codec: Codec) -> None:
+    message = messages.Hello(protocol=1, name="ada")
+    assert codec.encode(message) == codec.pack(HELLO)
+    assert codec.decode_client(codec.encode(message)) == message
+
+
+@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("count", [1, 15, 16, 40])
+def test_fields_that_were_encoded_apart_join_to_one_message(codec: Codec, count: int) -> None:
+    plain = {f"field{i}": [i, "ä", None] for i in range(count)}
+    half = count // 2
+    items = list(plain.items())
+    parts = [codec.pack_fields(dict(part)) for part in (items[:half], items[half:]) if part]
+    assert codec.join(parts) == codec.pack(plain)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize(
+    ("plain", "code", "field"),
+    [
+        ([], "message/malformed", ""),
+        ({}, "message/unknown-type", "type"),
+        ({"type": "sing"}, "message/unknown-type", "type"),
+        ({**HELLO, "more": 1}, "message/unknown-field", "more"),
+        ({"type": "hello", "protocol": 1}, "message/missing-field", "name"),
+        ({**HELLO, "protocol": "1"}, "message/invalid-field", "protocol"),
+        ({**HELLO, "seen": {"episode": "e", "step": -1}}, "message/invalid-field", "seen.step"),
+        ({f"field{i}": i for i in range(MAX_FIELDS + 1)}, "message/malformed", ""),
+        ({**HELLO, "name": [[1, 2]] * (MAX_ITEMS // 3)}, "message/malformed", ""),
+    ],
+)
+def test_every_fault_has_a_code_and_a_field(
+    codec: Codec, plain: Any, code: str, field: str
+) -> None:
+    error = fault(codec, payload(codec, plain))
+    assert (error.code, error.field) == (code, field)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_the_answer_to_a_faulty_request_repeats_its_number(codec: Codec) -> None:
+    plain = {"type": "list", "ref": 7, "more": 1}
+    assert fault(codec, payload(codec, plain)).ref == 7
+    assert fault(codec, payload(codec, {**plain, "ref": "7"})).ref is None
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_sizes_frames_and_depth_are_limited(codec: Codec) -> None:
+    large = "x" * (MAX_CLIENT_BYTES + 1)
+    assert fault(codec, large if codec.text else large.encode()).code == "message/too-large"
+    assert fault(codec, b"{}" if codec.text else "{}").code == "message/frame"
+    deep: Any = 1
+    for _ in range(MAX_DEPTH + 1):
+        deep = [deep]
+    assert fault(codec, payload(codec, {**HELLO, "name": deep})).code in (
+        "message/malformed",
+        "message/invalid-field",
+    )

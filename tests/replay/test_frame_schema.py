@@ -1,0 +1,46 @@
+"""What a frame may hold, and the field that is named where it holds something else."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import RecordingError
+from robotouille.replay.container import frame_ends, pack_frame
+from robotouille.replay.frame_schema import check_frame
+from robotouille.replay.recording import Recording
+from tests.support.games import recorded_game
+
+GAME = recorded_game("synchronous/01", seed=1, steps=5)
+BEGINNING = GAME[: list(frame_ends(GAME))[-2]]
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        {"kind": "notes", "notes": [], "more": 1},
+        {"kind": "notes", "notes": [{"note": "started", "t": 0, "more": 1}]},
+        {"kind": "footer", "outcome": {"reason": "goal", "steps": 5, "seconds": 1.0, "more": 1}},
+    ],
+)
+def test_unknown_fields_are_refused(field: dict[str, object]) -> None:
+    with pytest.raises(RecordingError, match="more: Extra inputs"):
+        Recording(BEGINNING + pack_frame(field))
+
+
+def test_every_frame_of_a_game_is_one() -> None:
+    for number, frame in enumerate(Recording(GAME).frames):
+        check_frame(frame, number)
+
+
+@pytest.mark.parametrize(
+    ("frame", "fault"),
+    [
+        ({"kind": "poem"}, "frame 7: "),
+        ({"kind": "notes", "notes": [{"note": "started"}]}, "notes.0.started.t: Field required"),
+        ({"kind": "notes", "notes": [{"note": "quota", "t": "1", "player": ""}]}, "quota.t: Input"),
+        ({"kind": "step", "step": 0, "t": 1, "moves": []}, "step: Input should be greater"),
+    ],
+)
+def test_the_field_at_fault_is_named(frame: dict[str, object], fault: str) -> None:
+    with pytest.raises(RecordingError, match=fault):
+        check_frame(frame, 7)
