@@ -73,7 +73,7 @@ def test_an_action_about_a_created_object_travels_to_a_world_that_has_no_room_fo
     assert "bolt7" not in fresh.thing_names
     attempt = fresh.initial.step(action).attempts[0]
     assert attempt.action == action
-    assert "bolt7 does not exist" in attempt.unmet
+    assert "bolt7 does not exist" in attempt.reasons
 
 
 @pytest.mark.parametrize("seed", ["1", "2"])

@@ -52,10 +52,10 @@ def test_a_busy_player_has_no_actions_and_is_told_why() -> None:
     back = world.action("move", "robot1", "sink1", "table1")
     assert not world.applicable(state, back)
     result = state.step(back)
-    assert result.attempts[0].unmet == ("robot1 is busy for 4 more steps",)
+    assert result.attempts[0].reasons == ("robot1 is busy for 4 more steps",)
     assert result.state == waiting(state, 1)
     last = waiting(state, 3).step(back)
-    assert last.attempts[0].unmet == ("robot1 is busy for 1 more step",)
+    assert last.attempts[0].reasons == ("robot1 is busy for 1 more step",)
     assert waiting(state, 4).step(back).attempts[0].applied
 
 
@@ -64,7 +64,7 @@ def test_a_busy_player_cannot_even_wait() -> None:
     world = kitchen(timing="people", players=at(0))
     state = act(world.initial, "move", "robot1", "table1", "sink1")
     result = state.step({"robot1": world.action("wait")})
-    assert result.attempts[0].unmet == ("robot1 is busy for 4 more steps",)
+    assert result.attempts[0].reasons == ("robot1 is busy for 4 more steps",)
 
 
 def test_the_place_one_walks_to_is_taken_and_the_one_left_is_free() -> None:

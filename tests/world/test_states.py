@@ -120,7 +120,7 @@ def test_the_name_of_a_deleted_object_is_never_given_again() -> None:
     assert [o.name for o in state.objects if o.kind == "bolt"] == ["bolt2"]
     assert state.digest != first.digest
     grab = world.action("grab", "fitter1", "bolt1", "dispenser1")
-    assert state.step(grab).attempts[0].unmet[0] == "bolt1 does not exist"
+    assert state.step(grab).attempts[0].reasons[0] == "bolt1 does not exist"
 
 
 def test_a_state_with_a_long_past_is_restored_in_a_fresh_world() -> None:

@@ -51,7 +51,7 @@ def test_the_order_of_a_joint_action_decides_who_gets_the_place() -> None:
     other = world.initial.step([second, first])
     assert [a.applied for a in one.attempts] == [True, False]
     assert one.state.holds("loc", "robot1", "table2")
-    assert one.attempts[1].unmet == ("table2 has nobody standing at it",)
+    assert one.attempts[1].reasons == ("table2 has nobody standing at it",)
     assert other.state.holds("loc", "robot2", "table2")
     assert one.state == world.initial.step(first).state
 
@@ -77,7 +77,7 @@ def test_a_player_acts_once_in_a_step() -> None:
     walk = world.action("move", "robot1", "table1", "table2")
     result = world.initial.step([take, walk])
     assert [a.applied for a in result.attempts] == [True, False]
-    assert result.attempts[1].unmet == ("robot1 has acted in this step already",)
+    assert result.attempts[1].reasons == ("robot1 has acted in this step already",)
     waits = {"robot1": world.action("wait")}
     assert world.initial.step(waits).attempts[0].applied
 
