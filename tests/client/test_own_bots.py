@@ -11,7 +11,7 @@ from robotouille import World
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.own_policy import own_policy_maker
 from tests.docs.pages import titled
-from tests.server.test_process import process
+from tests.support.processes import process
 
 BOT = [sys.executable, "-c", "from robotouille_client.bots.cli import main; main()"]
 
