@@ -1,14 +1,21 @@
 """Whatever JSON a domain or problem is made of, it is refused with a FileError or it plays."""
 
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robotouille import FileError, World
+from robotouille.domain.extends import FileKind, read_extending
 from robotouille.domain.files import validate
+from robotouille.domain.inputs import INPUT_FILES
+from robotouille.domain.rendering import RENDERING_FILES
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
-from robotouille.domain.task import Task, build_task, read_domain
+from robotouille.domain.task import DOMAIN_FILES, Task, build_task, read_domain
 from robotouille.world.lint import lint_task
 from tests.domain.broken import DOMAIN, PROBLEM, changed
 
@@ -127,5 +134,24 @@ def test_any_task(value: Any) -> None:
     ):
         try:
             Task.from_json(raw)
+        except FileError as error:
+            assert error.faults
+
+
+@pytest.mark.parametrize(
+    "kind", [DOMAIN_FILES, INPUT_FILES, RENDERING_FILES], ids=lambda k: k.beside
+)
+@often
+@given(data=st.data())
+def test_any_value_in_a_file_that_extends(kind: FileKind[Any], data: st.DataObject) -> None:
+    fields = sorted(kind.model.model_fields.keys() - {"extends"})
+    drawn = data.draw(st.dictionaries(st.sampled_from(fields), JSON, max_size=3))
+    name = data.draw(st.just("robotouille") | JSON)
+    value = {"name": "any", **drawn} if kind is DOMAIN_FILES else drawn
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"any{kind.beside}"
+        path.write_text(json.dumps({**value, "extends": name}))
+        try:
+            read_extending(path, kind)
         except FileError as error:
             assert error.faults

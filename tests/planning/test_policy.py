@@ -236,3 +236,9 @@ def test_a_bot_says_that_it_finds_no_plan(capsys: pytest.CaptureFixture[str]) ->
     policy = policy_maker(BotKind.PLANNER)(world.initial, "robot1")
     assert all(policy.act(world.initial) is None for _ in range(9))
     assert capsys.readouterr().err == "robot1 finds no plan from here\n"
+
+
+def test_the_shipped_pancakes_are_made() -> None:
+    """The dish of the page on formats: nothing of it is known to any planner beforehand."""
+    outcome = play("examples/pancakes", Clock.TURN, limit=60)
+    assert outcome.reason == "goal"

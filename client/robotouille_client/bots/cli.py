@@ -13,6 +13,7 @@ import typer
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.own_policy import own_policy_maker
 from robotouille_client.cli.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
@@ -81,8 +82,21 @@ async def _tell_of_line(client: Client) -> None:
         await asyncio.sleep(LOOK_SECONDS)
 
 
+def _maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
+    """How to make the policy of a bot that is shipped, or of the user's own."""
+    if ":" in kind:
+        return own_policy_maker(kind)
+    if kind not in list(BotKind):
+        shipped = ", ".join(BotKind)
+        raise RobotouilleError(f"there is no bot {kind!r}; possible: {shipped}, or MODULE:NAME")
+    return policy_maker(BotKind(kind), seed, plan)
+
+
 def command(
-    kind: Annotated[BotKind, typer.Argument(help="What decides: random, scripted or planner.")],
+    kind: Annotated[
+        str,
+        typer.Argument(help="What decides: random, scripted, planner, or MODULE:NAME of your own."),
+    ],
     episode: Annotated[
         str | None, typer.Option(help="Id or code; the first that waits if left out.")
     ] = None,
@@ -101,9 +115,9 @@ def command(
     from pydantic import ValidationError
 
     try:
-        make = policy_maker(kind, seed, plan)
+        make = _maker(kind, seed, plan)
         address = server_url(url, host, port)
-        called = name or f"{kind.value}-bot"
+        called = name or f"{kind.rpartition(':')[2]}-bot"
         outcome = asyncio.run(_run(address, called, token, episode, seat, make))
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))

@@ -182,7 +182,8 @@ def _in_own_words(fault: Fault, own: Json, merged: Json, keys: dict[str, str]) -
         definition = merged[field][int(place[2])]
     except (KeyError, IndexError):
         return fault
-    for index, mine in enumerate(own.get(field) or ()):
+    definitions = own.get(field)
+    for index, mine in enumerate(definitions if isinstance(definitions, list) else ()):
         if _name(mine, key) == _name(definition, key):
             return Fault(f"{field}[{index}]{place[3]}", fault.message, fault.severity)
     words = f"{fault.message} ({_name(definition, key)!r} is in {own['extends']!r}, extended here)"
