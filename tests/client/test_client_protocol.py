@@ -74,7 +74,7 @@ def failure(client: Protocol) -> Exception:
 
 def test_it_needs_neither_asyncio_nor_sockets() -> None:
     program = (
-        "import sys, robotouille_client.errors as _\n"
+        "import sys, robotouille.protocol.messages as _\n"
         "before = set(sys.modules)\n"
         "import robotouille_client.client_protocol\n"
         "assert not {'asyncio', 'websockets', 'socket'} & (set(sys.modules) - before)"

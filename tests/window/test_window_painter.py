@@ -9,6 +9,7 @@ import pygame
 import pytest
 
 from robotouille import World, task_names
+from robotouille.world.unmet import from_words
 from robotouille_client.window.drawing.painter import Painter, paint
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import layout
@@ -220,7 +221,7 @@ def test_text_is_wrapped_and_cut_off() -> None:
 
 def test_rejections_in_words() -> None:
     def words(reason: str) -> str:
-        return Bubble.rejection("robot1", [reason]).text
+        return Bubble.rejection("robot1", from_words(reason)).text
 
     assert words("not: lettuce1 has been cut") == "But lettuce1 has been cut!"
     assert words("table1 has a free surface") == "Needs: table1 has a free surface."
