@@ -169,7 +169,7 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     assert f"After {defaults.stall_seconds:g} seconds behind" in page
     assert f"more than {broadcaster.KEPT_DELTAS}, or" in page
     assert f"of the last {broadcaster.KEPT_SAID};" in page
-    first, longest = backoff.FIRST_DELAY * 1000, backoff.LONGEST_DELAY
+    first, longest = backoff.FIRST_DELAY * 1000, backoff.MAX_DELAY
     assert f"After {first:g} ms, then after pauses that double up to {longest:g} s" in page
     words = {120: "two minutes", 10: "ten letters", 20: "Twenty wrong codes a minute"}
     assert words[int(lobby.LINGER_SECONDS)] in page
