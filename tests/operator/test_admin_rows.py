@@ -6,10 +6,9 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import connect
 from robotouille_server import Server
-from tests.operator.support import Api, Disk, table, viewing
+from tests.operator.support import Disk, table, viewing
 from tests.support.servers import raw
 from tests.support.virtual_time import run
 
@@ -203,118 +202,5 @@ def test_spectators_are_named(tmp_path: Path) -> None:
                 seen = await api.get(f"/api/episodes/{play.code}")
                 assert [row["name"] for row in seen["audience"]] == ["eve"]
                 assert seen["spectators"] == 1
-
-    run(main())
-
-
-def test_a_recording_can_be_had_while_it_grows_and_when_it_is_closed(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path) as (server, _, api), table(server, max_steps=20) as play:
-            await play.until(lambda game: game.step >= 5)
-            server.lobby.rooms[play.episode].pause()
-            live = (await api.row(play.episode))["recording"]["name"]
-            whole = (tmp_path / live).read_bytes()
-            with (tmp_path / live).open("ab") as file:
-                file.write(b"\x99\x00\x00\x00torn")
-            answer = await api.http.get(f"/api/recordings/{live}")
-            assert answer.headers["content-disposition"] == f'attachment; filename="{live}"'
-            assert answer.content == whole
-            partial = Recording(answer.content)
-            assert len(partial.steps) >= 5
-            assert partial.verify().ok
-
-    run(main())
-
-    async def finished() -> None:
-        async with viewing(tmp_path / "second") as (server, _, api):
-            async with table(server, max_steps=5) as play:
-                await play.until(lambda game: game.outcome)
-                await server.lobby.closed()
-                row = (await api.get("/api/recordings"))["recordings"][0]
-                assert row["outcome"] == "step_limit"
-                assert (row["steps"], row["task"]) == (5, "multi_agent/01_lettuce_burger")
-                assert row["episode"] is None
-                answer = await api.http.get(f"/api/recordings/{row['name']}")
-                assert answer.content == (tmp_path / "second" / row["name"]).read_bytes()
-                assert row["size"] == len(answer.content)
-                assert read_recording(tmp_path / "second" / row["name"]).verify().ok
-                after = await api.row(play.episode)
-                assert after["recording"]["name"] == row["name"]
-
-    run(finished())
-
-
-def test_the_list_of_recordings_says_how_each_ended(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path) as (server, _, api), table(server) as play:
-            await play.until(lambda game: game.step >= 1)
-            live = (await api.row(play.episode))["recording"]["name"]
-            (tmp_path / "20250101T000000Z_old_1.rbt.part").write_bytes(
-                (tmp_path / live).read_bytes()
-            )
-            (tmp_path / "20240101T000000Z_broken_2.rbt").write_bytes(b"not a recording")
-            (tmp_path / "notes.txt").write_text("no recording at all")
-            rows = (await api.get("/api/recordings"))["recordings"]
-            assert [(row["name"], row["outcome"]) for row in rows] == [
-                (live, "live"),
-                ("20250101T000000Z_old_1.rbt.part", "unfinished"),
-                ("20240101T000000Z_broken_2.rbt", "unreadable"),
-            ]
-            assert rows[0]["episode"] == play.episode
-            found = await api.get("/api/recordings", params={"search": "OLD", "limit": 5})
-            assert [row["name"] for row in found["recordings"]] == [rows[1]["name"]]
-
-    run(main())
-
-
-def test_only_names_of_the_list_are_read(tmp_path: Path) -> None:
-    async def main() -> None:
-        folder = tmp_path / "recordings"
-        (tmp_path / "secret.rbt").write_text("outside")
-        async with viewing(folder) as (_, _, api):
-            (folder / "notes.txt").write_text("inside, but no recording")
-            tried = [
-                "../secret.rbt", "..%2Fsecret.rbt", "%2e%2e%2fsecret.rbt", "notes.txt",
-                str(tmp_path / "secret.rbt").replace("/", "%2F"), "nothing.rbt", "..", "%00.rbt",
-            ]  # fmt: skip
-            for name in tried:
-                answer = await api.http.get(f"/api/recordings/{name}")
-                assert answer.status_code == 404, name
-                assert answer.json()["code"] in ("recording/unknown", "request/unknown"), name
-
-    run(main())
-
-
-def test_a_server_that_records_nothing_says_so(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with viewing(tmp_path, record=False) as (server, _, api), table(server) as play:
-            assert (await api.row(play.episode))["recording"] is None
-            assert await api.get("/api/recordings") == {"found": 0, "recordings": []}
-            assert (await _lines(api, play.episode)) == []
-
-    run(main())
-
-
-async def _lines(api: Api, episode: str) -> Any:
-    return (await api.get(f"/api/episodes/{episode}"))["lines"]
-
-
-def test_an_unreadable_folder_is_an_error_the_operator_reads(tmp_path: Path) -> None:
-    class Locked(Disk):
-        def names(self) -> list[str]:
-            if self.full:
-                raise PermissionError(13, "Permission denied")
-            return super().names()
-
-    async def main() -> None:
-        disk = Locked(tmp_path)
-        async with viewing(tmp_path, storage=disk) as (_, _, api):
-            disk.full = True
-            answer = await api.http.get("/api/recordings")
-            assert answer.status_code == 503
-            assert answer.json() == {
-                "code": "recording/unreadable",
-                "message": "the recordings folder cannot be read: Permission denied",
-            }
 
     run(main())

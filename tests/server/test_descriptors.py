@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import resource
 import socket
@@ -21,7 +20,7 @@ from websockets.sync.client import connect
 
 from robotouille_server import ServerSettings
 from robotouille_server.runtime import descriptors
-from robotouille_server.runtime.logs import LINE_SECONDS, LoopErrors, configure_logs
+from robotouille_server.runtime.logs import configure_logs
 from tests.fuzz.process import server_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
@@ -92,23 +91,6 @@ def test_silent_connections_take_neither_games_nor_the_disk(
         end = time.monotonic() + 30
         while newcomer(server.url, tls) != "welcome":
             assert time.monotonic() < end, "nobody is let in when places are free again"
-
-
-def test_a_complaint_of_the_event_loop_is_logged_once_in_a_while() -> None:
-    now, counts = 0.0, Counts()
-    errors = LoopErrors(lambda: now, counts)
-    loop = asyncio.new_event_loop()
-    context = {"message": "socket.accept() out of system resource", "exception": OSError(24, "x")}
-    with capture_logs() as lines:
-        for _ in range(1000):
-            errors.handle(loop, context)
-        errors.handle(loop, {"message": "another", "exception": ValueError("y")})
-        assert [line["message"] for line in lines] == [context["message"], "another"]
-        assert counts.log_suppressed == 999
-        now += LINE_SECONDS
-        errors.handle(loop, context)
-    assert lines[-1]["repeated"] == 999
-    loop.close()
 
 
 def test_a_limit_that_is_too_small_is_said_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:

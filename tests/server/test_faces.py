@@ -53,3 +53,15 @@ def test_nothing_heavy_is_imported_where_it_is_not_needed(
         "assert not found, found"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+UNTESTED = {"errors", "models", "timeouts"}
+"""Modules that hold data only."""
+
+
+def test_every_module_has_a_test_file_of_its_name() -> None:
+    tests = {
+        path.stem.removeprefix("test_") for path in SERVER.parents[1].glob("tests/*/test_*.py")
+    }
+    modules = {path.stem for path in SERVER.rglob("*.py") if not path.stem.startswith("__")}
+    assert modules - UNTESTED <= tests
