@@ -142,7 +142,7 @@ class Server:
             used_tokens=self._used_tokens,
             connection_limiter=self._connection_limiter,
             code_guesses=CodeGuessLimiter(),
-            loop_budget=self._admission.turns,
+            loop_budget=self._admission.loop_budget,
             shutdown_notice=lambda: self._notice,
         )
         self._proxies = parse_proxies(settings.trust_proxy)
@@ -361,7 +361,7 @@ class Server:
 
     def _accept(self, *arguments: Any, **options: Any) -> Connection:
         self._accepted += 1
-        return Connection(*arguments, entrance=self._admission, **options)
+        return Connection(*arguments, admission=self._admission, **options)
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:

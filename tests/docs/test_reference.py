@@ -26,8 +26,7 @@ from robotouille_server.auth.roles import Role
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.cli import SECRET
 from robotouille_server.limit_table import LIMITS, shown_value
-from robotouille_server.rooms import broadcaster as audience
-from robotouille_server.rooms import lobby
+from robotouille_server.rooms import broadcaster, lobby
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import peer
 from robotouille_server.transport.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS
@@ -168,8 +167,8 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     assert f"from {peer.MAX_UNSENT // kib} KiB of unsent bytes" in page
     assert f"more than {peer.MAX_HELD // kib**2} MiB unsent" in page
     assert f"After {defaults.stall_seconds:g} seconds behind" in page
-    assert f"more than {audience.KEPT_DELTAS}, or" in page
-    assert f"of the last {audience.KEPT_SAID};" in page
+    assert f"more than {broadcaster.KEPT_DELTAS}, or" in page
+    assert f"of the last {broadcaster.KEPT_SAID};" in page
     first, longest = backoff.FIRST_DELAY * 1000, backoff.MAX_DELAY
     assert f"After {first:g} ms, then after pauses that double up to {longest:g} s" in page
     words = {120: "two minutes", 10: "ten letters", 20: "Twenty wrong codes a minute"}

@@ -47,9 +47,9 @@ class LoopBudget:
         self._spent += cost
         self._schedule()
 
-    def wait(self, go_on: Callable[[], None]) -> None:
+    def wait(self, resume: Callable[[], None]) -> None:
         """Call back when all those who wait already have had their turn."""
-        self._waiting.append(go_on)
+        self._waiting.append(resume)
         self._schedule()
 
     def _schedule(self) -> None:
@@ -150,17 +150,17 @@ class Admission:
         self.limit = limit
         self.tls: ssl.SSLContext | None = None
         self.handshake_seconds = handshake_seconds
-        self.turns = LoopBudget(loop)
+        self.loop_budget = LoopBudget(loop)
         self.handshakes = Handshakes(loop)
-        self.inside = 0
+        self.admitted = 0
 
-    def enter(self) -> bool:
+    def admit(self) -> bool:
         """One more is connected, if it is not one too many."""
-        if self.inside >= self.limit:
+        if self.admitted >= self.limit:
             return False
-        self.inside += 1
+        self.admitted += 1
         return True
 
-    def leave(self) -> None:
+    def release(self) -> None:
         """One who was let in is gone."""
-        self.inside -= 1
+        self.admitted -= 1

@@ -58,7 +58,7 @@ MAX_EXCESS = 200
 MESSAGES = (FIN | BINARY, FIN | TEXT)
 """First bytes of frames that are whole messages."""
 DATA = (CONTINUATION, TEXT, BINARY)
-TURN = "turn"
+GIVE_WAY = "others first"
 END_OF_REQUEST = b"\r\n\r\n"
 
 
@@ -77,16 +77,16 @@ def frame_of(payload: bytes | str) -> bytes:
 class Connection(ServerConnection):
     """The library's connection, with messages going straight to `receiver`."""
 
-    def __init__(self, *arguments: Any, entrance: Admission, **options: Any) -> None:
+    def __init__(self, *arguments: Any, admission: Admission, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._entrance = entrance
-        self._turns = entrance.turns
+        self._admission = admission
+        self._loop_budget = admission.loop_budget
         self._receiver: Callable[[bytes | str], None] | None = None
         self._parts: list[bytes] = []
         self._is_text = False
         self._leaving: asyncio.Task[None] | None = None
         self._opening: asyncio.Task[None] | None = None
-        self._inside = self._made = False
+        self._admitted = self._made = False
         self._reader = FrameReader(masked=True, max_size=MAX_OWN)
         self._request_size = 0
         self._request_end = b""
@@ -98,28 +98,28 @@ class Connection(ServerConnection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Somebody is accepted. TLS comes after: asyncio's own way would tell of a connection only
         when its handshake is over, and of one that says nothing never."""
-        raw, entrance = cast("asyncio.Transport", transport), self._entrance
+        raw, admission = cast("asyncio.Transport", transport), self._admission
         few = few_left(raw.get_extra_info("socket"))
-        self._inside = not few and entrance.enter()
-        if not self._inside:
-            count = entrance.metrics.dropped
+        self._admitted = not few and admission.admit()
+        if not self._admitted:
+            count = admission.metrics.dropped
             (count.labels("descriptors") if few else count.labels("full")).inc()
             raw.abort()
-        elif entrance.tls is None:
+        elif admission.tls is None:
             self._open(raw)
         else:
             raw.pause_reading()  # The handshake is start_tls's business from its first byte on.
-            self._opening = self.loop.create_task(self._encrypt(raw, entrance.tls))
+            self._opening = self.loop.create_task(self._encrypt(raw, admission.tls))
 
     async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
-        encrypted, entrance = None, self._entrance
+        encrypted, admission = None, self._admission
         try:
-            encrypted = await entrance.handshakes.make(raw, self, tls, entrance.handshake_seconds)
+            encrypted = await admission.handshakes.make(raw, self, tls, admission.handshake_seconds)
         finally:
             self._opening = None
             if encrypted is None:
                 raw.abort()
-                self._leave()
+                self._release()
         if encrypted is not None:
             self._open(encrypted)
 
@@ -132,14 +132,14 @@ class Connection(ServerConnection):
             self._opening.cancel()
         if self._made:
             super().connection_lost(exc)
-        self._leave()
+        self._release()
         self._reader.clear()
         self._parts.clear()
 
-    def _leave(self) -> None:
-        if self._inside:
-            self._inside = False
-            self._entrance.leave()
+    def _release(self) -> None:
+        if self._admitted:
+            self._admitted = False
+            self._admission.release()
 
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
@@ -155,7 +155,7 @@ class Connection(ServerConnection):
     def drop(self, reason: str) -> None:
         """Cut the connection off without waiting for the client."""
         if not self.transport.is_closing():
-            self._entrance.metrics.dropped.labels(reason).inc()
+            self._admission.metrics.dropped.labels(reason).inc()
         self.transport.abort()
 
     def pause_reading(self, why: str) -> None:
@@ -174,12 +174,12 @@ class Connection(ServerConnection):
 
     def give_way(self) -> None:
         """Go on with what has come already when all others have had their turn."""
-        if TURN not in self._paused:
-            self.pause_reading(TURN)
-            self._turns.wait(self._go_on)
+        if GIVE_WAY not in self._paused:
+            self.pause_reading(GIVE_WAY)
+            self._loop_budget.wait(self._resume_after_others)
 
-    def _go_on(self) -> None:
-        self._paused.discard(TURN)
+    def _resume_after_others(self) -> None:
+        self._paused.discard(GIVE_WAY)
         if self._paused or self.transport.is_closing():
             return
         self._take(b"")
@@ -190,7 +190,7 @@ class Connection(ServerConnection):
 
     def data_received(self, data: bytes) -> None:
         """Take the frames apart; the library's parser is given the request and whole frames."""
-        if self._paused or self._turns.free:
+        if self._paused or self._loop_budget.free:
             self._take(data)
         else:
             self._reader.receive(data)
@@ -209,7 +209,7 @@ class Connection(ServerConnection):
             else:
                 super().data_received(data)
             return b""
-        self._turns.spend(REQUEST_COST)
+        self._loop_budget.spend(REQUEST_COST)
         size = end + len(END_OF_REQUEST) - len(self._request_end)
         super().data_received(data[:size])
         return data[size:]
@@ -232,12 +232,12 @@ class Connection(ServerConnection):
         reader, left = self._reader, FRAMES_AT_A_TIME
         try:
             while not self._paused and reader.next_frame():
-                self._turns.spend(1 + reader.size / 1024)
+                self._loop_budget.spend(1 + reader.size / 1024)
                 self._take_frame(reader)
                 if self.transport.is_closing():
                     reader.clear()
                 left -= 1
-                if left == 0 or self._turns.over:
+                if left == 0 or self._loop_budget.over:
                     self.give_way()
         except FrameError:
             super().data_received(reader.rest)  # It says what is wrong.
