@@ -8,6 +8,7 @@ create or delete objects depend on more, and are computed anew each time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 from weakref import WeakValueDictionary
 
@@ -19,6 +20,8 @@ from robotouille.world.grounding.ground_task import GroundTask
 __all__ = ["Change", "Progress", "TimerTable", "Timers"]
 
 Entry = tuple[Effect, tuple[int, ...]]
+Key = tuple[tuple[Entry, ...], int | None, int]
+"""Active effects, the number of the action that is performed, and the atoms they read."""
 
 MAX_KEPT = 50_000
 """Transitions that a world knows; then it learns anew."""
@@ -46,6 +49,15 @@ class Change(NamedTuple):
     touched: int
     removed: int
     timers: Timers
+
+
+class Outcome(NamedTuple):
+    """What an update does to the effects alone, and whether it depends only on what they read."""
+
+    touched: int
+    removed: int
+    entries: tuple[Entry, ...]
+    repeatable: bool
 
 
 class Timers:
@@ -136,6 +148,7 @@ class TimerTable:
         self._known: WeakValueDictionary[
             tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers
         ] = WeakValueDictionary()
+        self._outcomes: dict[Key, Outcome] = {}
         self._transitions = 0
         self.none = self.get((), ())
 
@@ -156,13 +169,47 @@ class TimerTable:
     def forget(self) -> None:
         """Know no transition any more."""
         self._transitions = 0
+        self._outcomes.clear()
         for reference in self._known.valuerefs():
             if (timers := reference()) is not None:
                 timers.forget()
 
     def begin(self, timers: Timers, action: GroundAction, facts: int) -> tuple[Change, bool]:
+        """What starting an action's effects does, and whether it always does that."""
+        busy = timers.busy
+        if action.player is not None and action.duration > 1:
+            busy = tuple(sorted({**dict(busy), action.player: action.duration}.items()))
+        key = (timers.entries, action.number, facts & (action.reads | timers.reads))
+        shared = bool(busy)
+        return self._change(key, busy, shared, lambda: self._begin(timers.entries, action, facts))
+
+    def tick(self, timers: Timers, facts: int) -> tuple[Change, bool]:
+        """What the passive update of all effects does, and whether it always does that."""
+        busy = tuple((name, steps - 1) for name, steps in timers.busy if steps > 1)
+        key = (timers.entries, None, facts & timers.reads)
+        shared = bool(timers.busy)
+        return self._change(key, busy, shared, lambda: self._tick(timers.entries, facts))
+
+    def _change(
+        self,
+        key: Key,
+        busy: tuple[tuple[str, int], ...],
+        shared: bool,
+        work_out: Callable[[], Outcome],
+    ) -> tuple[Change, bool]:
+        """Effects do the same whoever is busy: where somebody is, that is worked out once."""
+        outcome = self._outcomes.get(key) if shared else None
+        if outcome is None:
+            outcome = work_out()
+            if outcome.repeatable and shared:
+                self.make_room()
+                self._outcomes[key] = outcome
+        timers = self.get(outcome.entries, busy)
+        return Change(outcome.touched, outcome.removed, timers), outcome.repeatable
+
+    def _begin(self, before: tuple[Entry, ...], action: GroundAction, facts: int) -> Outcome:
         run = self.source.effect_run(facts)
-        entries = list(timers.entries)
+        entries = list(before)
         for effect in action.effects:
             if run.concerns_deleted(effect):
                 continue
@@ -172,22 +219,17 @@ class TimerTable:
                 entries.append((effect, effect.start))
             entries[place] = (effect, run.update(effect, entries[place][1], active=True))
             self._settle(run, entries)
-        busy = dict(timers.busy)
-        if action.player is not None and action.duration > 1:
-            busy[action.player] = action.duration
-        return self._change(run, entries, tuple(sorted(busy.items())))
+        return self._outcome(run, entries)
 
-    def tick(self, timers: Timers, facts: int) -> tuple[Change, bool]:
+    def _tick(self, before: tuple[Entry, ...], facts: int) -> Outcome:
         run = self.source.effect_run(facts)
         entries = [
             (effect, run.update(effect, progress, active=False))
-            for effect, progress in timers.entries
+            for effect, progress in before
             if not run.concerns_deleted(effect)
         ]
         self._settle(run, entries)
-        entries = [(e, progress) for e, progress in entries if progress[0] != DONE]
-        busy = tuple((name, steps - 1) for name, steps in timers.busy if steps > 1)
-        return self._change(run, entries, busy)
+        return self._outcome(run, [(e, progress) for e, progress in entries if progress[0] != DONE])
 
     def _settle(self, run: EffectRun, entries: list[Entry]) -> None:
         """Add what a creation or deletion has started; drop what is about a deleted object."""
@@ -200,12 +242,6 @@ class TimerTable:
         if run.deleted:
             entries[:] = [entry for entry in entries if not run.concerns_deleted(entry[0])]
 
-    def _change(
-        self,
-        run: EffectRun,
-        entries: list[Entry],
-        busy: tuple[tuple[str, int], ...],
-    ) -> tuple[Change, bool]:
+    def _outcome(self, run: EffectRun, entries: list[Entry]) -> Outcome:
         repeatable = not run.written & self.source.table.internal
-        timers = self.get(tuple(entries), busy)
-        return Change(run.written, run.written & ~run.facts, timers), repeatable
+        return Outcome(run.written, run.written & ~run.facts, tuple(entries), repeatable)

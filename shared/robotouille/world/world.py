@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -322,11 +322,7 @@ class World(GroundTask):
         facts, timers = state.facts, state.timers
         attempts = []
         acted: set[str] = set()
-        for player, wish in in_order(actions, self.players):
-            if type(wish) is GroundAction and wish.source is self:
-                action = wish
-            else:
-                action = read(wish, self, self._valid(state, player))
+        for player, action in self._in_order(state, actions):
             actor = action.player or player
             unmet: tuple[Unmet, ...] = ()
             if actor is not None and actor in acted:
@@ -349,6 +345,18 @@ class World(GroundTask):
             facts = (facts | touched) ^ removed
         after = State(self, facts, timers)
         return Step(after, tuple(attempts), after.goal_reached)
+
+    def _in_order(
+        self, state: State, joint: JointAction
+    ) -> Iterable[tuple[str | None, GroundAction]]:
+        if type(joint) is GroundAction and joint.source is self:
+            return ((None, joint),)
+        return [
+            (player, wish)
+            if type(wish) is GroundAction and wish.source is self
+            else (player, read(wish, self, self._valid(state, player)))
+            for player, wish in in_order(joint, self.players)
+        ]
 
     def _valid(self, state: State, player: str | None) -> Iterator[GroundAction]:
         """What a player can do, or any player."""
