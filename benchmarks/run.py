@@ -9,10 +9,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.fuzz import floods
 
-from benchmarks import core, planning, server, stand_ins
+from benchmarks import core, joint, planning, server, stand_ins
 
 if __name__ == "__main__":
     core.main()
+    joint.main()
     planning.main()
     server.main()
     stand_ins.main(["--rooms", "100", "--seconds", "10"])

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from benchmarks import core, flat, planning
+from benchmarks import core, flat, joint, planning
 from benchmarks.flat import Growth, Memory, memory_over_steps
 from benchmarks.server import BARE, OURS, STEPS, Bench, memory_row, print_rows, server
 from rich.console import Console
@@ -39,6 +39,12 @@ def test_the_hot_paths_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = core.table([row])
     assert all(len(line) == 2 for line in lines)
     assert any(re.search(r"\(\d+\.\d×\)", cell) for _, cell in lines), "nothing beside its aim"
+
+
+def test_joint_steps_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(joint, "STEPS", 60)
+    row = joint.measure("multi_agent/01@4", "people")
+    assert min(row.single, row.cold, row.warmed, row.again) > 0
 
 
 def test_planning_is_measured() -> None:

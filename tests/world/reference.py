@@ -350,22 +350,28 @@ class Reference:
             for identifier, kind in zip(term.ids, term.args, strict=True):
                 kinds.setdefault(identifier, kind)
         labelled = {o.label: o.name for o in self.placed if isinstance(o.label, str)}
-        pools = [
-            [
+        pools = {
+            i: [
                 name
                 for name, (own, type_) in state.objects.items()
                 if (labelled[i] == name if i in labelled else kind in (own, type_))
             ]
             for i, kind in kinds.items()
-        ]
-        for choice in product(*pools):
-            chosen = dict(zip(kinds, choice, strict=True))
-            same_kind = Counter((kinds[i], name) for i, name in chosen.items())
-            if max(same_kind.values(), default=1) == 1 and all(
-                (term.predicate, *(chosen[i] for i in term.ids)) in state.facts for term in goal
-            ):
+        }
+
+        def met(chosen: dict[int | str, str]) -> bool:
+            """Whether the goal can be met with these objects, and some for the other ids."""
+            for term in goal:
+                decided = all(i in chosen for i in term.ids)
+                if decided and (term.predicate, *(chosen[i] for i in term.ids)) not in state.facts:
+                    return False
+            left = [i for i in kinds if i not in chosen]
+            if not left:
                 return True
-        return False
+            taken = [name for i, name in chosen.items() if kinds[i] == kinds[left[0]]]
+            return any(met({**chosen, left[0]: n}) for n in pools[left[0]] if n not in taken)
+
+        return met({})
 
 
 def is_instant(effect: EffectDef) -> bool:
