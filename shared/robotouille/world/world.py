@@ -37,7 +37,7 @@ from robotouille.world.text import describe, observation
 from robotouille.world.timers import Progress, Timers, TimerTable
 from robotouille.world.unmet import Unmet, UnmetKind
 
-__all__ = ["Attempt", "State", "Step", "World", "shared_world"]
+__all__ = ["Attempt", "Progress", "State", "Step", "World", "shared_world"]
 
 TimerRow = tuple[str, int, tuple[str, ...], tuple[int, ...]]
 
