@@ -33,8 +33,8 @@ BEAM = "beam 1"
 MAX_KEPT = 256
 """Plans by general searches that are kept."""
 
-STATES_PER_EXPANSION = 4
-"""Of greedy search: it is each state's heuristic that takes time."""
+EXPANSIONS_PER_STATE = 4
+"""How many expansions of a beam search take about the time of a state in greedy search."""
 
 T = TypeVar("T")
 
@@ -174,7 +174,7 @@ class Anytime:
 
     def _greedy_search(self, query: _Query) -> SearchResult:
         def search() -> SearchResult:
-            limits = Limits(query.expansions, STATES_PER_EXPANSION * query.expansions)
+            limits = Limits(states=query.expansions // EXPANSIONS_PER_STATE)
             found = greedy.solve(self.model, query.start, team=query.team, limits=limits)
             if found.plan is None:
                 return found
