@@ -3,14 +3,14 @@
 Pure and deterministic: nothing here reads a clock, a file or a global source of randomness.
 """
 
-from robotouille.planning.beam.planner import Planner, Solution
+from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.plan import Plan, read_plan, write_plan
 from robotouille.planning.validation import PlanReport, Rejection, replay
 
 __all__ = [
+    "BeamPlanner",
     "Plan",
     "PlanReport",
-    "Planner",
     "Rejection",
     "Solution",
     "read_plan",

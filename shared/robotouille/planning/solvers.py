@@ -20,7 +20,7 @@ def solve(
 ) -> SearchResult:
     """The shortest plan from a state (the initial one if None), as far as the limits allow.
 
-    All players of the world act together. One input, one answer, unless `limits.stop` intervenes.
+    All players of the world act together. One input, one result, unless `limits.stop` intervenes.
     Raises PluginError if an installed plug-in cannot be loaded.
     """
     state = world.initial if start is None else start

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from robotouille.domain.task import Timing
 from robotouille.planning import solvers as optimal
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 from robotouille.world.state import State
@@ -77,7 +77,7 @@ class StepsToGo:
         self._known: dict[State, StepsLeft] = {}
         alone = len(world.players) == 1
         plain = world.task.timing is Timing.BENCHMARK
-        self._anytime = Anytime(world) if alone and plain else None
+        self._anytime = AnytimePlanner(world) if alone and plain else None
 
     def __call__(
         self, state: State, limits: Limits = UNLIMITED, *, after: State | None = None
@@ -110,18 +110,18 @@ class StepsToGo:
         if self._anytime is None:
             self._take(state, optimal.solve(self._world, state, limits=limits))
             return
-        for answer in self._anytime.answers(state, limits, beam=0):
-            left = self._take(state, answer)
+        for result in self._anytime.search(state, limits, beam=0):
+            left = self._take(state, result)
             if left.exact:
                 return
 
-    def _take(self, state: State, answer: SearchResult) -> StepsLeft:
-        """Keep what an answer says about a state, and about those along its plan."""
-        if answer.unsolvable:
+    def _take(self, state: State, result: SearchResult) -> StepsLeft:
+        """Keep what a result says about a state, and about those along its plan."""
+        if result.unsolvable:
             return self._note(state, DEAD)
-        left = self._note(state, StepsLeft(None, answer.bound))
-        if answer.plan is not None:
-            self._along(state, answer.plan, left.bound)
+        left = self._note(state, StepsLeft(None, result.bound))
+        if result.plan is not None:
+            self._along(state, result.plan, left.bound)
         return self._known[state]
 
     def _along(self, state: State, plan: Plan, bound: int) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import random
 
 from robotouille.domain.task import Timing
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.search_result import Limits
@@ -47,7 +47,7 @@ class PlannerPolicy:
         seed: int = 0,
         expansions: int = EXPANSIONS,
         alone: bool = False,
-        anytime: Anytime | None = None,
+        anytime: AnytimePlanner | None = None,
     ) -> None:
         self._player = player
         self._seed = seed
@@ -57,7 +57,7 @@ class PlannerPolicy:
         self._alone = len(self._team) == 1
         self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
-        self._anytime = anytime or Anytime(World(world.task))
+        self._anytime = anytime or AnytimePlanner(World(world.task))
         self._script: Script | None = None
         self._left = 0
         self._open = False
@@ -100,22 +100,22 @@ class PlannerPolicy:
 
     def _plan(self, state: State) -> None:
         team = tuple(sorted(self._team))
-        *_, answer = self._anytime.answers(
+        *_, result = self._anytime.search(
             state,
             ALONE if self._alone else TOGETHER,
             team=team,
             seed=self._seed,
             beam=self._expansions,
         )
-        self._has_plan = answer.plan is not None
-        if answer.plan is not None:
-            self._follow(answer.plan, state)
-        elif answer.unsolvable:
+        self._has_plan = result.plan is not None
+        if result.plan is not None:
+            self._follow(result.plan, state)
+        elif result.unsolvable:
             self._follow(Plan(()), state)
         else:
             plan = self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
             self._follow(plan, state)
-        unproven = answer.plan is not None and not answer.optimal
+        unproven = result.plan is not None and not result.optimal
         self._open = unproven and self._only and self._punctual
 
     def _improve(self, state: State) -> None:
@@ -124,10 +124,10 @@ class PlannerPolicy:
         Only where steps are those of the plan: elsewhere lengths say little about time. And only
         where there are no other seats, whose parts a shorter plan would count on.
         """
-        for answer in self._anytime.answers(state, ALONE, beam=0):
-            if answer.plan is not None and len(answer.plan) < self._left:
-                self._follow(answer.plan, state)
-            self._open = answer.plan is None or self._left > answer.bound
+        for result in self._anytime.search(state, ALONE, beam=0):
+            if result.plan is not None and len(result.plan) < self._left:
+                self._follow(result.plan, state)
+            self._open = result.plan is None or self._left > result.bound
 
     def _follow(self, plan: Plan, state: State) -> None:
         self._script = Script(self._player, plan, self._anytime.in_model(state))
