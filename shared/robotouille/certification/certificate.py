@@ -55,7 +55,7 @@ ContentHash = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 
 
 class Solver(Protocol):
-    """A planner: `robotouille.planning.solvers.solve`, or one like it."""
+    """A planner: `robotouille.planning.solve`, or one like it."""
 
     def __call__(
         self,

@@ -21,7 +21,7 @@ from robotouille.planning.action_elimination import eliminate_actions
 from robotouille.planning.beam.planner import EXPANSIONS, BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
-from robotouille.planning.search import greedy
+from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.world.state import State
 from robotouille.world.world import World
@@ -175,7 +175,7 @@ class AnytimePlanner:
     def _greedy_search(self, query: _Query) -> SearchResult:
         def search() -> SearchResult:
             limits = Limits(states=query.expansions // EXPANSIONS_PER_STATE)
-            found = greedy.solve(self.model, query.start, team=query.team, limits=limits)
+            found = greedy_search(self.model, query.start, team=query.team, limits=limits)
             if found.plan is None:
                 return found
             return replace(found, plan=eliminate_actions(found.plan, query.start))

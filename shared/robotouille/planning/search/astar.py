@@ -22,7 +22,7 @@ from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["PLANNER", "solve"]
+__all__ = ["PLANNER", "astar_search"]
 
 PLANNER = "general 1"
 
@@ -33,7 +33,7 @@ BATCH = 64
 """How many successors of one state are made before it is looked at whether to stop."""
 
 
-def solve(
+def astar_search(
     world: World,
     start: State | None = None,
     *,
