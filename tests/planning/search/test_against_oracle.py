@@ -19,8 +19,8 @@ from robotouille.planning.search.heuristics import BLIND, CriticalPath, Heuristi
 from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.planning.validation import replay
-from tests.planning.general.small_tasks import deep_tasks, tiny_kitchens
-from tests.planning.oracle import Oracle, explore
+from tests.planning.search.small_tasks import deep_tasks, tiny_kitchens
+from tests.support.oracle import Oracle, explore
 from tests.world.random_tasks import tasks
 
 ORDERED = os.environ.get("ROBOTOUILLE_ORACLE_TASKS")

@@ -18,8 +18,8 @@ from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotie
 from robotouille_client.cli.main import app
 from tests.planning.kitchen.exact import explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
-from tests.planning.oracle import explore
 from tests.support.games import recorded_game
+from tests.support.oracle import explore
 from tests.world.kitchens import kitchen
 
 NOTHING = Limits(expansions=0)
