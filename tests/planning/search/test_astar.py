@@ -9,6 +9,8 @@ import pytest
 from robotouille import World, load_task
 from robotouille.planning.search.astar import astar_search
 from robotouille.planning.search.heuristics import BLIND, CriticalPath, LandmarkCut
+from robotouille.planning.search.relaxation.relaxed_task import Relaxation
+from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
 from robotouille.planning.search.symmetry import interchangeable
 from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits, Proof, SearchResult
@@ -208,3 +210,18 @@ def test_what_holds_anyway_is_not_to_blame() -> None:
         ],
     )
     assert unreachable_goal(world) == ("robot stands at board",)
+
+
+def test_where_so_much_is_created_that_a_relaxation_is_too_large(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The goal is one step away at least, and A* goes on."""
+    world = World(load_task("synchronous/01"))
+    heuristic = LandmarkCut(world)
+
+    def too_large(*_: object) -> None:
+        raise TooLargeError
+
+    monkeypatch.setattr(Relaxation, "task", too_large)
+    assert heuristic(world.initial.facts, world.initial.timers) == 1
+    assert len(astar_search(world, heuristic=heuristic).plan or ()) == 8

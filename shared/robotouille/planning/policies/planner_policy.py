@@ -36,7 +36,7 @@ class PlannerPolicy:
     """Chooses the actions of one seat by search on its own copy of the world.
 
     One seed, one course: nothing here reads a clock. `alone` counts on nobody else from the start,
-    which makes decisions quicker; so does an `anytime` of the task that knows its kitchen already.
+    which makes decisions quicker; so does an `anytime` of the task that knows it already.
     """
 
     def __init__(
@@ -59,8 +59,8 @@ class PlannerPolicy:
         self._punctual = world.task.timing is Timing.BENCHMARK
         self._anytime = anytime or AnytimePlanner(World(world.task))
         self._script: Script | None = None
-        self._left = 0
-        self._open = False
+        self._steps_left = 0
+        self._may_improve = False
         self._waited = 0
         self._has_plan = True
 
@@ -72,13 +72,13 @@ class PlannerPolicy:
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
-        self._left -= 1
+        self._steps_left -= 1
         if self._script is None:
             return
         self._script.observe(did)
-        strangers = (self._script.astray & self._team) - {self._player}
-        if strangers or self._player in self._script.astray:
-            self._team -= strangers
+        astray = (self._script.astray & self._team) - {self._player}
+        if astray or self._player in self._script.astray:
+            self._team -= astray
             self._script = None
         busy = {player for player, action, applied in did if applied and _does_something(action)}
         if busy & self._team:
@@ -90,7 +90,7 @@ class PlannerPolicy:
             return None
         if self._script is None:
             self._plan(state)
-        elif self._open:
+        elif self._may_improve:
             self._improve(state)
         action = self._script.act(state) if self._script is not None else None
         if action is not None:
@@ -116,7 +116,7 @@ class PlannerPolicy:
             plan = self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
             self._follow(plan, state)
         unproven = result.plan is not None and not result.optimal
-        self._open = unproven and self._only and self._punctual
+        self._may_improve = unproven and self._only and self._punctual
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -125,13 +125,13 @@ class PlannerPolicy:
         where there are no other seats, whose parts a shorter plan would count on.
         """
         for result in self._anytime.search(state, ALONE, beam=0):
-            if result.plan is not None and len(result.plan) < self._left:
+            if result.plan is not None and len(result.plan) < self._steps_left:
                 self._follow(result.plan, state)
-            self._open = result.plan is None or self._left > result.bound
+            self._may_improve = result.plan is None or self._steps_left > result.bound
 
     def _follow(self, plan: Plan, state: State) -> None:
         self._script = Script(self._player, plan, self._anytime.in_model(state))
-        self._left = len(plan)
+        self._steps_left = len(plan)
         self._waited = 0
 
     def _wait(self, state: State) -> GroundAction | None:
