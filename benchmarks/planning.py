@@ -21,7 +21,7 @@ from pathlib import Path
 
 from robotouille import World, load_task
 from robotouille.planners.kitchen.kernels import COMPILED
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits
 from robotouille.planning.solvers import solve
 from robotouille.planning.steps_to_go import StepsToGo
@@ -73,7 +73,7 @@ def first_plans() -> list[tuple[float, float]]:
         world = World(load_task(name))
         best = solve(world)
         begun = time.perf_counter()
-        plan = Anytime(world).first(world.initial).plan
+        plan = AnytimePlanner(world).first(world.initial).plan
         rows.append((time.perf_counter() - begun, len(plan or ()) / best.bound))
     return rows
 
@@ -87,7 +87,7 @@ def steps_to_go(seed: int = 7) -> list[float]:
         state = world.initial
         for step in range(40):
             actions = state.actions(world.players[0])
-            plan = Anytime(world).first(state).plan if step % 3 else None
+            plan = AnytimePlanner(world).first(state).plan if step % 3 else None
             action = plan.steps[0] if plan is not None and len(plan) else (dice.choice(actions),)
             state = world.step(state, list(action)).state
             begun = time.perf_counter()

@@ -16,7 +16,7 @@ from robotouille.planning import solvers as optimal
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
-from tests.planning.test_certificate import answering, proving
+from tests.certification.test_certificate import answering, proving
 
 FILES = ("01_cheese_sandwich.json", "02_lettuce_sandwich.json")
 FAILING = """\

@@ -22,7 +22,7 @@ from robotouille.planning.validation import replay
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
-from tests.planning.test_certificate import answering, proving
+from tests.certification.test_certificate import answering, proving
 from tests.support.games import recorded_game
 
 STEPS = """\

@@ -25,7 +25,7 @@ from robotouille.generation import (
     shortest,
 )
 from robotouille.generation.rng import SeededRng
-from robotouille.planning.beam.planner import Planner
+from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.plan import Plan, read_plan
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.planning.validation import replay
@@ -37,7 +37,7 @@ SANDWICH = "synchronous/01_cheese_sandwich"
 
 def beam(world: World) -> SearchResult:
     """Some plan, soon."""
-    found = Planner(world).solve(world.initial, expansions=300)
+    found = BeamPlanner(world).solve(world.initial, expansions=300)
     return SearchResult(found.plan if found.reached else None, 0, Proof.NONE, "beam", 0)
 
 
@@ -116,8 +116,8 @@ def test_a_noisy_instance_needs_no_search() -> None:
     source = load_task("multi_agent/01")
     instance = Generator(source, Kind.NOISY, solver=solver).instance(1)
     assert solver.asked == 0
-    assert instance.answers.keys() == {2, 3, 4}
-    assert len(instance.answers[2].plan or ()) == len(shipped_plan(source))
+    assert instance.results.keys() == {2, 3, 4}
+    assert len(instance.results[2].plan or ()) == len(shipped_plan(source))
 
 
 def test_an_original_without_a_plan_is_solved_once(tmp_path: Path) -> None:
@@ -130,7 +130,7 @@ def test_an_original_without_a_plan_is_solved_once(tmp_path: Path) -> None:
         return beam(world)
 
     generator = Generator(load_task(str(path)), Kind.NOISY, solver=solver)
-    plans = [generator.instance(seed).answers[1].plan for seed in (1, 2, 3)]
+    plans = [generator.instance(seed).results[1].plan for seed in (1, 2, 3)]
     assert len(asked) == 1
     assert len({len(plan or ()) for plan in plans}) == 1
 
@@ -183,7 +183,7 @@ def test_a_difficulty_is_met() -> None:
     instance = Generator(load_task(SANDWICH), parameters=parameters, solver=solver).instance(1)
     assert instance.provenance.attempt == 3
     assert instance.provenance.parameters == {"min_steps": 1, "max_steps": 40}
-    assert len(instance.answers[1].plan or ()) == lengths[-1]
+    assert len(instance.results[1].plan or ()) == lengths[-1]
 
 
 @pytest.mark.parametrize("kind", Kind)

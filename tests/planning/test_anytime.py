@@ -7,7 +7,7 @@ import random
 import pytest
 
 from robotouille import State, World, load_task, task_names
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import write_plan
 from robotouille.planning.search_result import Limits, SearchResult
 from robotouille.planning.validation import replay
@@ -36,15 +36,15 @@ def wandered(world: World, seed: int, steps: int) -> State:
     return state
 
 
-def last(anytime: Anytime, state: State, expansions: int) -> SearchResult:
-    *_, answer = anytime.answers(state, Limits(expansions=expansions))
+def last(anytime: AnytimePlanner, state: State, expansions: int) -> SearchResult:
+    *_, answer = anytime.search(state, Limits(expansions=expansions))
     return answer
 
 
 @pytest.mark.parametrize("name", LENGTHS)
 def test_the_first_plan_comes_at_once_and_is_good(name: str) -> None:
     world = World(name)
-    answer = Anytime(world).first(world.initial)
+    answer = AnytimePlanner(world).first(world.initial)
     assert answer.plan is not None
     assert replay(answer.plan, world).ok
     assert len(answer.plan) <= 1.2 * LENGTHS[name]
@@ -55,7 +55,7 @@ def test_the_first_plan_comes_at_once_and_is_good(name: str) -> None:
 @pytest.mark.parametrize("name", LENGTHS)
 def test_the_last_plan_is_the_shortest(name: str) -> None:
     world = World(name)
-    answer = last(Anytime(world), world.initial, 200)
+    answer = last(AnytimePlanner(world), world.initial, 200)
     assert answer.plan is not None
     assert replay(answer.plan, world).ok
     assert (len(answer.plan), answer.optimal) == (LENGTHS[name], True)
@@ -66,7 +66,7 @@ def test_the_last_plan_is_the_shortest(name: str) -> None:
 def test_from_anywhere(name: str, steps: int) -> None:
     world = World(name)
     state = wandered(world, steps, steps)
-    answers = list(Anytime(world).answers(state, Limits(expansions=130)))
+    answers = list(AnytimePlanner(world).search(state, Limits(expansions=130)))
     for answer in answers:
         assert answer.plan is not None
         assert replay(answer.plan, world, state).ok
@@ -82,10 +82,10 @@ def test_never_wrong_in_tiny_kitchens(block: int) -> None:
         found = explored(World(random_kitchen(seed)), 400)
         if found is None:
             continue
-        anytime = Anytime(found.world)
+        anytime = AnytimePlanner(found.world)
         for number in random.Random(seed).choices(range(len(found.states)), k=5):
             state, distance = found.states[number], found.distances[number]
-            for answer in anytime.answers(state, Limits(expansions=500)):
+            for answer in anytime.search(state, Limits(expansions=500)):
                 checked += 1
                 assert not (answer.unsolvable and distance is not None)
                 if answer.plan is not None:
@@ -99,14 +99,14 @@ def test_one_question_one_answer() -> None:
     texts = []
     for _ in range(2):
         world = World("asynchronous/09")
-        answers = Anytime(world).answers(world.initial, Limits(expansions=100))
+        answers = AnytimePlanner(world).search(world.initial, Limits(expansions=100))
         texts.append([write_plan(a.plan, world) for a in answers if a.plan is not None])
     assert texts[0] == texts[1]
 
 
 def test_with_people_s_timing_the_plan_is_one_of_the_model() -> None:
     world = World(load_task("asynchronous/01", timing="people"))
-    anytime = Anytime(world)
+    anytime = AnytimePlanner(world)
     assert anytime.model.task.timing == "benchmark"
     answer = last(anytime, world.initial, 200)
     assert answer.plan is not None
@@ -122,7 +122,7 @@ def test_what_is_left_of_a_delay_is_left_of_it_in_the_model() -> None:
         config={"cook_time": {"default": 3}},
         goal=[{"predicate": "iscooked", "args": ["patty"], "ids": [1]}],
     )
-    anytime, state = Anytime(world), world.initial
+    anytime, state = AnytimePlanner(world), world.initial
     state = state.step(world.action("cook", "robot1", "patty1", "stove1")).state
     lengths = []
     for _ in range(16):
@@ -135,7 +135,7 @@ def test_what_is_left_of_a_delay_is_left_of_it_in_the_model() -> None:
 
 def test_two_players_have_a_plan_and_then_perhaps_a_shorter_one() -> None:
     world = World(load_task("multi_agent/01", seats=2))
-    first, second = Anytime(world).answers(world.initial, Limits(expansions=500), beam=300)
+    first, second = AnytimePlanner(world).search(world.initial, Limits(expansions=500), beam=300)
     for answer in (first, second):
         assert answer.plan is not None
         assert replay(answer.plan, world).ok
@@ -144,7 +144,7 @@ def test_two_players_have_a_plan_and_then_perhaps_a_shorter_one() -> None:
 
 def test_a_part_of_a_team_plans_for_itself() -> None:
     world = World(load_task("multi_agent/01", seats=2))
-    (answer,) = Anytime(world).answers(world.initial, team=["robot1"], beam=300)
+    (answer,) = AnytimePlanner(world).search(world.initial, team=["robot1"], beam=300)
     assert answer.plan is not None
     assert answer.plan.share("robot2") == 0
     assert not answer.optimal
@@ -153,8 +153,8 @@ def test_a_part_of_a_team_plans_for_itself() -> None:
 def test_towards_a_goal_that_is_not_reached() -> None:
     """robot1 stays where something is needed: robot2 comes as near as it can."""
     world = World(load_task("multi_agent/01", seats=2))
-    anytime = Anytime(world)
-    (answer,) = anytime.answers(world.initial, team=["robot2"], beam=100)
+    anytime = AnytimePlanner(world)
+    (answer,) = anytime.search(world.initial, team=["robot2"], beam=100)
     assert (answer.plan, answer.unsolvable) == (None, False)
     plan = anytime.towards(world.initial, team=["robot2"], beam=100)
     assert plan.share("robot2") > 3
@@ -162,7 +162,7 @@ def test_towards_a_goal_that_is_not_reached() -> None:
 
 def test_other_domains_have_plans_by_beam_search() -> None:
     world = World("workshop/01")
-    (answer,) = Anytime(world).answers(world.initial)
+    (answer,) = AnytimePlanner(world).search(world.initial)
     assert answer.plan is not None
     assert replay(answer.plan, world).ok
 
@@ -172,12 +172,12 @@ def test_what_cannot_be_done_is_said_to_be_so() -> None:
         items=[{"name": "lettuce", "x": 0, "y": 0}],
         goal=[{"predicate": "iscut", "args": ["lettuce"], "ids": [1]}],
     )
-    (answer,) = Anytime(world).answers(world.initial)
+    (answer,) = AnytimePlanner(world).search(world.initial)
     assert answer.unsolvable
     assert answer.plan is None
 
 
 def test_no_work_no_plan_but_a_bound() -> None:
     world = World("synchronous/01")
-    *_, answer = Anytime(world).answers(world.initial, Limits(expansions=0), beam=0)
+    *_, answer = AnytimePlanner(world).search(world.initial, Limits(expansions=0), beam=0)
     assert (answer.plan, answer.unsolvable, answer.bound) == (None, False, 8)

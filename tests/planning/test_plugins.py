@@ -11,7 +11,7 @@ import pytest
 from robotouille import World
 from robotouille.errors import PluginError
 from robotouille.planning import plugins
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits, Proof
 from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
@@ -81,7 +81,7 @@ def test_an_installed_plug_in_plans_for_its_domain(install: Install) -> None:
     assert (found.planner, found.bound, found.proof) == ("workshop 1", 5, Proof.EXTERNAL)
     assert found.plan is not None
     assert replay(found.plan, world).ok
-    first, second = Anytime(world).answers(world.initial)
+    first, second = AnytimePlanner(world).search(world.initial)
     assert (first.planner, first.bound) == ("workshop 1", 0)
     assert (second.planner, second.bound) == ("workshop 1", 5)
 
@@ -91,7 +91,7 @@ def test_what_it_declines_is_left_to_the_general_planners(install: Install) -> N
     world = World("workshop/01")
     later = world.successor(world.initial, world.initial.actions(world.players[0])[0])
     assert solve(world, later, limits=Limits(expansions=1)).planner == "general 1"
-    (result,) = Anytime(world).answers(later)
+    (result,) = AnytimePlanner(world).search(later)
     assert result.planner == "beam 1"
 
 
@@ -100,7 +100,7 @@ def test_without_plug_ins_the_general_planners_plan(monkeypatch: pytest.MonkeyPa
     world = World("synchronous/01")
     found = solve(world)
     assert (found.planner, len(found.plan or ()), found.optimal) == ("general 1", 8, True)
-    (result,) = Anytime(world).answers(world.initial)
+    (result,) = AnytimePlanner(world).search(world.initial)
     assert result.planner == "beam 1"
     assert result.plan is not None
     assert replay(result.plan, world).ok

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robotouille.domain.catalogue import load_task
-from robotouille.planning.beam.planner import Planner
+from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.world.state import State
 from robotouille.world.world import World, shared_world
 from robotouille_server.rooms.substitutes import bots
@@ -22,13 +22,13 @@ OTHERS = [load_task(f"multi_agent/0{number}") for number in (1, 2, 3)]
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[State]:
     """The states from which plans are sought."""
     sought: list[State] = []
-    solve = Planner.solve
+    solve = BeamPlanner.solve
 
-    def counted(self: Planner, state: State, *arguments: Any, **options: Any) -> Any:
+    def counted(self: BeamPlanner, state: State, *arguments: Any, **options: Any) -> Any:
         sought.append(state)
         return solve(self, state, *arguments, **options)
 
-    monkeypatch.setattr(Planner, "solve", counted)
+    monkeypatch.setattr(BeamPlanner, "solve", counted)
     return sought
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.planning.policies.policy import Policy, RandomPolicy
+    from robotouille.planning.policies import Policy, RandomPolicy
     from robotouille_client.bots.player import play
 else:
     from robotouille.lazy_exports import lazy_exports

@@ -129,15 +129,15 @@ def _write(instance: Instance, folder: Path) -> Path:
 
 
 def _row(instance: Instance, path: Path) -> dict[str, Any]:
-    plans = instance.answers.items()
+    plans = instance.results.items()
     return {
         "file": str(path),
         "source": instance.provenance.source,
         "seed": instance.provenance.seed,
         "kind": instance.provenance.kind,
         "attempt": instance.provenance.attempt,
-        "steps": {str(seats): len(answer.plan or ()) for seats, answer in plans},
-        "optimal": {str(seats): answer.optimal for seats, answer in plans},
+        "steps": {str(seats): len(result.plan or ()) for seats, result in plans},
+        "optimal": {str(seats): result.optimal for seats, result in plans},
     }
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits
 from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
 from robotouille.program import printable, printable_json, tell
@@ -152,7 +152,7 @@ def steps(
 
 def _distances(recording: Recording, limits: Limits) -> Iterator[StepsLeft]:
     """The steps to go at step 0 and after each step, in the model of the recording's world."""
-    anytime = Anytime(recording.world)
+    anytime = AnytimePlanner(recording.world)
     distance, before = StepsToGo(anytime.model), None
     began, status = time.monotonic(), Console(stderr=True).status("")
     try:

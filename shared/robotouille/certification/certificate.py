@@ -55,7 +55,7 @@ ContentHash = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
 
 
 class Solver(Protocol):
-    """A planner: `robotouille.planning.solvers.solve`, or one like it."""
+    """A planner: `robotouille.planning.solve`, or one like it."""
 
     def __call__(
         self,
@@ -181,18 +181,18 @@ def certify(
     hold.
     """
     world = World(task) if start is None else start.world
-    answer = solver(world, start, limits=limits, watch=watch)
-    if known is not None and (answer.plan is None or len(known) < len(answer.plan)):
-        answer = replace(answer, plan=known)
-    certificate = _state(answer, world, limits, start)
+    result = solver(world, start, limits=limits, watch=watch)
+    if known is not None and (result.plan is None or len(known) < len(result.plan)):
+        result = replace(result, plan=known)
+    certificate = _state(result, world, limits, start)
     if problems := check(certificate, task, start):
         name = f"{task.name}@{task.seats}"
-        raise RobotouilleError(f"{name}: {answer.planner} is wrong: {'; '.join(problems)}")
+        raise RobotouilleError(f"{name}: {result.planner} is wrong: {'; '.join(problems)}")
     return certificate
 
 
-def _state(answer: SearchResult, world: World, limits: Limits, start: State | None) -> Certificate:
-    task, plan = world.task, answer.plan
+def _state(result: SearchResult, world: World, limits: Limits, start: State | None) -> Certificate:
+    task, plan = world.task, result.plan
     draft = Certificate(
         format="robotouille-certificate/1",
         task=task.name,
@@ -201,12 +201,12 @@ def _state(answer: SearchResult, world: World, limits: Limits, start: State | No
         instance=task.digest,
         start=None if start is None else start.digest,
         length=None if plan is None else len(plan),
-        bound=answer.bound,
-        optimal=answer.optimal,
-        proof=answer.proof,
-        unsolvable=answer.unsolvable,
-        planner=answer.planner,
-        expansions=answer.expansions,
+        bound=result.bound,
+        optimal=result.optimal,
+        proof=result.proof,
+        unsolvable=result.unsolvable,
+        planner=result.planner,
+        expansions=result.expansions,
         limits=ExpansionBudget.of(limits),
         plan=None if plan is None else _lines(plan, world),
         digest="0" * 32,

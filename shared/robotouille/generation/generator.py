@@ -92,7 +92,7 @@ class Generator:
         self._solver = solver
         self._plans = plans or {}
         self._roles = Roles.of(task.domain)
-        self._kitchen = ProblemParts(self.task, self._roles)
+        self._parts = ProblemParts(self.task, self._roles)
         self._stock = Stock(self.task, self._roles)
 
     def instance(self, seed: int) -> Instance:
@@ -100,7 +100,7 @@ class Generator:
         for attempt in range(1, self.attempts + 1):
             try:
                 instance = self.draw(seed, attempt)
-                return replace(instance, answers=self._answers(instance))
+                return replace(instance, results=self._results(instance))
             except AttemptError as rejected:
                 last = rejected
         message = (
@@ -111,12 +111,12 @@ class Generator:
 
     def draw(self, seed: int, attempt: int = 1) -> Instance:
         """What an attempt gives, solvable or not; AttemptError where things do not fit."""
-        chance = SeededRng(f"{self.kind} {seed} {attempt}")
-        arrangement = arrange(self._kitchen, self._stock, self.kind, self.parameters, chance)
+        rng = SeededRng(f"{self.kind} {seed} {attempt}")
+        arrangement = arrange(self._parts, self._stock, self.kind, self.parameters, rng)
         stations = [t.key for t in arrangement.things if t.type in self._roles.stations]
         problem = self.task.problem
         size = size_for(len(stations), problem.width, problem.height, self.parameters)
-        floorplan = lay_out(stations, arrangement.faces, *size, chance)
+        floorplan = lay_out(stations, arrangement.faces, *size, rng)
         provenance = Provenance(
             source=self.task.name,
             seed=seed,
@@ -127,18 +127,18 @@ class Generator:
         )
         return write_instance(self.task, arrangement, floorplan, provenance)
 
-    def _answers(self, instance: Instance) -> dict[int, SearchResult]:
+    def _results(self, instance: Instance) -> dict[int, SearchResult]:
         """A proof for each number of players; AttemptError where one is missing."""
-        answers = {}
+        results = {}
         for seats in seat_counts(self.task):
             usual = seats == self.task.seats
             if self.kind is Kind.NOISY and not (usual and self.parameters.banded):
-                answers[seats] = carried(self._original_plans[seats], instance, seats)
+                results[seats] = carried(self._original_plans[seats], instance, seats)
                 continue
-            answers[seats] = solved(instance.world(seats), self._solver)
+            results[seats] = solved(instance.world(seats), self._solver)
             if usual:
-                check_band(answers[seats], self.parameters)
-        return answers
+                check_band(results[seats], self.parameters)
+        return results
 
     @cached_property
     def _original_plans(self) -> dict[int, Plan]:

@@ -31,7 +31,7 @@ class Instance:
     """A generated problem.
 
     `name` is the file's name without `.json`, `text` its content, `task` what loading it gives.
-    `answers` has the proof for each number of players; none if it was only drawn.
+    `results` has the proof for each number of players; none if it was only drawn.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Instance:
     task: Task
     original: Task
     provenance: Provenance
-    answers: Mapping[int, SearchResult] = field(default_factory=dict)
+    results: Mapping[int, SearchResult] = field(default_factory=dict)
 
     def world(self, seats: int | None = None) -> World:
         """The world for a number of players (the usual one if None)."""
@@ -48,7 +48,7 @@ class Instance:
     def plan_text(self, seats: int | None = None) -> str:
         """The file of the plan for a number of players; KeyError if it is not proven for them."""
         count = seats or self.task.seats
-        return write_plan(self.answers[count].plan or Plan(()), self.world(count))
+        return write_plan(self.results[count].plan or Plan(()), self.world(count))
 
     def renaming(self, seats: int | None = None) -> Renaming:
         """What the original's objects are called here; players' names depend on their number."""

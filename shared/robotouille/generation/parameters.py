@@ -107,9 +107,9 @@ class Amounts:
     items: int
 
     @staticmethod
-    def of(parameters: Parameters, kind: Kind, chance: SeededRng) -> Amounts:
+    def of(parameters: Parameters, kind: Kind, rng: SeededRng) -> Amounts:
         """What was asked for; the rest is drawn, in a noisy instance a station for each item."""
-        stations, items = chance.between(*USUAL), chance.between(*USUAL)
+        stations, items = rng.between(*USUAL), rng.between(*USUAL)
         if parameters.stations is not None:
             stations = parameters.stations
         if parameters.items is not None:

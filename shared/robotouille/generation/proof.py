@@ -29,15 +29,15 @@ def shortest(world: World) -> SearchResult:
 
 
 def solved(world: World, solver: Solver) -> SearchResult:
-    """A solver's answer, its plan replayed; AttemptError if there is none or it does not work."""
+    """A solver's result, its plan replayed; AttemptError if there is none or it does not work."""
     if world.initial.goal_reached:
         raise AttemptError("seed", "the goal holds at the start")
-    answer = solver(world)
+    result = solver(world)
     players = len(world.players)
-    if answer.plan is None:
-        how = "there is no plan" if answer.unsolvable else "no plan was found"
+    if result.plan is None:
+        how = "there is no plan" if result.unsolvable else "no plan was found"
         raise AttemptError("solver", f"{how} for {players} players")
-    return replace(answer, plan=working(answer.plan, world))
+    return replace(result, plan=working(result.plan, world))
 
 
 def carried(plan: Plan, instance: Instance, seats: int) -> SearchResult:
@@ -59,9 +59,9 @@ def working(plan: Plan, world: World) -> Plan:
     return Plan(plan.steps[: report.reached_at])
 
 
-def check_band(answer: SearchResult, parameters: Parameters) -> None:
-    """Reject an answer unless the optimal number of steps is surely as asked for."""
-    low, high = answer.bound, len(answer.plan or ())
+def check_band(result: SearchResult, parameters: Parameters) -> None:
+    """Reject a result unless the optimal number of steps is surely as asked for."""
+    low, high = result.bound, len(result.plan or ())
     found = str(high) if low >= high else f"between {low} and {high} (not proven)"
     if parameters.min_steps is not None and low < parameters.min_steps:
         message = (

@@ -5,10 +5,10 @@ from __future__ import annotations
 from robotouille.planning.plan import Joint, Plan
 from robotouille.world.state import State
 
-__all__ = ["tidy"]
+__all__ = ["eliminate_actions"]
 
 
-def tidy(plan: Plan, start: State) -> Plan:
+def eliminate_actions(plan: Plan, start: State) -> Plan:
     """The plan without the actions whose absence neither delays nor endangers the goal."""
     steps = list(plan.steps)
     states = _run(steps, start)

@@ -1,7 +1,7 @@
 """Plans for play: one at once, and better ones while there is time.
 
-anytime = Anytime(world)
-for answer in anytime.answers(world.initial, Limits(expansions=500)):
+anytime = AnytimePlanner(world)
+for answer in anytime.search(world.initial, Limits(expansions=500)):
     ...  # each is better than the one before
 
 Work is counted in expansions, never in seconds: one question has the same answers everywhere.
@@ -17,24 +17,24 @@ from math import ceil
 from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
-from robotouille.planning.action_elimination import tidy
-from robotouille.planning.beam.planner import EXPANSIONS, Planner, Solution
+from robotouille.planning.action_elimination import eliminate_actions
+from robotouille.planning.beam.planner import EXPANSIONS, BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
-from robotouille.planning.search import greedy
+from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Anytime"]
+__all__ = ["AnytimePlanner"]
 
 BEAM = "beam 1"
 
 MAX_KEPT = 256
 """Plans by general searches that are kept."""
 
-STATES_PER_EXPANSION = 4
-"""Of greedy search: it is each state's heuristic that takes time."""
+EXPANSIONS_PER_STATE = 4
+"""How many expansions of a beam search take about the time of a state in greedy search."""
 
 T = TypeVar("T")
 
@@ -64,7 +64,7 @@ class _Recent(Generic[T]):
         return self._answers[query]
 
 
-class Anytime:
+class AnytimePlanner:
     """Plans in one world, from any of its states.
 
     They are plans of `model`: the world itself, or one of the same task in which nothing takes
@@ -81,7 +81,7 @@ class Anytime:
     def forget(self) -> None:
         """Remember nothing of what was found out so far; the answers stay the same."""
         self.searches = 0
-        self._planner = Planner(self.model)
+        self._planner = BeamPlanner(self.model)
         self._solutions: _Recent[Solution] = _Recent()
         self._greedy: _Recent[SearchResult] = _Recent()
 
@@ -101,9 +101,9 @@ class Anytime:
         self, state: State, limits: Limits = UNLIMITED, *, team: Sequence[str] = (), seed: int = 0
     ) -> SearchResult:
         """The first plan: at once, and seldom the shortest."""
-        return next(self.answers(state, limits, team=team, seed=seed))
+        return next(self.search(state, limits, team=team, seed=seed))
 
-    def answers(
+    def search(
         self,
         state: State,
         limits: Limits = UNLIMITED,
@@ -174,11 +174,11 @@ class Anytime:
 
     def _greedy_search(self, query: _Query) -> SearchResult:
         def search() -> SearchResult:
-            limits = Limits(query.expansions, STATES_PER_EXPANSION * query.expansions)
-            found = greedy.solve(self.model, query.start, team=query.team, limits=limits)
+            limits = Limits(states=query.expansions // EXPANSIONS_PER_STATE)
+            found = greedy_search(self.model, query.start, team=query.team, limits=limits)
             if found.plan is None:
                 return found
-            return replace(found, plan=tidy(found.plan, query.start))
+            return replace(found, plan=eliminate_actions(found.plan, query.start))
 
         return self._greedy.get(query, search)
 

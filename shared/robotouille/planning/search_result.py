@@ -1,4 +1,4 @@
-"""What a planner answers: a plan, a proven lower bound, and the kind of proof."""
+"""What a planner finds: a plan, a proven lower bound, and the kind of proof."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Proof(StrEnum):
     """Why a lower bound holds.
 
     `EXHAUSTED`: every state nearer than the bound was expanded or merged with an equal one.
-    `HEURISTIC`: no state is left whose steps so far and admissible estimate add up to less.
+    `HEURISTIC`: no state is left whose steps so far and admissible heuristic add up to less.
     `EXTERNAL`: an independent planner found the same length. `NONE`: there is no bound but 0.
     """
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robotouille.planning.plugins import domain_planner
-from robotouille.planning.search import astar
+from robotouille.planning.search.astar import astar_search
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult, Watch
 from robotouille.world.state import State
 from robotouille.world.world import World
@@ -20,10 +20,10 @@ def solve(
 ) -> SearchResult:
     """The shortest plan from a state (the initial one if None), as far as the limits allow.
 
-    All players of the world act together. One input, one answer, unless `limits.stop` intervenes.
+    All players of the world act together. One input, one result, unless `limits.stop` intervenes.
     Raises PluginError if an installed plug-in cannot be loaded.
     """
     state = world.initial if start is None else start
     planner = domain_planner(world)
     found = planner.solve(world, state, limits, watch) if planner is not None else None
-    return found or astar.solve(world, state, limits=limits, watch=watch)
+    return found or astar_search(world, state, limits=limits, watch=watch)

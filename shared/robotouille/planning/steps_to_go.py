@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 from robotouille.domain.task import Timing
 from robotouille.planning import solvers as optimal
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 from robotouille.world.state import State
@@ -77,7 +77,7 @@ class StepsToGo:
         self._known: dict[State, StepsLeft] = {}
         alone = len(world.players) == 1
         plain = world.task.timing is Timing.BENCHMARK
-        self._anytime = Anytime(world) if alone and plain else None
+        self._anytime = AnytimePlanner(world) if alone and plain else None
 
     def __call__(
         self, state: State, limits: Limits = UNLIMITED, *, after: State | None = None
@@ -92,9 +92,9 @@ class StepsToGo:
             raise ValueError("the state is of another world")
         if state.goal_reached:
             return StepsLeft(0)
-        left = self._after(state, after)
-        if not left.exact:
-            self._search(state, left, limits)
+        known = self._after(state, after)
+        if not known.exact:
+            self._search(state, known, limits)
         return self._known[state]
 
     def _after(self, state: State, after: State | None) -> StepsLeft:
@@ -106,22 +106,22 @@ class StepsToGo:
             return self._note(state, DEAD)
         return self._note(state, StepsLeft(None, max(1, before.bound - 1)))
 
-    def _search(self, state: State, left: StepsLeft, limits: Limits) -> None:
+    def _search(self, state: State, known: StepsLeft, limits: Limits) -> None:
         if self._anytime is None:
-            self._take(state, optimal.solve(self._world, state, limits=limits))
+            self._record(state, optimal.solve(self._world, state, limits=limits))
             return
-        for answer in self._anytime.answers(state, limits, beam=0):
-            left = self._take(state, answer)
-            if left.exact:
+        for result in self._anytime.search(state, limits, beam=0):
+            known = self._record(state, result)
+            if known.exact:
                 return
 
-    def _take(self, state: State, answer: SearchResult) -> StepsLeft:
-        """Keep what an answer says about a state, and about those along its plan."""
-        if answer.unsolvable:
+    def _record(self, state: State, result: SearchResult) -> StepsLeft:
+        """Keep what a result says about a state, and about those along its plan."""
+        if result.unsolvable:
             return self._note(state, DEAD)
-        left = self._note(state, StepsLeft(None, answer.bound))
-        if answer.plan is not None:
-            self._along(state, answer.plan, left.bound)
+        known = self._note(state, StepsLeft(None, result.bound))
+        if result.plan is not None:
+            self._along(state, result.plan, known.bound)
         return self._known[state]
 
     def _along(self, state: State, plan: Plan, bound: int) -> None:

@@ -16,7 +16,7 @@ from robotouille.world.world import World
 if TYPE_CHECKING:
     from robotouille.domain.task import Task
     from robotouille.episode.rules import StandIn as Kind
-    from robotouille.planning.anytime import Anytime
+    from robotouille.planning.anytime import AnytimePlanner
     from robotouille.planning.policies.policy import Policy
 
 __all__ = ["EXPANSIONS", "BotAnswer", "BotWorld", "Bots", "ObservedMove", "Question"]
@@ -61,7 +61,7 @@ class BotWorld:
 
     def __init__(self, task: Task) -> None:
         self._task = task
-        self._anytime: Anytime | None = None
+        self._anytime: AnytimePlanner | None = None
         self.learnt: set[str] = set()
 
     @cached_property
@@ -69,12 +69,12 @@ class BotWorld:
         return World(self._task)
 
     @property
-    def planner(self) -> Anytime:
+    def planner(self) -> AnytimePlanner:
         """The planner of all bots of the task."""
         if self._anytime is None:
-            from robotouille.planning.anytime import Anytime
+            from robotouille.planning.anytime import AnytimePlanner
 
-            self._anytime = Anytime(self.world)
+            self._anytime = AnytimePlanner(self.world)
         return self._anytime
 
     def learn(self, player: str) -> None:
@@ -83,7 +83,7 @@ class BotWorld:
         if player not in self.learnt:
             self.learnt.add(player)
             start = self.world.initial
-            next(planner.answers(start, team=(player,), seed=SEED, beam=EXPANSIONS))
+            next(planner.search(start, team=(player,), seed=SEED, beam=EXPANSIONS))
 
     def tidy(self) -> None:
         """Do not remember too much."""

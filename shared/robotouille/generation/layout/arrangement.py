@@ -41,52 +41,52 @@ class Arrangement:
 
 
 def arrange(
-    kitchen: ProblemParts, stock: Stock, kind: Kind, parameters: Parameters, chance: SeededRng
+    parts: ProblemParts, stock: Stock, kind: Kind, parameters: Parameters, rng: SeededRng
 ) -> Arrangement:
     """One arrangement of a kitchen; AttemptError where things do not fit."""
-    amounts = Amounts.of(parameters, kind, chance)
+    amounts = Amounts.of(parameters, kind, rng)
     if amounts.items and not stock.has_items:
         raise AttemptError("items", "the domain has no kind of item that stands on a station")
-    total = len(kitchen.things) + amounts.stations + amounts.items
+    total = len(parts.things) + amounts.stations + amounts.items
     if total > MAX_OBJECTS:
         name = "stations" if amounts.stations > amounts.items else "items"
         raise GenerationError(name, f"{total} objects in all; at most {MAX_OBJECTS} are allowed")
-    added = _Added(kitchen)
-    stations = [added.make(*stock.station(chance)) for _ in range(amounts.stations)]
-    pieces = [StackItem(added.make(*stock.item(chance))) for _ in range(amounts.items)]
-    things = [*kitchen.things, *stations, *(piece.thing for piece in pieces)]
+    added = _Added(parts)
+    stations = [added.make(*stock.station(rng)) for _ in range(amounts.stations)]
+    pieces = [StackItem(added.make(*stock.item(rng))) for _ in range(amounts.items)]
+    things = [*parts.things, *stations, *(piece.thing for piece in pieces)]
     arrangement = Arrangement(things)
     stacks = parameters.stacks(kind)
     if kind is Kind.NOISY:
-        _keep(kitchen, arrangement)
-        shelves = _Shelves(stations, kitchen.roles, stacks, arrangement)
-        shelves.fill(pieces, chance)
+        _keep(parts, arrangement)
+        shelves = _Shelves(stations, parts.roles, stacks, arrangement)
+        shelves.fill(pieces, rng)
         return arrangement
-    everywhere = [*kitchen.stations, *stations]
-    for player, station in zip(kitchen.players, chance.shuffled(everywhere), strict=False):
+    everywhere = [*parts.stations, *stations]
+    for player, station in zip(parts.players, rng.shuffled(everywhere), strict=False):
         arrangement.faces[player.key] = station.key
-    loose = chance.shuffled([*kitchen.pieces(), *pieces])
+    loose = rng.shuffled([*parts.pieces(), *pieces])
     if parameters.held:
-        loose = _hand_out(kitchen, arrangement, loose, chance)
-    _Shelves(everywhere, kitchen.roles, stacks, arrangement).fill(loose, chance)
+        loose = _hand_out(parts, arrangement, loose, rng)
+    _Shelves(everywhere, parts.roles, stacks, arrangement).fill(loose, rng)
     return arrangement
 
 
-def _keep(kitchen: ProblemParts, arrangement: Arrangement) -> None:
+def _keep(parts: ProblemParts, arrangement: Arrangement) -> None:
     """Leave everything with the station or player it is with."""
-    for thing in kitchen.movables:
-        arrangement.put(StackItem(thing), kitchen.carrier[thing.key], thing.definition.stack_level)
-    arrangement.faces.update(kitchen.faces)
+    for thing in parts.movables:
+        arrangement.put(StackItem(thing), parts.carrier[thing.key], thing.definition.stack_level)
+    arrangement.faces.update(parts.faces)
 
 
 def _hand_out(
-    kitchen: ProblemParts, arrangement: Arrangement, pieces: list[StackItem], chance: SeededRng
+    parts: ProblemParts, arrangement: Arrangement, pieces: list[StackItem], rng: SeededRng
 ) -> list[StackItem]:
     """Give some players something to hold; returns what is left."""
     left = list(pieces)
-    for player in kitchen.players:
-        holdable = [piece for piece in left if piece.thing.type in kitchen.roles.holdable]
-        if holdable and chance.happens(HOLDS):
+    for player in parts.players:
+        holdable = [piece for piece in left if piece.thing.type in parts.roles.holdable]
+        if holdable and rng.happens(HOLDS):
             left.remove(holdable[0])
             arrangement.put(holdable[0], player.key)
     return left
@@ -95,8 +95,8 @@ def _hand_out(
 class _Added:
     """Makes things that the original does not have; they come after its own."""
 
-    def __init__(self, kitchen: ProblemParts) -> None:
-        self._counts = {t: kitchen.count(t) for t in kitchen.task.domain.object_types}
+    def __init__(self, parts: ProblemParts) -> None:
+        self._counts = {t: parts.count(t) for t in parts.task.domain.object_types}
 
     def make(self, type_: str, definition: ObjectDef) -> Thing:
         number = self._counts[type_]
@@ -114,7 +114,7 @@ class _Shelves:
         self._arrangement = arrangement
         self._stacks: dict[Key, list[StackItem]] = {station.key: [] for station in stations}
 
-    def fill(self, pieces: list[StackItem], chance: SeededRng) -> None:
+    def fill(self, pieces: list[StackItem], rng: SeededRng) -> None:
         """Put everything somewhere, first what needs a station for itself."""
         for piece in sorted(pieces, key=lambda p: p.thing.type in self._stackable):
             fitting = [key for key, stack in self._stacks.items() if self._fits(piece, stack)]
@@ -125,7 +125,7 @@ class _Shelves:
                     f"do not fit on {len(self._stacks)} stations"
                 )
                 raise AttemptError("items", message)
-            key = chance.one_of(fitting)
+            key = rng.one_of(fitting)
             self._arrangement.put(piece, key, len(self._stacks[key]))
             self._stacks[key].append(piece)
 

@@ -46,13 +46,13 @@ def size_for(stations: int, width: int, height: int, parameters: Parameters) -> 
 
 
 def lay_out(
-    stations: Sequence[Key], faces: dict[Key, Key], width: int, height: int, chance: SeededRng
+    stations: Sequence[Key], faces: dict[Key, Key], width: int, height: int, rng: SeededRng
 ) -> Floorplan:
     """Tiles for stations and for players that face some of them; AttemptError if none are found."""
     grid = [(x, y) for x in range(width) for y in range(height)]
     floor = _Floor(grid)
     placed: dict[Key, Tile] = {}
-    candidates = iter(chance.shuffled(grid))
+    candidates = iter(rng.shuffled(grid))
     for station in stations:
         tile = next((t for t in candidates if floor.block(t)), None)
         if tile is None:
@@ -68,7 +68,7 @@ def lay_out(
         beside = [t for t in floor.around((x, y)) if t not in standing.values()]
         if not beside:
             raise AttemptError("size", "a player has no tile of its own beside its station")
-        standing[player] = here = chance.one_of(beside)
+        standing[player] = here = rng.one_of(beside)
         directions[player] = (x - here[0], y - here[1])
     return Floorplan(width, height, {**placed, **standing}, directions)
 

@@ -53,15 +53,15 @@ class Stock:
     def has_items(self) -> bool:
         return bool(self._plain or self._vessels)
 
-    def station(self, chance: SeededRng) -> tuple[str, ObjectDef]:
+    def station(self, rng: SeededRng) -> tuple[str, ObjectDef]:
         """The type of an irrelevant station, and the station itself, nowhere in particular."""
-        return self._made(chance.one_of(self.stations))
+        return self._made(rng.one_of(self.stations))
 
-    def item(self, chance: SeededRng) -> tuple[str, ObjectDef]:
+    def item(self, rng: SeededRng) -> tuple[str, ObjectDef]:
         """The same for something that stands on stations; rarely a vessel."""
-        rare = chance.happens(RARELY)
+        rare = rng.happens(RARELY)
         pool = self._vessels if (rare and self._vessels) or not self._plain else self._plain
-        return self._made(chance.one_of(pool))
+        return self._made(rng.one_of(pool))
 
     def _made(self, choice: Choice) -> tuple[str, ObjectDef]:
         type_, kind = choice

@@ -6,7 +6,7 @@ from robotouille.planners.kitchen.anytime_search import KitchenAnytimeSearch
 from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
 from robotouille.planners.kitchen.recognition import recognise
 from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
-from robotouille.planning.beam.planner import Planner
+from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import Limits, SearchResult, Watch
 from robotouille.world.state import State
@@ -57,7 +57,7 @@ def _team_plan(world: World, start: State, limits: Limits) -> Plan | None:
 
     More than two get in one another's way: some pairs, the others standing still, are tried too.
     """
-    planner, players = Planner(world), tuple(world.players)
+    planner, players = BeamPlanner(world), tuple(world.players)
     pairs = [players[:2], players[1:3]] if len(players) > 2 else []
     plans = []
     for team in (players, *pairs):

@@ -10,20 +10,20 @@ from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.state import State
 
-__all__ = ["assignments"]
+__all__ = ["goal_assignments"]
 
 MAX_STATIONS = 4
 """How many stations are considered for a variable besides the one it stands for."""
 
 
-def assignments(
-    bench: HeuristicContext, state: State, ordering: Ordering | None = None, limit: int = 1
+def goal_assignments(
+    context: HeuristicContext, state: State, ordering: Ordering | None = None, limit: int = 1
 ) -> list[GoalBinding]:
     """Choices of objects that promise little work, the best first, at most `limit`.
 
     The first is a local optimum: no change of one variable and no exchange of two improves it.
     """
-    chooser = _Chooser(bench, state, ordering)
+    chooser = _Chooser(context, state, ordering)
     start = chooser.greedy()
     if start is None:
         return []
@@ -40,10 +40,10 @@ def assignments(
 
 
 class _Chooser:
-    def __init__(self, bench: HeuristicContext, state: State, ordering: Ordering | None) -> None:
+    def __init__(self, context: HeuristicContext, state: State, ordering: Ordering | None) -> None:
         self._ordering = ordering
-        forecast = bench.forecast(state.facts, state.timers)
-        self._bench = bench
+        forecast = context.forecast(state.facts, state.timers)
+        self._context = context
         self._goal = state.world.goal
         self._table = state.world.table
         self._facts = (state.facts | forecast.touched) ^ forecast.removed
@@ -52,12 +52,12 @@ class _Chooser:
 
     def _available(self, variable: int | str) -> list[str]:
         """The candidates that exist, then as many that are yet to be made as could be wanted."""
-        vocabulary = self._bench.vocabulary
+        analysis = self._context.analysis
         names = self._goal.candidates(variable)
-        unborn = [n for n in names if not vocabulary.was_used(n, self._facts)]
+        unborn = [n for n in names if not analysis.was_used(n, self._facts)]
         kind = self._variables[variable].kind
         wanted = sum(v.kind == kind for v in self._variables.values())
-        return [n for n in names if vocabulary.exists(n, self._facts)] + unborn[:wanted]
+        return [n for n in names if analysis.exists(n, self._facts)] + unborn[:wanted]
 
     def greedy(self) -> GoalBinding | None:
         """Variable by variable, the candidate that meets most of the goal as it is."""
@@ -97,12 +97,12 @@ class _Chooser:
         for atom in atoms:
             if not self._table.holds(atom, self._facts):
                 total += 0.01
-        for part in self._bench.parts(atoms, self._facts):
+        for part in self._context.parts(atoms, self._facts):
             total += part.distance(self._facts)
         if self._ordering is not None:
             for late, early in self._ordering.rules(binding).values():
                 if self._facts & late == late and self._facts & early != early:
-                    total += REDOING * self._bench.vocabulary.errand
+                    total += REDOING * self._context.analysis.errand
         return total
 
     def improve(self, binding: GoalBinding) -> GoalBinding:
@@ -135,8 +135,8 @@ class _Chooser:
     def _alternatives(self, variable: int | str, binding: GoalBinding, wide: bool) -> list[str]:
         """All candidates; of stations, only those where as much of the goal is met already."""
         names = self._candidates[variable]
-        vocabulary = self._bench.vocabulary
-        if not names or vocabulary.type_of(names[0]) not in vocabulary.station_types:
+        analysis = self._context.analysis
+        if not names or analysis.type_of(names[0]) not in analysis.station_types:
             return names
         met = {n: self._met({**binding, variable: n}, variable) for n in names}
         others = sorted((n for n in names), key=lambda n: -met[n])
@@ -147,7 +147,7 @@ class _Chooser:
         return [n for n in others if met[n] >= least][:MAX_STATIONS] + empty[:1]
 
     def _is_empty(self, station: str) -> bool:
-        vocabulary = self._bench.vocabulary
+        analysis = self._context.analysis
         atoms = self._table.atoms
         about = self._facts & self._table.mentions(station)
-        return not any(vocabulary.movables_in(atoms[i]) for i in bits_of(about))
+        return not any(analysis.movables_in(atoms[i]) for i in bits_of(about))

@@ -20,7 +20,7 @@ from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["BeamResult", "Joint", "Search", "SearchStyle"]
+__all__ = ["BeamResult", "BeamSearch", "Joint", "SearchStyle"]
 
 PATIENCE = 14
 """Layers without progress after which a search gives up, besides the longest delay."""
@@ -56,29 +56,30 @@ class SearchStyle:
 class BeamResult:
     """What a search found: joint actions to the goal, or to the most promising state seen.
 
-    `left` is the estimate of the work left (0 at the goal), `expansions` the states expanded.
+    `remaining_work` is the heuristic of the last state (0 at the goal), `expansions` the number of
+    states expanded.
     """
 
     steps: tuple[Joint, ...]
     reached: bool
-    left: float
+    remaining_work: float
     expansions: int
 
 
-class Search:
+class BeamSearch:
     """A search from one state, for one choice of objects and one team of players."""
 
     def __init__(
         self,
         world: World,
         start: State,
-        estimate: RemainingWork,
+        heuristic: RemainingWork,
         relevance: Relevance,
         team: Sequence[str],
     ) -> None:
         self._world = world
         self._start = start
-        self._estimate = estimate
+        self._heuristic = heuristic
         self._relevance = relevance
         self._team = tuple(team)
         self._style = SearchStyle(1)
@@ -91,7 +92,7 @@ class Search:
     def run(self, style: SearchStyle, seed: int, limit: int, expansions: int) -> BeamResult:
         """Search for plans shorter than `limit` steps, expanding at most so many states."""
         start = self._start
-        goal = self._estimate.goal
+        goal = self._heuristic.goal
         if start.facts & goal == goal:
             return BeamResult((), True, 0.0, 0)
         self._style, self._random, self._spent = style, Random(seed), 0
@@ -115,7 +116,7 @@ class Search:
         return BeamResult(_steps(best), False, best.score, self._spent)
 
     def _score(self, facts: int, timers: Timers) -> float:
-        return self._estimate(facts, timers, self._style.chain)
+        return self._heuristic(facts, timers, self._style.chain)
 
     def _next(self, layer: list[BeamNode]) -> list[BeamNode]:
         """The layer that follows."""

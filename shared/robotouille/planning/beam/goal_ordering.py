@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.beam.beam_search import Search, SearchStyle
+from robotouille.planning.beam.beam_search import BeamSearch, SearchStyle
 from robotouille.planning.beam.relevance import Relevance
 from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
 from robotouille.world.grounding.atoms import bits_of
@@ -31,15 +31,15 @@ Id = int | str
 class Ordering:
     """For each variable of a goal, the variables that should be dealt with before it."""
 
-    def __init__(self, bench: HeuristicContext, binding: GoalBinding) -> None:
-        self._world = bench.world
-        if len(bench.world.players) > 1:
-            bench = HeuristicContext(World(replace(bench.world.task, seats=1)))
-            bench.refresh()
-        self._bench = bench
-        self._goal = bench.world.goal
+    def __init__(self, context: HeuristicContext, binding: GoalBinding) -> None:
+        self._world = context.world
+        if len(context.world.players) > 1:
+            context = HeuristicContext(World(replace(context.world.task, seats=1)))
+            context.refresh()
+        self._context = context
+        self._goal = context.world.goal
         self._binding = self._on_free_stations(binding)
-        self._lasting = _lasting(bench)
+        self._lasting = _lasting(context)
         self._terms = self._owned()
         self._after: dict[Id, State | None] = {}
         self._tried: dict[tuple[object, ...], bool] = {}
@@ -63,17 +63,17 @@ class Ordering:
 
     def _on_free_stations(self, binding: GoalBinding) -> GoalBinding:
         """The same choice, but for stations on which nothing lies where there are such."""
-        vocabulary = self._bench.vocabulary
-        table = self._bench.world.table
-        facts = self._bench.world.initial.facts
+        analysis = self._context.analysis
+        table = self._context.world.table
+        facts = self._context.world.initial.facts
         found = dict(binding)
         for variable, chosen in binding.items():
-            if chosen not in vocabulary.stations:
+            if chosen not in analysis.stations:
                 continue
             taken = set(found.values())
             for name in self._goal.candidates(variable):
                 about = bits_of(facts & table.mentions(name))
-                free = not any(vocabulary.movables_in(table.atoms[i]) for i in about)
+                free = not any(analysis.movables_in(table.atoms[i]) for i in about)
                 if free and name not in taken:
                     found[variable] = name
                     break
@@ -89,8 +89,8 @@ class Ordering:
         return terms
 
     def _is_movable(self, variable: Id) -> bool:
-        vocabulary = self._bench.vocabulary
-        return vocabulary.is_movable(vocabulary.type_of(self._binding[variable]))
+        analysis = self._context.analysis
+        return analysis.is_movable(analysis.type_of(self._binding[variable]))
 
     def _atoms(self, variable: Id, binding: GoalBinding) -> list[Atom]:
         return [(t.predicate, *(binding[i] for i in t.ids)) for t in self._terms[variable]]
@@ -121,26 +121,26 @@ class Ordering:
     def _describe(self, variable: Id, number: int) -> tuple[int, str]:
         name = self._binding[variable]
         if self._is_movable(variable):
-            return number, self._bench.vocabulary.class_of(name)
+            return number, self._context.analysis.class_of(name)
         return number, self._goal.variables[variable].kind
 
     def _try(self, first: Id, second: Id) -> bool:
         """Whether doing the first first spoils the second."""
         if first not in self._after:
-            self._after[first] = self._achieve(self._bench.world.initial, first, 0)
+            self._after[first] = self._achieve(self._context.world.initial, first, 0)
         state = self._after[first]
         if state is None:
             return False
-        kept = self._bench.world.table.mask(self._atoms(first, self._binding))
+        kept = self._context.world.table.mask(self._atoms(first, self._binding))
         return self._achieve(state, second, kept) is None
 
     def _achieve(self, state: State, variable: Id, kept: int) -> State | None:
         """The state once a variable's predicates are true, `kept` having been so throughout."""
         atoms = self._atoms(variable, self._binding)
-        estimate = RemainingWork(self._bench, self._binding, state.facts, None, atoms, kept)
-        team = self._bench.world.players
-        relevance = Relevance(self._bench, state, estimate, len(team))
-        search = Search(self._bench.world, state, estimate, relevance, team)
+        heuristic = RemainingWork(self._context, self._binding, state.facts, None, atoms, kept)
+        team = self._context.world.players
+        relevance = Relevance(self._context, state, heuristic, len(team))
+        search = BeamSearch(self._context.world, state, heuristic, relevance, team)
         found = search.run(SearchStyle(WIDTH), 0, LAYERS, WIDTH * LAYERS)
         if not found.reached:
             return None
@@ -149,10 +149,10 @@ class Ordering:
         return state
 
 
-def _lasting(bench: HeuristicContext) -> set[str]:
+def _lasting(context: HeuristicContext) -> set[str]:
     """The predicates that nothing makes false."""
-    lasting = set(bench.world.table.fluents)
-    for schema in bench.world.schemas:
+    lasting = set(context.world.table.fluents)
+    for schema in context.world.schemas:
         definition = schema.definition
         lasting -= {c.predicate for c in definition.immediate_fx if not c.is_true}
         for effect in definition.sfx:

@@ -47,14 +47,14 @@ class OperatorOutcome:
 class Operator:
     """An action of a projection: its conditions, what becomes of it, its price in steps.
 
-    `place` is the station at which its player has to be; `strangers` the placeholders it needs.
+    `place` is the station at which its player has to be; `placeholders` the placeholders it needs.
     """
 
     place: str | None
     cost: float
     condition: OperatorOutcome
     outcomes: tuple[OperatorOutcome, ...]
-    strangers: tuple[str, ...]
+    placeholders: tuple[str, ...]
 
     def apply(self, node: int) -> int:
         """The facts after it."""
@@ -74,7 +74,7 @@ class Focus:
     goal that are the work of a partner, and free here.
     """
 
-    vocabulary: DomainAnalysis
+    analysis: DomainAnalysis
     names: tuple[str, ...]
     partners: tuple[str, ...]
     stations: frozenset[str]
@@ -83,24 +83,24 @@ class Focus:
 
     def abstract(self, atom: Atom) -> Atom:
         """An atom with what is not told apart replaced."""
-        return (atom[0], *(self.stand_in(name) for name in atom[1:]))
+        return (atom[0], *(self.placeholder_for(name) for name in atom[1:]))
 
-    def stand_in(self, name: str) -> str:
-        vocabulary = self.vocabulary
+    def placeholder_for(self, name: str) -> str:
+        analysis = self.analysis
         if name in self.names or name in self.partners:
             return name
-        kind = vocabulary.type_of(name)
-        if kind in vocabulary.player_types:
+        kind = analysis.type_of(name)
+        if kind in analysis.player_types:
             return SOMEBODY
-        return vocabulary.class_of(name) if vocabulary.is_movable(kind) else name
+        return analysis.class_of(name) if analysis.is_movable(kind) else name
 
     def tracks(self, atom: Atom) -> bool:
         """Whether an abstract atom is part of the projection; static ones never are."""
-        if atom[0] in self.vocabulary.world.table.static_predicates:
+        if atom[0] in self.analysis.world.table.static_predicates:
             return False
         if any(name in self.names for name in atom[1:]):
             return True
-        return atom[0] not in self.vocabulary.walked and all(n in self.stations for n in atom[1:])
+        return atom[0] not in self.analysis.walked and all(n in self.stations for n in atom[1:])
 
     def mask(self, atoms: Iterable[Atom]) -> int:
         """The bits of those atoms that are tracked, numbered when first seen."""
@@ -114,8 +114,8 @@ class Focus:
 def operators(focus: Focus, goal: int) -> list[Operator]:
     """Every action that matters to a projection and its goal (a mask of its facts)."""
     found: dict[Operator, None] = {}
-    for schema in focus.vocabulary.world.schemas:
-        if schema.name in focus.vocabulary.walking:
+    for schema in focus.analysis.world.schemas:
+        if schema.name in focus.analysis.walking:
             continue
         for binding in _bindings(schema, focus):
             operator = _operator(schema, binding, focus)
@@ -159,18 +159,18 @@ def _with_deletions(operator: Operator, focus: Focus) -> Operator:
 
 
 def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
-    vocabulary = focus.vocabulary
+    analysis = focus.analysis
     pools = []
     for _, kind in schema.parameters:
-        if kind in vocabulary.player_types:
+        if kind in analysis.player_types:
             pools.append([SOMEBODY])
-        elif kind in vocabulary.station_types:
-            pools.append([s for s in vocabulary.stations if vocabulary.type_of(s) == kind])
+        elif kind in analysis.station_types:
+            pools.append([s for s in analysis.stations if analysis.type_of(s) == kind])
         else:
-            known = [n for n in focus.names + focus.partners if vocabulary.type_of(n) == kind]
-            own = {vocabulary.class_of(n) for n in focus.names[1:]}
-            others = (c for c in vocabulary.classes_of(kind) if c not in own)
-            pools.append(known + [c for c in others if set(vocabulary.classes[c]) - set(known)])
+            known = [n for n in focus.names + focus.partners if analysis.type_of(n) == kind]
+            own = {analysis.class_of(n) for n in focus.names[1:]}
+            others = (c for c in analysis.classes_of(kind) if c not in own)
+            pools.append(known + [c for c in others if set(analysis.classes[c]) - set(known)])
     names = [name for name, _ in schema.parameters]
     creating = creates(schema)
     for values in product(*pools):
@@ -178,18 +178,18 @@ def _bindings(schema: ActionSchema, focus: Focus) -> Iterator[Binding]:
         near = creating or any(v in focus.names or v in focus.stations for v in values)
         if near and len(set(exact)) == len(exact):
             binding = dict(zip(names, values, strict=True))
-            if all(vocabulary.static_holds(c, binding) for c in _static(schema, vocabulary)):
+            if all(analysis.static_holds(c, binding) for c in _static(schema, analysis)):
                 yield binding
 
 
-def _static(schema: ActionSchema, vocabulary: DomainAnalysis) -> list[Condition]:
-    static = vocabulary.world.table.static_predicates
+def _static(schema: ActionSchema, analysis: DomainAnalysis) -> list[Condition]:
+    static = analysis.world.table.static_predicates
     return [c for c in schema.definition.precons if c.predicate in static]
 
 
 def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator | None:
     definition = schema.definition
-    strangers = tuple(v for v in binding.values() if v.startswith("*"))
+    placeholders = tuple(v for v in binding.values() if v.startswith("*"))
     exist = [(EXISTS, n) for n in binding.values() if n in focus.names and _transient(focus, n)]
     condition = OperatorOutcome(
         focus.mask([*exist, *_atoms(definition.precons, binding, True)]),
@@ -212,12 +212,12 @@ def _operator(schema: ActionSchema, binding: Binding, focus: Focus) -> Operator 
     if not _handles(definition.precons + definition.immediate_fx, binding, focus):
         if condition.sets & focus.mask(focus.guests):
             place, cost = None, 0.0
-        elif strangers:
-            cost += DISTURBING * focus.vocabulary.errand
+        elif placeholders:
+            cost += DISTURBING * focus.analysis.errand
     touched = condition.sets | condition.clears
     if not touched and not any(o.sets or o.clears or o.deleted for o in outcomes):
         return None
-    return Operator(place, cost, condition, tuple(outcomes), strangers)
+    return Operator(place, cost, condition, tuple(outcomes), placeholders)
 
 
 def _handles(conditions: tuple[Condition, ...], binding: Binding, focus: Focus) -> bool:
@@ -232,7 +232,7 @@ def _vague(atom: Atom) -> bool:
 
 
 def _transient(focus: Focus, name: str) -> bool:
-    return (EXISTS, name) in focus.vocabulary.world.table.bit
+    return (EXISTS, name) in focus.analysis.world.table.bit
 
 
 def _atoms(conditions: Iterable[Condition], binding: Binding, is_true: bool) -> list[Atom]:
@@ -245,9 +245,9 @@ def _atoms(conditions: Iterable[Condition], binding: Binding, is_true: bool) -> 
 
 def _place(schema: ActionSchema, binding: Binding, focus: Focus) -> str | None:
     for c in schema.definition.precons:
-        if c.is_true and c.predicate in focus.vocabulary.place_predicates:
+        if c.is_true and c.predicate in focus.analysis.place_predicates:
             for name in c.params:
-                if binding[name] in focus.vocabulary.stations:
+                if binding[name] in focus.analysis.stations:
                     return binding[name]
     return None
 
@@ -266,9 +266,9 @@ def _outcomes(
         clears = focus.mask(_atoms(effect.fx, binding, False))
         return [OperatorOutcome(given.holds, lacks, clears, sets)]
     conditions = getattr(effect, "conditions", ())
-    static = focus.vocabulary.world.table.static_predicates
+    static = focus.analysis.world.table.static_predicates
     for c in conditions:
-        if c.predicate in static and not focus.vocabulary.static_holds(c, binding):
+        if c.predicate in static and not focus.analysis.static_holds(c, binding):
             return []
     given = OperatorOutcome(
         given.holds | focus.mask(_atoms(conditions, binding, True)),
@@ -287,7 +287,7 @@ def _outcomes(
 
 
 def _can_be(name: str, effect: Creation, focus: Focus) -> bool:
-    thing = focus.vocabulary.world.thing(name)
+    thing = focus.analysis.world.thing(name)
     created = effect.created_obj
     return (thing.kind, thing.type, thing.tile) == (created.name, created.type, None)
 
@@ -305,12 +305,12 @@ def _price(action: GroundAction, effect: int) -> float:
 
 def _example(schema: ActionSchema, binding: Binding, focus: Focus) -> GroundAction:
     """One of the ground actions that an operator stands for."""
-    vocabulary = focus.vocabulary
+    analysis = focus.analysis
     arguments = []
     for name, kind in schema.parameters:
         value = binding[name]
         if value == SOMEBODY:
-            table = vocabulary.world.table
-            value = next(p for p in vocabulary.world.players if p in table.by_type[kind])
-        arguments.append(vocabulary.classes.get(value, [value])[0])
-    return vocabulary.world.action(schema.name, *arguments)
+            table = analysis.world.table
+            value = next(p for p in analysis.world.players if p in table.by_type[kind])
+        arguments.append(analysis.classes.get(value, [value])[0])
+    return analysis.world.action(schema.name, *arguments)

@@ -1,6 +1,6 @@
 """Plans for one player or a team, from any state: better ones the more may be expanded.
 
-planner = Planner(world)
+planner = BeamPlanner(world)
 solution = planner.solve(world.initial)
 if solution.reached:
     print(write_plan(solution.plan, world))
@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from robotouille.planning.action_elimination import tidy
-from robotouille.planning.beam.assignment import assignments
-from robotouille.planning.beam.beam_search import BeamResult, Search, SearchStyle
+from robotouille.planning.action_elimination import eliminate_actions
+from robotouille.planning.beam.assignment import goal_assignments
+from robotouille.planning.beam.beam_search import BeamResult, BeamSearch, SearchStyle
 from robotouille.planning.beam.goal_ordering import Ordering
 from robotouille.planning.beam.relevance import Relevance
 from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
@@ -21,7 +21,7 @@ from robotouille.planning.plan import Plan
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["Planner", "Solution"]
+__all__ = ["BeamPlanner", "Solution"]
 
 EXPANSIONS = 4_000
 """States expanded by default, counting one for each player's choice: about half a second."""
@@ -32,28 +32,28 @@ PATIENCE = 4
 """How much more is spent where no plan has been found yet."""
 
 WIDTHS = (16, 16, 32, 32, 64, 64, 128, 128, 256, 256, 512, 512, 1024, 1024, 2048, 2048, 4096)
-MANNERS = ((0.0, 0.0), (0.02, 0.5), (0.0, 0.5), (0.02, 0.0), (0.0, 1.0))
+STYLE_WEIGHTS = ((0.0, 0.0), (0.02, 0.5), (0.0, 0.5), (0.02, 0.0), (0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
     """A plan; if it does not reach the goal, it leads as near as was found.
 
-    `left` estimates the work that is left after it, in steps of one player.
+    `remaining_work` is the heuristic of where it leads, in steps of one player.
     """
 
     plan: Plan
     reached: bool
-    left: float
+    remaining_work: float
     expansions: int
 
 
-class Planner:
+class BeamPlanner:
     """Finds plans in one world; what it learns about the task it keeps for the next."""
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._bench = HeuristicContext(world)
+        self._context = HeuristicContext(world)
         self._ordering: Ordering | None = None
 
     def solve(
@@ -93,13 +93,15 @@ class Planner:
         if best is None:
             return Solution(Plan(()), False, float("inf"), spent)
         if not best.reached:
-            return Solution(Plan(best.steps), False, best.left, spent)
-        return Solution(tidy(Plan(best.steps), state), True, 0.0, spent)
+            return Solution(Plan(best.steps), False, best.remaining_work, spent)
+        return Solution(eliminate_actions(Plan(best.steps), state), True, 0.0, spent)
 
-    def _searches(self, state: State, players: tuple[str, ...], choices: int) -> Iterator[Search]:
-        self._bench.refresh()
+    def _searches(
+        self, state: State, players: tuple[str, ...], choices: int
+    ) -> Iterator[BeamSearch]:
+        self._context.refresh()
         ordering = self.ordering
-        for binding in assignments(self._bench, state, ordering, choices):
+        for binding in goal_assignments(self._context, state, ordering, choices):
             yield self._search(state, binding, players, ordering)
 
     def _search(
@@ -108,27 +110,27 @@ class Planner:
         binding: GoalBinding,
         players: tuple[str, ...],
         ordering: Ordering | None,
-    ) -> Search:
+    ) -> BeamSearch:
         rules = ordering.rules(binding) if ordering is not None else None
-        estimate = RemainingWork(self._bench, binding, state.facts, rules)
-        relevance = Relevance(self._bench, state, estimate, len(players))
-        return Search(self._world, state, estimate, relevance, players)
+        heuristic = RemainingWork(self._context, binding, state.facts, rules)
+        relevance = Relevance(self._context, state, heuristic, len(players))
+        return BeamSearch(self._world, state, heuristic, relevance, players)
 
     @property
     def ordering(self) -> Ordering | None:
         """What has to be done before what; None where the goal cannot be met."""
         if self._ordering is None:
-            self._bench.refresh()
-            bindings = assignments(self._bench, self._world.initial)
+            self._context.refresh()
+            bindings = goal_assignments(self._context, self._world.initial)
             if bindings:
-                self._ordering = Ordering(self._bench, bindings[0])
+                self._ordering = Ordering(self._context, bindings[0])
         return self._ordering
 
 
 def _styles(players: int) -> Iterator[tuple[SearchStyle, int]]:
     """Searches that differ, the narrow ones first."""
     for number, width in enumerate(WIDTHS):
-        effort, chain = MANNERS[number % len(MANNERS)]
+        effort, chain = STYLE_WEIGHTS[number % len(STYLE_WEIGHTS)]
         yield SearchStyle(width, effort, chain if players > 1 else 0.0), number
 
 
@@ -137,6 +139,6 @@ def _better(best: BeamResult | None, found: BeamResult) -> BeamResult:
         return found
     if found.reached and len(found.steps) < len(best.steps):
         return found
-    if not found.reached and not best.reached and found.left < best.left:
+    if not found.reached and not best.reached and found.remaining_work < best.remaining_work:
         return found
     return best

@@ -32,19 +32,19 @@ class Projection:
 
     def __init__(
         self,
-        vocabulary: DomainAnalysis,
+        analysis: DomainAnalysis,
         names: tuple[str, ...],
         goal: frozenset[Atom],
         guest: Atom | None = None,
     ) -> None:
-        self._vocabulary = vocabulary
+        self._analysis = analysis
         guests = () if guest is None else (guest,)
         mentioned = sorted({*goal, *guests})
-        others = (n for atom in mentioned for n in vocabulary.movables_in(atom))
+        others = (n for atom in mentioned for n in analysis.movables_in(atom))
         partners = tuple(dict.fromkeys(n for n in others if n not in names))
-        stations = frozenset(s for atom in mentioned for s in vocabulary.stations_in(atom))
-        self.focus = Focus(vocabulary, names, partners, stations, guests)
-        table = vocabulary.world.table
+        stations = frozenset(s for atom in mentioned for s in analysis.stations_in(atom))
+        self.focus = Focus(analysis, names, partners, stations, guests)
+        table = analysis.world.table
         self._goal = self.focus.mask(
             self.focus.abstract(a) for a in mentioned if a[0] not in table.static_predicates
         )
@@ -54,13 +54,13 @@ class Projection:
             for outcome in (operator.condition, *operator.outcomes):
                 self._tracked |= outcome.holds | outcome.lacks
         self._by_bit = _by_bit(self.operators)
-        self.strangers = {s for operator in self.operators for s in operator.strangers}
-        self.sources = {s for o in self.operators if self._creates(o) for s in o.strangers}
+        self.placeholders = {s for operator in self.operators for s in operator.placeholders}
+        self.sources = {s for o in self.operators if self._creates(o) for s in o.placeholders}
         self._explored: dict[int, list[tuple[Operator, int]]] = {}
         self._incoming: dict[int, list[tuple[int, Operator]]] = {}
         self._distance: dict[Key, float] = {}
         self._nodes: dict[int, int] = {}
-        self.mask = _mask(vocabulary, names, stations)
+        self.mask = _mask(analysis, names, stations)
 
     def _creates(self, operator: Operator) -> bool:
         """Whether an operator brings an object of the focus into being."""
@@ -73,7 +73,7 @@ class Projection:
         known = self._nodes.get(facts)
         if known is None:
             known = 0
-            atoms = self._vocabulary.world.table.atoms
+            atoms = self._analysis.world.table.atoms
             for position in bits_of(facts):
                 known |= self.focus.bits.get(self.focus.abstract(atoms[position]), 0)
             known &= self._tracked
@@ -137,7 +137,7 @@ class Projection:
 
         Only the places where a node has work are keys; elsewhere one is as far as anywhere.
         """
-        travel = self._vocabulary.travel_to
+        travel = self._analysis.travel_to
         distance = self._distance = {}
         queue = [(d, n, key) for n, (d, key) in enumerate(self._ends())]
         heapq.heapify(queue)
@@ -180,15 +180,15 @@ def _by_bit(operators: list[Operator]) -> dict[int, list[Operator]]:
     return found
 
 
-def _mask(vocabulary: DomainAnalysis, names: tuple[str, ...], stations: frozenset[str]) -> int:
+def _mask(analysis: DomainAnalysis, names: tuple[str, ...], stations: frozenset[str]) -> int:
     """The atoms of the world on which a node depends."""
-    table = vocabulary.world.table
+    table = analysis.world.table
     mask = 0
     for name in names:
         mask |= table.mentions(name)
     for predicate in table.fluents:
         kinds = table.types[predicate]
-        if predicate not in vocabulary.walked and set(kinds) <= vocabulary.station_types:
+        if predicate not in analysis.walked and set(kinds) <= analysis.station_types:
             for station in sorted(stations):
                 if (predicate, station) in table.bit:
                     mask |= table.bit[(predicate, station)]

@@ -20,21 +20,21 @@ class Relevance:
     """
 
     def __init__(
-        self, bench: HeuristicContext, state: State, estimate: RemainingWork, players: int
+        self, context: HeuristicContext, state: State, heuristic: RemainingWork, players: int
     ) -> None:
-        self._vocabulary = bench.vocabulary
-        self._world = bench.world
+        self._analysis = context.analysis
+        self._world = context.world
         self._facts = state.facts
-        wanted = set(estimate.binding.values())
-        for part in estimate.parts:
+        wanted = set(heuristic.binding.values())
+        for part in heuristic.parts:
             for projection in part.projections:
                 wanted.update(projection.focus.names)
         self._around = self._neighbourhoods()
-        self.stations = {n for n in wanted if n in self._vocabulary.stations}
+        self.stations = {n for n in wanted if n in self._analysis.stations}
         self.stations |= self._special()
-        self.movables = {n for n in wanted if n not in self._vocabulary.stations}
+        self.movables = {n for n in wanted if n not in self._analysis.stations}
         for name in sorted(self.movables):
-            self.stations |= self._around.get(name, set()) & set(self._vocabulary.stations)
+            self.stations |= self._around.get(name, set()) & set(self._analysis.stations)
         self.stations |= self._spare(players + 1)
         for station in sorted(self.stations) + list(self._world.players):
             self.movables |= self._around.get(station, set())
@@ -48,23 +48,23 @@ class Relevance:
         return found
 
     def _judge(self, action: GroundAction) -> bool:
-        if self._vocabulary.is_idle(action):
+        if self._analysis.is_idle(action):
             return False
         for name in action.arguments:
             thing = self._world.thing(name)
-            if thing.type in self._vocabulary.station_types:
-                start = action.name in self._vocabulary.walking
+            if thing.type in self._analysis.station_types:
+                start = action.name in self._analysis.walking
                 if name not in self.stations and not (start and name == self._leaving(action)):
                     return False
                 continue
-            movable = self._vocabulary.is_movable(thing.type) and thing.tile is not None
+            movable = self._analysis.is_movable(thing.type) and thing.tile is not None
             if movable and name not in self.movables:
                 return False
         return True
 
     def _leaving(self, action: GroundAction) -> str:
         """The station that a walk starts at: the first it names."""
-        return next(n for n in action.arguments if n in self._vocabulary.stations)
+        return next(n for n in action.arguments if n in self._analysis.stations)
 
     def _neighbourhoods(self) -> dict[str, set[str]]:
         """For each object, the others that a true fact connects it with."""
@@ -82,14 +82,14 @@ class Relevance:
         return tuple(sorted(p for p in asked if (p, station) in static))
 
     def _special(self) -> set[str]:
-        return {s for s in self._vocabulary.stations if self._roles(s)}
+        return {s for s in self._analysis.stations if self._roles(s)}
 
     def _spare(self, number: int) -> set[str]:
         """Stations without anything on them, those near the others first."""
         players = set(self._world.players)
         free = [
             s
-            for s in self._vocabulary.stations
+            for s in self._analysis.stations
             if s not in self.stations and not self._around.get(s, set()) - players
         ]
         floor = self._world.floor

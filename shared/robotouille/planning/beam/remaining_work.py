@@ -1,6 +1,6 @@
-"""An estimate of the work left until a goal is met: the search's compass.
+"""The work left until a goal is met: the heuristic of the beam search.
 
-The estimate adds up, for every object of the goal, its distance in a projection (`projection.py`)
+It adds up, for every object of the goal, its distance in a projection (`projection.py`)
 as if the timers that run had run out, and takes off what is done of repeated actions.
 """
 
@@ -42,7 +42,7 @@ class GoalPart:
     of the places saves a walk; if somebody does, `held` gives the steps by the place of the holder.
     """
 
-    vocabulary: DomainAnalysis
+    analysis: DomainAnalysis
     projections: list[Projection]
     owned: bool = True
     mask: int = 0
@@ -89,7 +89,7 @@ class GoalPart:
         distances = [p.distance(node) for p, node in nodes]
         steps = max(distances)
         hardest = [pair for pair, d in zip(nodes, distances, strict=True) if d == steps]
-        places = self.vocabulary.place_mask
+        places = self.analysis.place_mask
         holder = self._holder(hardest[0][0], facts)
         if holder is None:
             near = set.intersection(*(set(p.near(node)) for p, node in hardest))
@@ -97,14 +97,14 @@ class GoalPart:
             for station in near:
                 mask |= places[station]
             return steps, mask, None
-        own = self.vocabulary.places[holder]
+        own = self.analysis.places[holder]
         projection, node = hardest[0]
         return steps, own, {own & places[s]: d for s, d in projection.nearer(node).items()}
 
     def _holder(self, projection: Projection, facts: int) -> str | None:
         """The player that an atom about the focus mentions."""
-        players = self.vocabulary.world.players
-        atoms = self.vocabulary.world.table.atoms
+        players = self.analysis.world.players
+        atoms = self.analysis.world.table.atoms
         for position in bits_of(facts & projection.mask):
             for name in atoms[position][1:]:
                 if name in players:
@@ -117,7 +117,7 @@ class HeuristicContext:
 
     def __init__(self, world: World) -> None:
         self.world = world
-        self.vocabulary = DomainAnalysis(world)
+        self.analysis = DomainAnalysis(world)
         self.forecast = Forecaster(world)
         self._parts: dict[tuple[tuple[str, ...], frozenset[Atom], frozenset[Atom]], GoalPart] = {}
         self._supporters: dict[tuple[str, frozenset[Atom], frozenset[str]], list[str]] = {}
@@ -137,7 +137,7 @@ class HeuristicContext:
                 self.world.make_room_for_another()
         if self._size != len(self.world.table.atoms):
             self._size = len(self.world.table.atoms)
-            self.vocabulary = DomainAnalysis(self.world)
+            self.analysis = DomainAnalysis(self.world)
             self.forecast = Forecaster(self.world)
             self._parts.clear()
             self._supporters.clear()
@@ -147,7 +147,7 @@ class HeuristicContext:
         owned: dict[str, list[Atom]] = {}
         guests: dict[str, list[Atom]] = {}
         for atom in atoms:
-            first, *others = self.vocabulary.movables_in(atom) or [""]
+            first, *others = self.analysis.movables_in(atom) or [""]
             owned.setdefault(first, []).append(atom)
             for other in others:
                 guests.setdefault(other, []).append(atom)
@@ -175,8 +175,8 @@ class HeuristicContext:
         if part is None:
             focus = tuple(name for name in names if name)
             guests: list[Atom | None] = [*sorted(hosted)] or [None]
-            projections = [Projection(self.vocabulary, focus, goal, guest) for guest in guests]
-            part = self._parts[key] = GoalPart(self.vocabulary, projections, bool(goal))
+            projections = [Projection(self.analysis, focus, goal, guest) for guest in guests]
+            part = self._parts[key] = GoalPart(self.analysis, projections, bool(goal))
         return part
 
     def _can_fail(self, part: GoalPart, facts: int) -> bool:
@@ -194,10 +194,12 @@ class HeuristicContext:
         key = (name, goal, taken)
         found = self._supporters.get(key)
         if found is None:
-            plain = Projection(self.vocabulary, (name,) if name else (), goal)
+            plain = Projection(self.analysis, (name,) if name else (), goal)
             found = [""]
-            for stranger in sorted(plain.strangers, key=lambda s: (s not in plain.sources, s)):
-                members = self.vocabulary.classes[stranger]
+            for placeholder in sorted(
+                plain.placeholders, key=lambda s: (s not in plain.sources, s)
+            ):
+                members = self.analysis.classes[placeholder]
                 if not any(member in taken for member in members):
                     found = members[:MAX_SUPPORTS]
                     break
@@ -226,37 +228,37 @@ class RemainingWork:
 
     def __init__(
         self,
-        bench: HeuristicContext,
+        context: HeuristicContext,
         binding: GoalBinding,
         facts: int,
         rules: Mapping[str, tuple[int, int]] | None = None,
         atoms: list[Atom] | None = None,
         kept: int = 0,
     ) -> None:
-        world = bench.world
+        world = context.world
         self.binding = binding
         atoms = world.goal.atoms(binding) if atoms is None else atoms
         rules = rules or {}
-        self.parts = bench.parts(atoms, facts)
+        self.parts = context.parts(atoms, facts)
         self.goal = world.table.mask(atoms)
         self._kept = kept
         self._rules = list(rules.values())
-        self._forecast = bench.forecast
-        self._travel = bench.vocabulary.mean_travel
-        self._errand = bench.vocabulary.errand
+        self._forecast = context.forecast
+        self._travel = context.analysis.mean_travel
+        self._errand = context.analysis.errand
         self._wanted: dict[Effect, int] = {}
         self._rows = [
-            (p.mask, p.known, p, rules.get(p.name, (0, 0))[1], _meetings(p, self.parts, bench))
+            (p.mask, p.known, p, rules.get(p.name, (0, 0))[1], _meetings(p, self.parts, context))
             for p in self.parts
         ]
-        self._hands = _hands(bench.vocabulary)
-        self._idle_hands = _useless(bench.vocabulary, self.parts)
+        self._hands = _hands(context.analysis)
+        self._idle_hands = _useless(context.analysis, self.parts)
 
     def __call__(self, facts: int, timers: Timers, chain: float = 0.0) -> float:
         """Steps of work left; DEAD or more where the goal cannot be met any more.
 
         `chain` is the additional weight of the object with most work left, which nobody can speed
-        up: 0 estimates the work, more gives attention to the time it takes a team.
+        up: 0 is the work alone, more gives attention to the time it takes a team.
         """
         if facts & self._kept != self._kept:
             return DEAD
@@ -318,27 +320,27 @@ class RemainingWork:
         return sets if any(nearer) else 0
 
 
-def _hands(vocabulary: DomainAnalysis) -> list[tuple[int, int]]:
+def _hands(analysis: DomainAnalysis) -> list[tuple[int, int]]:
     """For each player, the masks of where it can be and of what it can hold."""
-    movable = _about_movables(vocabulary)
-    mentions = vocabulary.world.table.mentions
-    return [(vocabulary.places[p], mentions(p) & movable) for p in vocabulary.world.players]
+    movable = _about_movables(analysis)
+    mentions = analysis.world.table.mentions
+    return [(analysis.places[p], mentions(p) & movable) for p in analysis.world.players]
 
 
-def _about_movables(vocabulary: DomainAnalysis) -> int:
-    table = vocabulary.world.table
+def _about_movables(analysis: DomainAnalysis) -> int:
+    table = analysis.world.table
     mask = 0
     for kind, names in table.by_type.items():
-        if vocabulary.is_movable(kind):
+        if analysis.is_movable(kind):
             for name in names:
                 mask |= table.mentions(name)
     return mask
 
 
-def _useless(vocabulary: DomainAnalysis, parts: list[GoalPart]) -> int:
+def _useless(analysis: DomainAnalysis, parts: list[GoalPart]) -> int:
     """The atoms between a player and a movable on which no work is left to do."""
     mask = 0
-    for _, hold in _hands(vocabulary):
+    for _, hold in _hands(analysis):
         mask |= hold
     for part in parts:
         mask &= ~part.mask
@@ -346,21 +348,21 @@ def _useless(vocabulary: DomainAnalysis, parts: list[GoalPart]) -> int:
 
 
 def _meetings(
-    part: GoalPart, parts: list[GoalPart], bench: HeuristicContext
+    part: GoalPart, parts: list[GoalPart], context: HeuristicContext
 ) -> list[tuple[int, int]]:
     """Where an object can be that has to be brought to another, wherever that one is.
 
     Pairs of masks: the other is at a station; some player is there.
     """
-    vocabulary = bench.vocabulary
+    analysis = context.analysis
     if part.fixed or not part.partners:
         return []
     others = {n for p in parts if p.name in part.partners for n in p.focus} | set(part.partners)
-    table = bench.world.table
+    table = context.world.table
     pairs = []
-    for station in vocabulary.stations:
+    for station in analysis.stations:
         about = 0
         for name in sorted(others):
             about |= table.mentions(name) & table.mentions(station)
-        pairs.append((about, vocabulary.place_mask[station]))
+        pairs.append((about, analysis.place_mask[station]))
     return pairs

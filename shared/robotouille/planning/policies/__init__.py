@@ -1,1 +1,27 @@
 """What decides for a seat: at random, by a script, or with a planner."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robotouille.planning.policies.planner_policy import PlannerPolicy
+    from robotouille.planning.policies.policy import Policy, RandomPolicy
+    from robotouille.planning.policies.script import Did, Script
+else:
+    from robotouille.lazy_exports import lazy_exports
+
+    __getattr__ = lazy_exports(
+        __name__,
+        "robotouille.planning.policies.script",
+        "robotouille.planning.policies.policy",
+        "robotouille.planning.policies.planner_policy",
+    )
+
+__all__ = [
+    "Did",
+    "PlannerPolicy",
+    "Policy",
+    "RandomPolicy",
+    "Script",
+]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import random
 
 from robotouille.domain.task import Timing
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.search_result import Limits
@@ -36,7 +36,7 @@ class PlannerPolicy:
     """Chooses the actions of one seat by search on its own copy of the world.
 
     One seed, one course: nothing here reads a clock. `alone` counts on nobody else from the start,
-    which makes decisions quicker; so does an `anytime` of the task that knows its kitchen already.
+    which makes decisions quicker; so does an `anytime` of the task that knows it already.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class PlannerPolicy:
         seed: int = 0,
         expansions: int = EXPANSIONS,
         alone: bool = False,
-        anytime: Anytime | None = None,
+        anytime: AnytimePlanner | None = None,
     ) -> None:
         self._player = player
         self._seed = seed
@@ -57,10 +57,10 @@ class PlannerPolicy:
         self._alone = len(self._team) == 1
         self._only = len(world.players) == 1
         self._punctual = world.task.timing is Timing.BENCHMARK
-        self._anytime = anytime or Anytime(World(world.task))
+        self._anytime = anytime or AnytimePlanner(World(world.task))
         self._script: Script | None = None
-        self._left = 0
-        self._open = False
+        self._steps_left = 0
+        self._may_improve = False
         self._waited = 0
         self._has_plan = True
 
@@ -72,13 +72,13 @@ class PlannerPolicy:
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
-        self._left -= 1
+        self._steps_left -= 1
         if self._script is None:
             return
         self._script.observe(did)
-        strangers = (self._script.astray & self._team) - {self._player}
-        if strangers or self._player in self._script.astray:
-            self._team -= strangers
+        astray = (self._script.astray & self._team) - {self._player}
+        if astray or self._player in self._script.astray:
+            self._team -= astray
             self._script = None
         busy = {player for player, action, applied in did if applied and _does_something(action)}
         if busy & self._team:
@@ -90,7 +90,7 @@ class PlannerPolicy:
             return None
         if self._script is None:
             self._plan(state)
-        elif self._open:
+        elif self._may_improve:
             self._improve(state)
         action = self._script.act(state) if self._script is not None else None
         if action is not None:
@@ -100,23 +100,23 @@ class PlannerPolicy:
 
     def _plan(self, state: State) -> None:
         team = tuple(sorted(self._team))
-        *_, answer = self._anytime.answers(
+        *_, result = self._anytime.search(
             state,
             ALONE if self._alone else TOGETHER,
             team=team,
             seed=self._seed,
             beam=self._expansions,
         )
-        self._has_plan = answer.plan is not None
-        if answer.plan is not None:
-            self._follow(answer.plan, state)
-        elif answer.unsolvable:
+        self._has_plan = result.plan is not None
+        if result.plan is not None:
+            self._follow(result.plan, state)
+        elif result.unsolvable:
             self._follow(Plan(()), state)
         else:
             plan = self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
             self._follow(plan, state)
-        unproven = answer.plan is not None and not answer.optimal
-        self._open = unproven and self._only and self._punctual
+        unproven = result.plan is not None and not result.optimal
+        self._may_improve = unproven and self._only and self._punctual
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -124,14 +124,14 @@ class PlannerPolicy:
         Only where steps are those of the plan: elsewhere lengths say little about time. And only
         where there are no other seats, whose parts a shorter plan would count on.
         """
-        for answer in self._anytime.answers(state, ALONE, beam=0):
-            if answer.plan is not None and len(answer.plan) < self._left:
-                self._follow(answer.plan, state)
-            self._open = answer.plan is None or self._left > answer.bound
+        for result in self._anytime.search(state, ALONE, beam=0):
+            if result.plan is not None and len(result.plan) < self._steps_left:
+                self._follow(result.plan, state)
+            self._may_improve = result.plan is None or self._steps_left > result.bound
 
     def _follow(self, plan: Plan, state: State) -> None:
         self._script = Script(self._player, plan, self._anytime.in_model(state))
-        self._left = len(plan)
+        self._steps_left = len(plan)
         self._waited = 0
 
     def _wait(self, state: State) -> GroundAction | None:

@@ -1,10 +1,10 @@
 """Best-first search (A*) on the world's own steps: shortest plans in any domain, with proof.
 
 P. E. Hart, N. J. Nilsson, B. Raphael: A formal basis for the heuristic determination of minimum
-cost paths, 1968. A state is expanded in order of the steps taken so far and the estimate of those
-missing. An estimate is made only when a state's turn comes: until then, it is one less than its
-predecessor's (no step can bring the goal nearer by more than one). So the sum never falls on the
-way, and the smallest one that is left is a proven bound at any time.
+cost paths, 1968. A state is expanded in order of f = g + h: the steps taken so far, and a lower
+bound on those missing. The heuristic is asked only when a state's turn comes: until then, h is one
+less than the predecessor's (no step can bring the goal nearer by more than one). So f never falls
+on the way, and the smallest one that is open is a proven bound at any time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["PLANNER", "solve"]
+__all__ = ["PLANNER", "astar_search"]
 
 PLANNER = "general 1"
 
@@ -33,7 +33,7 @@ BATCH = 64
 """How many successors of one state are made before it is looked at whether to stop."""
 
 
-def solve(
+def astar_search(
     world: World,
     start: State | None = None,
     *,
@@ -55,20 +55,20 @@ def solve(
 
 
 class SearchNode(NamedTuple):
-    """A state on the way, and how it was reached; `left` is the least number of steps missing."""
+    """A state on the way, and how it was reached; no plan from it has fewer steps than `h`."""
 
     facts: int
     timers: Timers
     key: StateKey
-    steps: int
-    left: int
+    g: int
+    h: int
     evaluated: bool
     parent: SearchNode | None
     joint: Joint
 
 
 class _Search:
-    """One search: the states known, and those that are open, by the least length through them."""
+    """One search: the g of the states known, and the open states by their f."""
 
     def __init__(
         self,
@@ -98,27 +98,27 @@ class _Search:
         self._open[1].append(SearchNode(start.facts, start.timers, key, 0, 1, False, None, ()))
         while self._open:
             self._bound = min(self._open)
-            goal = self._work_off(self._open[self._bound])
+            goal = self._expand_bucket(self._open[self._bound])
             if goal is not None:
-                return self._answer(_plan(goal))
+                return self._result(_plan(goal))
             if self._stopped:
-                return self._answer(None)
+                return self._result(None)
             del self._open[self._bound]
-        return self._answer(None, unsolvable=True)
+        return self._result(None, unsolvable=True)
 
-    def _work_off(self, nodes: list[SearchNode]) -> SearchNode | None:
-        """Look at every state of the least length, until the goal is reached or it is stopped."""
-        while nodes and not self._exhausted():
+    def _expand_bucket(self, nodes: list[SearchNode]) -> SearchNode | None:
+        """Look at every open state of the least f, until the goal is reached or it is stopped."""
+        while nodes and not self._limit_reached():
             node = nodes.pop()
-            if self._known[node.key] < node.steps:
+            if self._known[node.key] < node.g:
                 continue
             if not node.evaluated:
-                estimate = self._heuristic(node.facts, node.timers)
-                if estimate == math.inf:
+                h = self._heuristic(node.facts, node.timers)
+                if h == math.inf:
                     continue
-                node = node._replace(left=max(node.left, int(estimate)), evaluated=True)
-                if node.steps + node.left > self._bound:
-                    self._open[node.steps + node.left].append(node)
+                node = node._replace(h=max(node.h, int(h)), evaluated=True)
+                if node.g + node.h > self._bound:
+                    self._open[node.g + node.h].append(node)
                     continue
             goal = self._expand(node)
             if goal is not None or self._stopped:
@@ -128,28 +128,27 @@ class _Search:
     def _expand(self, node: SearchNode) -> SearchNode | None:
         """Add a state's successors; the goal, if it is among them.
 
-        That is then as near as any: the state had at least one step to go, and its least length
-        is the bound.
+        That is then as near as any: the state had at least one step to go, and its f is the bound.
         """
         self._expansions += 1
-        known, steps = self._known, node.steps + 1
-        least = max(node.left - 1, 1)
-        front = self._open[steps + least]
+        known, g = self._known, node.g + 1
+        h = max(node.h - 1, 1)
+        bucket = self._open[g + h]
         for number, (facts, timers, joint) in enumerate(self._moves(node.facts, node.timers), 1):
-            if not number % BATCH and self._exhausted():
+            if not number % BATCH and self._limit_reached():
                 return None
             key = self._key(facts, timers)
             before = known.get(key)
-            if before is not None and before <= steps:
+            if before is not None and before <= g:
                 continue
-            known[key] = steps
-            after = SearchNode(facts, timers, key, steps, least, False, node, joint)
+            known[key] = g
+            after = SearchNode(facts, timers, key, g, h, False, node, joint)
             if self._reached(facts):
                 return after
-            front.append(after)
+            bucket.append(after)
         return None
 
-    def _exhausted(self) -> bool:
+    def _limit_reached(self) -> bool:
         """Whether a limit has been reached, which ends the search."""
         limits = self._limits
         most_expansions = math.inf if limits.expansions is None else limits.expansions
@@ -163,7 +162,7 @@ class _Search:
             self._stopped = limits.stop is not None and limits.stop()
         return self._stopped
 
-    def _answer(self, plan: Plan | None, unsolvable: bool = False) -> SearchResult:
+    def _result(self, plan: Plan | None, unsolvable: bool = False) -> SearchResult:
         return SearchResult(plan, self._bound, self._proof, PLANNER, self._expansions, unsolvable)
 
 

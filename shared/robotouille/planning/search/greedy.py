@@ -20,7 +20,7 @@ from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["PLANNER", "solve"]
+__all__ = ["PLANNER", "greedy_search"]
 
 PLANNER = "greedy 1"
 
@@ -31,7 +31,7 @@ OpenState = tuple[float, int, int, Timers, Path]
 """The steps that seem to be missing; minus the state's number; its facts, timers and path."""
 
 
-def solve(
+def greedy_search(
     world: World,
     start: State,
     *,

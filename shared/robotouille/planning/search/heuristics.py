@@ -1,4 +1,4 @@
-"""Admissible estimates of the steps to the goal: never more than there are."""
+"""Admissible heuristics of the steps to the goal: never more than there are."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class CriticalPath:
 
     def __call__(self, facts: int, timers: Timers) -> float:
         task = self._relaxation.task(facts, timers)
-        return critical_path(task, task.situation(facts, timers), self._players)
+        return critical_path(task, task.relaxed_state(facts, timers), self._players)
 
 
 class LandmarkCut:
@@ -63,11 +63,11 @@ class LandmarkCut:
             task = self._relaxation.task(facts, timers)
         except TooLargeError:
             return 1
-        situation = task.situation(facts, timers)
-        actions = landmark_cut(task, situation.props)
+        relaxed_state = task.relaxed_state(facts, timers)
+        actions = landmark_cut(task, relaxed_state.props)
         if actions == math.inf:
             return math.inf
-        steps = critical_path(task, situation, self._players)
+        steps = critical_path(task, relaxed_state, self._players)
         return max(_steps_for(int(actions), timers, self._players), steps)
 
 

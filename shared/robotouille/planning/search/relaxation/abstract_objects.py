@@ -9,7 +9,7 @@ from functools import cached_property
 from robotouille.domain.schema import Creation, EffectDef
 from robotouille.world.world import World
 
-__all__ = ["AbstractObject", "AbstractObjects", "cast_of", "future_name"]
+__all__ = ["AbstractObject", "AbstractObjects", "abstract_objects", "future_name"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class AbstractObjects:
         return [m.name for m in self.members if m.type == kind]
 
 
-def cast_of(world: World, facts: int) -> AbstractObjects:
+def abstract_objects(world: World, facts: int) -> AbstractObjects:
     """The objects that exist in `facts`, and a future one of each kind that play can create."""
     present = [AbstractObject(o.name, o.kind, o.type, False) for o in world.objects_in(facts)]
     created = {

@@ -30,18 +30,18 @@ Names = tuple[str | None, ...]
 
 
 class RelaxedGoal:
-    """Rules that add `GOAL`, one for each choice, and what stands for parts of the goal."""
+    """Operators that add `GOAL`, one for each choice, and what stands for parts of the goal."""
 
-    def __init__(self, world: World, cast: AbstractObjects) -> None:
+    def __init__(self, world: World, objects: AbstractObjects) -> None:
         self._table = world.table
-        self._cast = cast
+        self._objects = objects
         self._goal: Goal = world.goal
         self._pools = {v.id: self._pool(v) for v in world.goal.variables.values()}
         self._parts: dict[tuple[object, ...], Prop] = {}
-        self.rules: list[RelaxedOperator] = []
+        self.operators: list[RelaxedOperator] = []
         chosen = self._connecting()
         wanted = dict.fromkeys(tuple(sorted(set(p), key=repr)) for p in self._choices(chosen))
-        self.rules += [RelaxedOperator(list(props), [GOAL]) for props in wanted]
+        self.operators += [RelaxedOperator(list(props), [GOAL]) for props in wanted]
 
     def part(self, term: GoalTerm, names: Names | None = None) -> Prop:
         """The proposition that some fact meets a predicate; `names` has the arguments chosen."""
@@ -62,18 +62,18 @@ class RelaxedGoal:
         if term.predicate in self._table.static_predicates:
             prop: Prop = ("part", len(self._parts))
             if any(atom in self._table.static for atom in matching):
-                self.rules.append(RelaxedOperator([], [prop]))
+                self.operators.append(RelaxedOperator([], [prop]))
         elif len(matching) == 1:
             prop = ("+", matching[0])
         else:
             prop = ("part", len(self._parts))
-            self.rules += [RelaxedOperator([("+", atom)], [prop]) for atom in matching]
+            self.operators += [RelaxedOperator([("+", atom)], [prop]) for atom in matching]
         return prop
 
     def _pool(self, variable: Variable) -> list[str]:
         if variable.fixed is not None:
-            return [variable.fixed] if variable.fixed in self._cast.by_name else []
-        members = self._cast.members
+            return [variable.fixed] if variable.fixed in self._objects.by_name else []
+        members = self._objects.members
         return [
             m.name for m in members if (m.type if variable.is_type else m.kind) == variable.kind
         ]
@@ -119,4 +119,4 @@ class RelaxedGoal:
             return one[1] == other[1]
         variables = self._goal.variables
         alike = variables[one[0]].kind == variables[other[0]].kind
-        return not alike or one[1] != other[1] or one[1] in self._cast.future
+        return not alike or one[1] != other[1] or one[1] in self._objects.future

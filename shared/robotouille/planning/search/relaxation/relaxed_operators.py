@@ -2,15 +2,15 @@
 
 A *proposition* is a fact that is true (`+`), a fact that is false (`-`), or progress of a special
 effect: it runs, its condition holds, it has been performed so often. Once reached, a proposition
-stays. Actions and updates of effects become *rules*: an action costs 1, an update nothing, so
-that a shortest way to the goal by rules is never longer than a real plan.
+stays. Actions and updates of effects become *operators*: an action costs 1, an update nothing, so
+that a shortest way to the goal by operators is never longer than a real plan.
 
 * A conditional takes effect if its conditions are reached. If it can stop holding, its results
   are undone as well.
 * A delay costs nothing, but `RelaxedOperator.delay` tells how long it takes.
 * One repetitive effect of each action counts performances; any further one fires at the first.
 * A creation brings in the one object that stands for all future ones of its kind: every real
-  course of play becomes one of rules if created objects are renamed to it.
+  course of play becomes one of operators if created objects are renamed to it.
 * A deletion makes every fact about its object false (effects updated in the same breath may test
   that), but leaves the true ones.
 """
@@ -50,14 +50,14 @@ Binding = dict[str, str]
 
 @dataclass(slots=True)
 class RelaxedOperator:
-    """If all of `needs` are reached, so are all of `adds`.
+    """If all of `preconditions` are reached, so are all of `add_effects`.
 
     `cost` is 1 for an action, 0 for what the world does by itself. `delay` is the number of steps
     that a delayed effect waits; `clock` says which.
     """
 
-    needs: list[Prop]
-    adds: list[Prop]
+    preconditions: list[Prop]
+    add_effects: list[Prop]
     cost: int = 0
     delay: int = 0
     clock: tuple[Label, int] | None = None
@@ -65,17 +65,17 @@ class RelaxedOperator:
 
 @dataclass
 class RelaxedOperators:
-    """The rules of a world's domain over a cast of objects, the goal apart."""
+    """The operators of a world's domain over some objects, the goal apart."""
 
     world: World
-    cast: AbstractObjects
-    rules: list[RelaxedOperator] = field(default_factory=list)
+    objects: AbstractObjects
+    operators: list[RelaxedOperator] = field(default_factory=list)
     labels: set[Label] = field(default_factory=set)
     totals: dict[tuple[Label, int], int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._table = self.world.table
-        self._grounding = Grounding(self._table, self.cast)
+        self._grounding = Grounding(self._table, self.objects)
         self._schemas = {schema.name: schema for schema in self.world.schemas}
         self._origins = {
             id(effect.definition): (schema, index)
@@ -85,7 +85,7 @@ class RelaxedOperators:
         self._deletions: list[tuple[RelaxedOperator, str]] = []
 
     def write(self, running: Iterable[Label]) -> None:
-        """Write all rules; effects in `running` are included even if no action starts them now."""
+        """Write all operators; effects in `running` are included even if no action starts them."""
         for schema in self.world.schemas:
             for binding in self._grounding.bindings(schema):
                 self._write_action(schema, binding)
@@ -98,20 +98,22 @@ class RelaxedOperators:
     # Actions
 
     def _write_action(self, schema: ActionSchema, binding: Binding) -> None:
-        needs = self.conditions(schema.definition.precons, binding)
-        if needs is None:
+        preconditions = self.conditions(schema.definition.precons, binding)
+        if preconditions is None:
             return
-        needs += [("+", (EXISTS, a)) for a in binding.values() if a in self.cast.future]
-        adds = self.results(schema.definition.immediate_fx, binding)
-        adds += [self._effect(schema, i, binding) for i in range(len(schema.effects))]
+        preconditions += [("+", (EXISTS, a)) for a in binding.values() if a in self.objects.future]
+        add_effects = self.results(schema.definition.immediate_fx, binding)
+        add_effects += [self._effect(schema, i, binding) for i in range(len(schema.effects))]
         counted = self._counted(schema, binding)
         if counted is None:
-            self.rules.append(RelaxedOperator(needs, adds, cost=1))
+            self.operators.append(RelaxedOperator(preconditions, add_effects, cost=1))
             return
         for number in range(1, self.totals[counted] + 1):
             before: list[Prop] = [("count", *counted, number - 1)] if number > 1 else []
             after: Prop = ("count", *counted, number)
-            self.rules.append(RelaxedOperator([*needs, *before], [*adds, after], cost=1))
+            self.operators.append(
+                RelaxedOperator([*preconditions, *before], [*add_effects, after], cost=1)
+            )
 
     def _counted(self, schema: ActionSchema, binding: Binding) -> tuple[Label, int] | None:
         """The repetitive effect of an action whose performances are counted."""
@@ -123,7 +125,7 @@ class RelaxedOperators:
 
         What is always true becomes false by a deletion only.
         """
-        needs: list[Prop] = []
+        preconditions: list[Prop] = []
         for condition in conditions:
             atom = bound(condition, binding)
             if self._grounding.is_static(condition):
@@ -131,11 +133,11 @@ class RelaxedOperators:
                     continue
                 if condition.is_true:
                     return None
-            needs.append(("+" if condition.is_true else "-", atom))
+            preconditions.append(("+" if condition.is_true else "-", atom))
             opposite = ("-" if condition.is_true else "+", atom)
-            if opposite in needs and not self.is_future(atom):
+            if opposite in preconditions and not self.is_future(atom):
                 return None
-        return needs
+        return preconditions
 
     def results(self, fx: Iterable[Condition], binding: Binding) -> list[Prop]:
         """What is made true and false; where both, true wins, unless an argument is many."""
@@ -147,7 +149,7 @@ class RelaxedOperators:
         ]
 
     def is_future(self, atom: Atom) -> bool:
-        return any(name in self.cast.future for name in atom[1:])
+        return any(name in self.objects.future for name in atom[1:])
 
     # Effects
 
@@ -156,7 +158,7 @@ class RelaxedOperators:
         return schema.name, index, tuple(binding[name] for name in variables)
 
     def _effect(self, schema: ActionSchema, index: int, binding: Binding) -> Prop:
-        """The proposition that an effect runs; its rules are written when first asked for."""
+        """The proposition that an effect runs; its operators are written when first asked for."""
         label = self._label(schema, index, binding)
         if label not in self.labels:
             self.labels.add(label)
@@ -171,24 +173,24 @@ class RelaxedOperators:
         schema, index = self._origins[id(definition)]
         return self._effect(schema, index, binding)
 
-    def deletes(self, rule: RelaxedOperator, subject: str) -> None:
-        self._deletions.append((rule, subject))
+    def deletes(self, operator: RelaxedOperator, subject: str) -> None:
+        self._deletions.append((operator, subject))
 
     def _forget_the_deleted(self) -> None:
         """Let deletions add the falsehood of all facts about their object that anything asks."""
-        needs = (need for rule in self.rules for need in rule.needs)
-        asked = dict.fromkeys(need for need in needs if need[0] == "-")
-        for rule, subject in self._deletions:
-            rule.adds += [need for need in asked if subject in need[1][1:]]
+        asked_for = (need for operator in self.operators for need in operator.preconditions)
+        asked = dict.fromkeys(need for need in asked_for if need[0] == "-")
+        for operator, subject in self._deletions:
+            operator.add_effects += [need for need in asked if subject in need[1][1:]]
 
 
 class _EffectWriter:
-    """Writes the rules of one effect's tree, its nodes numbered as the world numbers them."""
+    """Writes the operators of one effect's tree, its nodes numbered as the world numbers them."""
 
     def __init__(
-        self, book: RelaxedOperators, label: Label, counted: int | None, active: bool
+        self, relaxed: RelaxedOperators, label: Label, counted: int | None, active: bool
     ) -> None:
-        self._book = book
+        self._relaxed = relaxed
         self._label = label
         self._counted = counted
         self._active = active
@@ -201,9 +203,9 @@ class _EffectWriter:
         if isinstance(definition, Creation):
             self._creation(definition, runs, binding)
         elif isinstance(definition, Deletion):
-            nested = [self._book.born(inner, binding) for inner in definition.sfx]
-            rule = self._rule([runs], definition.fx, binding, nested)
-            self._book.deletes(rule, binding[definition.param])
+            nested = [self._relaxed.born(inner, binding) for inner in definition.sfx]
+            operator = self._operator([runs], definition.fx, binding, nested)
+            self._relaxed.deletes(operator, binding[definition.param])
         else:
             nested = [self.write(inner, binding) for inner in definition.sfx]
             self._timed(definition, slot, runs, binding, nested)
@@ -220,17 +222,17 @@ class _EffectWriter:
         if isinstance(definition, Conditional):
             self._conditional(definition, slot, runs, binding, nested)
         elif isinstance(definition, Delayed):
-            rule = self._rule([runs], definition.fx, binding, nested)
-            factor = self._book.world.task.profile.delay_factor
-            rule.delay = self._updates(definition, binding) * factor
-            rule.clock = (self._label, slot)
+            operator = self._operator([runs], definition.fx, binding, nested)
+            factor = self._relaxed.world.task.profile.delay_factor
+            operator.delay = self._updates(definition, binding) * factor
+            operator.clock = (self._label, slot)
         elif slot == self._counted:
             total = max(1, min(MAX_COUNTED, self._updates(definition, binding)))
-            self._book.totals[self._label, slot] = total
+            self._relaxed.totals[self._label, slot] = total
             performed: Prop = ("count", self._label, slot, total)
-            self._rule([runs, performed], definition.fx, binding, nested)
+            self._operator([runs, performed], definition.fx, binding, nested)
         elif self._active:
-            self._rule([runs], definition.fx, binding, nested)
+            self._operator([runs], definition.fx, binding, nested)
 
     def _conditional(
         self, definition: Conditional, slot: int, runs: Prop, binding: Binding, nested: list[Prop]
@@ -239,32 +241,32 @@ class _EffectWriter:
         undone = [c.model_copy(update={"is_true": not c.is_true}) for c in definition.fx]
         if nested:
             true = {bound(c, binding) for c in definition.fx if c.is_true}
-            sets = {atom for atom in true if not self._book.is_future(atom)}
+            sets = {atom for atom in true if not self._relaxed.is_future(atom)}
             settled = [c for c in undone if not c.is_true or bound(c, binding) not in sets]
-            self._rule([holds], settled, binding, [])
-        needs = self._book.conditions(definition.conditions, binding)
-        if needs is not None:
-            self._rule([runs, *needs], definition.fx, binding, [*nested, holds])
+            self._operator([holds], settled, binding, [])
+        preconditions = self._relaxed.conditions(definition.conditions, binding)
+        if preconditions is not None:
+            self._operator([runs, *preconditions], definition.fx, binding, [*nested, holds])
 
     def _creation(self, definition: Creation, runs: Prop, binding: Binding) -> None:
         created = definition.created_obj
         name = future_name(created.name, created.type)
         inner = {**binding, created.param: name}
-        nested = [self._book.born(effect, inner) for effect in definition.sfx]
-        self._rule([runs], definition.fx, inner, [("+", (EXISTS, name)), *nested])
+        nested = [self._relaxed.born(effect, inner) for effect in definition.sfx]
+        self._operator([runs], definition.fx, inner, [("+", (EXISTS, name)), *nested])
 
-    def _rule(
-        self, needs: list[Prop], fx: Iterable[Condition], binding: Binding, more: list[Prop]
+    def _operator(
+        self, preconditions: list[Prop], fx: Iterable[Condition], binding: Binding, more: list[Prop]
     ) -> RelaxedOperator:
-        rule = RelaxedOperator(needs, [*self._book.results(fx, binding), *more])
-        self._book.rules.append(rule)
-        return rule
+        operator = RelaxedOperator(preconditions, [*self._relaxed.results(fx, binding), *more])
+        self._relaxed.operators.append(operator)
+        return operator
 
     def _updates(self, definition: Delayed | Repetitive, binding: Binding) -> int:
         """How often (a lower bound, if the object is yet to be created)."""
-        config = self._book.world.task.problem.config
+        config = self._relaxed.world.task.problem.config
         table = config.get(definition.config, {}) if definition.config is not None else {}
-        member = self._book.cast.by_name[binding[definition.param]]
+        member = self._relaxed.objects.by_name[binding[definition.param]]
         if member.future:
             return min([definition.default, *table.values()])
         for key in (member.name, member.kind, "default"):

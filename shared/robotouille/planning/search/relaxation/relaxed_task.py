@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planning.search.relaxation.abstract_objects import cast_of, future_name
+from robotouille.planning.search.relaxation.abstract_objects import abstract_objects, future_name
 from robotouille.planning.search.relaxation.relaxed_goal import GOAL, RelaxedGoal
 from robotouille.planning.search.relaxation.relaxed_operators import (
     MAX_COUNTED,
@@ -24,16 +24,16 @@ from robotouille.world.state import State
 from robotouille.world.timers import Timers
 from robotouille.world.world import World
 
-__all__ = ["Relaxation", "RelaxedTask", "Situation", "reachable"]
+__all__ = ["Relaxation", "RelaxedState", "RelaxedTask", "reachable"]
 
 TRUE: Prop = ("true",)
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class RelaxedState:
     """A state as a relaxed task sees it: the propositions reached, and delays begun already.
 
-    `left` has, for rules of delays that have begun, the delay that is left.
+    `left` has, for operators of delays that have begun, the delay that is left.
     """
 
     props: list[int]
@@ -41,22 +41,29 @@ class Situation:
 
 
 class RelaxedTask:
-    """Rules by number. `needs`, `adds`, `cost` and `delay` are those of each rule; `users` the
-    rules that need a proposition, `makers` those that add it."""
+    """Operators by number.
 
-    def __init__(self, world: World, rules: list[RelaxedOperator]) -> None:
-        self.rules = rules
+    `preconditions`, `add_effects`, `cost` and `delay` are those of each operator; `precondition_of`
+    has the operators that need a proposition, `achievers` those that add it.
+    """
+
+    def __init__(self, world: World, operators: list[RelaxedOperator]) -> None:
+        self.operators = operators
         self.number: dict[Prop, int] = {TRUE: 0, GOAL: 1}
-        self.needs = [self._numbers(rule.needs) or (0,) for rule in rules]
-        self.adds = [self._numbers(rule.adds) for rule in rules]
-        self.cost = bytes(rule.cost for rule in rules)
-        self.delay = [rule.delay for rule in rules]
-        self.timed = bytes(rule.clock is not None for rule in rules)
-        self.counts = [len(needs) for needs in self.needs]
+        self.preconditions = [
+            self._numbers(operator.preconditions) or (0,) for operator in operators
+        ]
+        self.add_effects = [self._numbers(operator.add_effects) for operator in operators]
+        self.cost = bytes(operator.cost for operator in operators)
+        self.delay = [operator.delay for operator in operators]
+        self.timed = bytes(operator.clock is not None for operator in operators)
+        self.counts = [len(needed) for needed in self.preconditions]
         self.size = len(self.number)
-        self.users = _index(self.needs, self.size)
-        self.makers = _index(self.adds, self.size)
-        self._clocks = {rule.clock: i for i, rule in enumerate(rules) if rule.clock is not None}
+        self.precondition_of = _index(self.preconditions, self.size)
+        self.achievers = _index(self.add_effects, self.size)
+        self._clocks = {
+            operator.clock: i for i, operator in enumerate(operators) if operator.clock is not None
+        }
         bits = world.table.bit
         self._true = self._by_bit("+", bits)
         self._false = self._by_bit("-", bits)
@@ -72,7 +79,7 @@ class RelaxedTask:
 
     goal = 1
 
-    def situation(self, facts: int, timers: Timers) -> Situation:
+    def relaxed_state(self, facts: int, timers: Timers) -> RelaxedState:
         """What is reached at once in a state."""
         known = self._timers.get(timers)
         if known is None:
@@ -80,7 +87,7 @@ class RelaxedTask:
         props = self._always + known[0]
         props += [self._true[bit] for bit in bits_of(facts & self._true_mask)]
         props += [self._false[bit] for bit in bits_of(~facts & self._false_mask)]
-        return Situation(props, known[1])
+        return RelaxedState(props, known[1])
 
     def _numbers(self, props: Iterable[Prop]) -> tuple[int, ...]:
         return tuple({self.number.setdefault(p, len(self.number)): None for p in props})
@@ -102,32 +109,32 @@ class RelaxedTask:
                     props.append(("holds", effect.label, slot))
                 counts = range(1, min(done, MAX_COUNTED) + 1)
                 props += [("count", effect.label, slot, n) for n in counts]
-                rule = self._clocks.get((effect.label, slot))
-                if rule is not None and done > 0:
-                    left[rule] = max(0, self.delay[rule] - done)
+                operator = self._clocks.get((effect.label, slot))
+                if operator is not None and done > 0:
+                    left[operator] = max(0, self.delay[operator] - done)
         return [self.number[prop] for prop in props if prop in self.number], left
 
 
 def _index(table: list[tuple[int, ...]], size: int) -> list[list[int]]:
     found: list[list[int]] = [[] for _ in range(size)]
-    for rule, props in enumerate(table):
+    for operator, props in enumerate(table):
         for prop in props:
-            found[prop].append(rule)
+            found[prop].append(operator)
     return found
 
 
-def reachable(task: RelaxedTask, situation: Situation) -> bytearray:
+def reachable(task: RelaxedTask, relaxed_state: RelaxedState) -> bytearray:
     """For each proposition, whether it can be reached at all."""
     reached = bytearray(task.size)
     unmet = task.counts.copy()
-    frontier = list(dict.fromkeys(situation.props))
+    frontier = list(dict.fromkeys(relaxed_state.props))
     for prop in frontier:
         reached[prop] = 1
     while frontier:
-        for rule in task.users[frontier.pop()]:
-            unmet[rule] -= 1
-            if not unmet[rule]:
-                for prop in task.adds[rule]:
+        for operator in task.precondition_of[frontier.pop()]:
+            unmet[operator] -= 1
+            if not unmet[operator]:
+                for prop in task.add_effects[operator]:
                     if not reached[prop]:
                         reached[prop] = 1
                         frontier.append(prop)
@@ -146,7 +153,7 @@ class Relaxation:
         self._reached: frozenset[Prop] = frozenset()
         self._known: frozenset[Prop] = frozenset()
         whole, _ = self._whole(start.facts, start.timers)
-        reached = reachable(whole, whole.situation(start.facts, start.timers))
+        reached = reachable(whole, whole.relaxed_state(start.facts, start.timers))
         self._reached = frozenset(p for p, n in whole.number.items() if reached[n])
         self._known = frozenset(whole.number)
 
@@ -163,36 +170,37 @@ class Relaxation:
             if all(effect.label in labels for effect, _ in timers.entries):
                 return task
         whole, labels = self._whole(facts, timers)
-        task = RelaxedTask(self._world, _relevant(self._attainable(whole.rules)))
+        task = RelaxedTask(self._world, _relevant(self._attainable(whole.operators)))
         self._tasks[key] = task, labels
         return task
 
     def _whole(self, facts: int, timers: Timers) -> tuple[RelaxedTask, set[Label]]:
-        """All rules, and the effects they speak of.
+        """All operators, and the effects they speak of.
 
-        Rules that add nothing give numbers to the parts of the goal, even if nothing changes them.
+        Operators that add nothing give numbers to the parts of the goal, even if nothing changes
+        them.
         """
-        cast = cast_of(self._world, facts)
+        objects = abstract_objects(self._world, facts)
         self._running |= {effect.label for effect, _ in timers.entries}
-        running = [x for x in sorted(self._running) if all(a in cast.by_name for a in x[2])]
-        book = RelaxedOperators(self._world, cast)
-        goal = RelaxedGoal(self._world, cast)
+        running = [x for x in sorted(self._running) if all(a in objects.by_name for a in x[2])]
+        relaxed = RelaxedOperators(self._world, objects)
+        goal = RelaxedGoal(self._world, objects)
         self._parts = self._parts or {term: goal.part(term) for term in self._world.goal.terms}
-        book.write(running)
+        relaxed.write(running)
         asked = [RelaxedOperator([part], []) for part in dict.fromkeys(self._parts.values())]
-        return RelaxedTask(self._world, book.rules + goal.rules + asked), book.labels
+        return RelaxedTask(self._world, relaxed.operators + goal.operators + asked), relaxed.labels
 
-    def _attainable(self, rules: list[RelaxedOperator]) -> list[RelaxedOperator]:
-        """The rules whose needs can all be met somewhere, as seen from the start of the search."""
+    def _attainable(self, operators: list[RelaxedOperator]) -> list[RelaxedOperator]:
+        """The operators whose preconditions can all be met, from the start of the search."""
         born = {
             name: future_name(thing.kind, thing.type)
             for name in self._world.thing_names - self._born
             for thing in [self._world.thing(name)]
         }
         return [
-            rule
-            for rule in rules
-            if all(self._may_be_reached(_renamed(prop, born)) for prop in rule.needs)
+            operator
+            for operator in operators
+            if all(self._may_be_reached(_renamed(prop, born)) for prop in operator.preconditions)
         ]
 
     def _may_be_reached(self, prop: Prop) -> bool:
@@ -210,23 +218,25 @@ def _renamed(prop: Prop, born: dict[str, str]) -> Prop:
     return prop
 
 
-def _relevant(rules: list[RelaxedOperator]) -> list[RelaxedOperator]:
-    """The rules that the goal may need, without what they add for nothing."""
-    makers: dict[Prop, list[RelaxedOperator]] = {}
-    for rule in rules:
-        for prop in rule.adds:
-            makers.setdefault(prop, []).append(rule)
+def _relevant(operators: list[RelaxedOperator]) -> list[RelaxedOperator]:
+    """The operators that the goal may need, without what they add for nothing."""
+    achievers: dict[Prop, list[RelaxedOperator]] = {}
+    for operator in operators:
+        for prop in operator.add_effects:
+            achievers.setdefault(prop, []).append(operator)
     wanted = {GOAL}
     frontier: list[Prop] = [GOAL]
     used: set[int] = set()
     while frontier:
-        for rule in makers.get(frontier.pop(), ()):
-            used.add(id(rule))
-            new = [prop for prop in rule.needs if prop not in wanted]
+        for operator in achievers.get(frontier.pop(), ()):
+            used.add(id(operator))
+            new = [prop for prop in operator.preconditions if prop not in wanted]
             wanted.update(new)
             frontier += new
     return [
-        RelaxedOperator(r.needs, [p for p in r.adds if p in wanted], r.cost, r.delay, r.clock)
-        for r in rules
+        RelaxedOperator(
+            r.preconditions, [p for p in r.add_effects if p in wanted], r.cost, r.delay, r.clock
+        )
+        for r in operators
         if id(r) in used
     ]

@@ -1,4 +1,4 @@
-"""Actions over a cast of objects: every choice of arguments that static facts allow."""
+"""Actions over some objects: every choice of arguments that static facts allow."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class TooLargeError(ValueError):
 class Grounding:
     """Grounds action schemas; conditions on predicates that nothing changes are settled here."""
 
-    def __init__(self, table: AtomTable, cast: AbstractObjects) -> None:
+    def __init__(self, table: AtomTable, objects: AbstractObjects) -> None:
         self._table = table
-        self._cast = cast
+        self._objects = objects
 
     def bindings(self, schema: ActionSchema) -> Iterator[dict[str, str]]:
         """Arguments for an action's parameters. Raises TooLargeError before there are too many."""
@@ -33,7 +33,7 @@ class Grounding:
         pools = [
             [
                 choice
-                for choice in self._cast.of_type(kind)
+                for choice in self._objects.of_type(kind)
                 if all(
                     self.static_holds(c, {name: choice}) for c in static if set(c.params) == {name}
                 )

@@ -14,13 +14,13 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from robotouille import Task, World
-from robotouille.planning.search.astar import solve
+from robotouille.planning.search.astar import astar_search
 from robotouille.planning.search.heuristics import BLIND, CriticalPath, Heuristic, LandmarkCut
 from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.planning.validation import replay
-from tests.planning.general.small_tasks import deep_tasks, tiny_kitchens
-from tests.planning.oracle import Oracle, explore
+from tests.planning.search.small_tasks import deep_tasks, tiny_kitchens
+from tests.support.oracle import Oracle, explore
 from tests.world.random_tasks import tasks
 
 ORDERED = os.environ.get("ROBOTOUILLE_ORACLE_TASKS")
@@ -64,7 +64,7 @@ def check_answers(world: World, oracle: Oracle, states: int) -> None:
     for guide in guides:
         for symmetry in (True, False):
             limits = Limits(states=states)
-            answer = solve(world, heuristic=guide, symmetry=symmetry, limits=limits)
+            answer = astar_search(world, heuristic=guide, symmetry=symmetry, limits=limits)
             if answer.plan is not None:
                 assert replay(answer.plan, world).ok
             if oracle.depth is not None:

@@ -10,8 +10,8 @@ import pytest
 
 from robotouille import GroundAction, State, World, load_task, task_names
 from robotouille.episode import Clock, Episode, Outcome, Phase, Rules, Stepped
-from robotouille.planning.anytime import Anytime
-from robotouille.planning.beam.planner import Planner, Solution
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.beam.planner import BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.planner_policy import PlannerPolicy
 from robotouille.planning.policies.script import Did
@@ -151,7 +151,7 @@ def test_a_plan_that_is_not_proven_to_be_shortest_is_improved_while_playing(
 ) -> None:
     monkeypatch.setattr("robotouille.planning.policies.planner_policy.ALONE", Limits(expansions=60))
     world = World("asynchronous/09")
-    first = Anytime(world).first(world.initial).plan
+    first = AnytimePlanner(world).first(world.initial).plan
     steps, planned = alone(world, lambda step: False)
     assert len(planned) > 1
     assert steps <= 1.05 * 58 < len(first or ())
@@ -224,7 +224,7 @@ def test_where_a_beam_search_is_blind_a_plan_is_found_otherwise(
     monkeypatch: pytest.MonkeyPatch, seats: int
 ) -> None:
     nothing = Solution(Plan(()), False, 9.0, 1)
-    monkeypatch.setattr(Planner, "solve", lambda *_, **__: nothing)
+    monkeypatch.setattr(BeamPlanner, "solve", lambda *_, **__: nothing)
     assert pancake_steps(seats, players=seats) <= 14
 
 

@@ -26,7 +26,7 @@ from robotouille.certification.certificate import (
     read_certificate,
     write_certificate,
 )
-from robotouille.planning.beam.planner import Planner
+from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.plan import Plan, read_plan, write_plan
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 
@@ -41,7 +41,7 @@ def planned(state: State) -> Plan:
     """A plan from a state, searched for once."""
     world, key = state.world, (state.world.task.digest, state.digest)
     if key not in TEXTS:
-        TEXTS[key] = write_plan(Planner(world).solve(state, world.players).plan, world)
+        TEXTS[key] = write_plan(BeamPlanner(world).solve(state, world.players).plan, world)
     return read_plan(TEXTS[key], world)
 
 

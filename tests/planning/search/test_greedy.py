@@ -6,7 +6,7 @@ import pytest
 
 from robotouille import World
 from robotouille.planning.plan import Plan
-from robotouille.planning.search.greedy import solve
+from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import Limits
 from robotouille.planning.validation import replay
 from tests.support.pancakes import pancake_kitchen
@@ -25,7 +25,7 @@ from tests.world.kitchens import kitchen
     ids=lambda world: f"{world.task.name}@{world.task.seats}",
 )
 def test_plans_replay(world: World) -> None:
-    found = solve(world, world.initial, limits=Limits(expansions=500))
+    found = greedy_search(world, world.initial, limits=Limits(expansions=500))
     assert found.plan is not None
     assert replay(found.plan, world).ok
     assert (found.bound, found.unsolvable) == (0, False)
@@ -33,7 +33,7 @@ def test_plans_replay(world: World) -> None:
 
 def test_a_part_of_a_team_plans_for_itself() -> None:
     world = pancake_kitchen(players=2)
-    found = solve(world, world.initial, team=["robot1"])
+    found = greedy_search(world, world.initial, team=["robot1"])
     assert found.plan is not None
     assert found.plan.share("robot2") == 0
     assert replay(found.plan, world).ok
@@ -46,7 +46,7 @@ def test_what_a_part_of_a_team_cannot_do_is_not_said_to_be_unsolvable() -> None:
         {"predicate": "atop", "args": ["pancake", "pancake"], "ids": [2, 1]},
     ]
     world = pancake_kitchen(batter=2, players=2, goal=goal)
-    found = solve(world, world.initial, team=["robot1"])
+    found = greedy_search(world, world.initial, team=["robot1"])
     assert (found.plan, found.unsolvable) == (None, False)
 
 
@@ -55,14 +55,18 @@ def test_unsolvable_if_every_state_was_seen() -> None:
         items=[{"name": "lettuce", "x": 0, "y": 0}],
         goal=[{"predicate": "iscut", "args": ["lettuce"], "ids": [1]}],
     )
-    assert solve(world, world.initial).unsolvable
-    limited = solve(World("synchronous/05"), World("synchronous/05").initial, limits=Limits(2))
+    assert greedy_search(world, world.initial).unsolvable
+    limited = greedy_search(
+        World("synchronous/05"), World("synchronous/05").initial, limits=Limits(2)
+    )
     assert (limited.plan, limited.unsolvable, limited.expansions) == (None, False, 2)
-    full = solve(World("synchronous/05"), World("synchronous/05").initial, limits=Limits(None, 20))
+    full = greedy_search(
+        World("synchronous/05"), World("synchronous/05").initial, limits=Limits(None, 20)
+    )
     assert (full.plan, full.unsolvable) == (None, False)
 
 
 def test_nothing_to_do() -> None:
     world = World("synchronous/01")
-    end = replay(solve(world, world.initial).plan or Plan(()), world).final
-    assert solve(world, end).plan == Plan(())
+    end = replay(greedy_search(world, world.initial).plan or Plan(()), world).final
+    assert greedy_search(world, end).plan == Plan(())

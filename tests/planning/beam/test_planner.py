@@ -7,7 +7,7 @@ import random
 import pytest
 
 from robotouille import World, load_task
-from robotouille.planning.beam.planner import Planner
+from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.validation import replay
 
 # Plans no longer than this: what the planner found when this was written, and a tenth more.
@@ -21,7 +21,7 @@ LENGTHS = {
 @pytest.mark.parametrize("name", LENGTHS)
 def test_from_the_start(name: str) -> None:
     world = World(name)
-    solution = Planner(world).solve(world.initial)
+    solution = BeamPlanner(world).solve(world.initial)
     assert solution.reached
     assert replay(solution.plan, world).ok
     assert len(solution.plan) <= LENGTHS[name]
@@ -34,22 +34,22 @@ def test_from_the_middle_of_play(name: str, seed: int) -> None:
     state = world.initial
     for _ in range(25):
         state = world.successor(state, generator.choice(state.actions("robot1")))
-    solution = Planner(world).solve(state)
+    solution = BeamPlanner(world).solve(state)
     assert solution.reached
     assert replay(solution.plan, world, state).ok
 
 
 def test_nothing_left_to_do() -> None:
     world = World("synchronous/01")
-    end = replay(Planner(world).solve(world.initial).plan, world).final
-    solution = Planner(world).solve(end)
+    end = replay(BeamPlanner(world).solve(world.initial).plan, world).final
+    solution = BeamPlanner(world).solve(end)
     assert (solution.reached, len(solution.plan)) == (True, 0)
 
 
 def test_spoiled_beyond_repair_is_not_claimed_to_be_solved() -> None:
     """An onion that has to be cut goes into the pot whole: there is no way back."""
     world = World("asynchronous/07")
-    plan = Planner(world).solve(world.initial).plan
+    plan = BeamPlanner(world).solve(world.initial).plan
     state = world.initial
     for (action,) in (joint for joint in plan if joint):
         if action.name == "cut":
@@ -63,7 +63,7 @@ def test_spoiled_beyond_repair_is_not_claimed_to_be_solved() -> None:
         o for o in onions if state.holds("addedto", o, "water1") and not state.holds("iscut", o)
     ]
     assert spoiled
-    assert not Planner(world).solve(state, expansions=200).reached
+    assert not BeamPlanner(world).solve(state, expansions=200).reached
 
 
 @pytest.mark.parametrize("name", ["asynchronous/05", "multi_agent/02"])
@@ -71,5 +71,7 @@ def test_one_seed_one_plan(name: str) -> None:
     plans = []
     for _ in range(2):
         world = World(load_task(name))
-        plans.append([tuple(map(str, joint)) for joint in Planner(world).solve(world.initial).plan])
+        plans.append(
+            [tuple(map(str, joint)) for joint in BeamPlanner(world).solve(world.initial).plan]
+        )
     assert plans[0] == plans[1]

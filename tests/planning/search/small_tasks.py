@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from robotouille import State, Task, Timing, World
 from robotouille.domain.schema import GoalTerm, ProblemFile
 from robotouille.domain.task import build_task, read_domain
-from tests.planning.oracle import explore
+from tests.support.oracle import explore
 from tests.world.random_tasks import tasks
 
 __all__ = ["deep_tasks", "tiny_kitchens"]

@@ -23,7 +23,7 @@ from robotouille.certification.checking import check_dataset
 from robotouille.certification.dataset import MANIFEST, CertifyingOutcome, Running, read_dataset
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.resources import data_folder
-from tests.planning.test_certificate import proving
+from tests.certification.test_certificate import proving
 
 FILES = ("synchronous/01_cheese_sandwich", "synchronous/02_lettuce_sandwich")
 NAMES = ["01_cheese_sandwich", "02_lettuce_sandwich", "sub/01_cheese_sandwich"]
@@ -289,7 +289,7 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 from robotouille.certification.certifying import certify_dataset
-from tests.planning.test_certificate import proving
+from tests.certification.test_certificate import proving
 
 def slow(world, start=None, **options):
     if "lettuce" in world.task.name:

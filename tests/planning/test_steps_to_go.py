@@ -12,14 +12,14 @@ from typer.testing import CliRunner
 
 from robotouille import State, World
 from robotouille.episode import Clock
-from robotouille.planning.anytime import Anytime
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits
 from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
 from robotouille_client.cli.main import app
 from tests.planning.kitchen.exact import explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
-from tests.planning.oracle import explore
 from tests.support.games import recorded_game
+from tests.support.oracle import explore
 from tests.world.kitchens import kitchen
 
 NOTHING = Limits(expansions=0)
@@ -63,7 +63,7 @@ TINY: dict[str, dict[str, Any]] = {
 
 def optimal_course(world: World) -> list[State]:
     """The states along a shortest plan."""
-    *_, answer = Anytime(world).answers(world.initial, Limits(expansions=500))
+    *_, answer = AnytimePlanner(world).search(world.initial, Limits(expansions=500))
     assert answer.plan is not None
     assert answer.optimal
     states = [world.initial]
@@ -151,7 +151,7 @@ def spoiled() -> list[State]:
         for action in before.actions("robot1"):
             if action.name == "add-to" and not before.holds("iscut", action.arguments[1]):
                 return [*course, before, before.step(action).state]
-    plan = Anytime(world).first(world.initial).plan
+    plan = AnytimePlanner(world).first(world.initial).plan
     assert plan is not None
     for (action,) in (joint for joint in plan if joint):
         if action.name != "cut" and world.applicable(state, action):

@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_task
-from robotouille.planning.search.astar import solve
+from robotouille.planning.search.astar import astar_search
 from robotouille.planning.search.heuristics import BLIND, CriticalPath, LandmarkCut
+from robotouille.planning.search.relaxation.relaxed_task import Relaxation
+from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
 from robotouille.planning.search.symmetry import interchangeable
 from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits, Proof, SearchResult
@@ -56,27 +58,27 @@ def check(world: World, answer: SearchResult, length: int) -> None:
 )
 def test_shipped_tasks(name: str, length: int) -> None:
     world = World(load_task(name))
-    check(world, solve(world), length)
+    check(world, astar_search(world), length)
 
 
 @pytest.mark.parametrize(("name", "length"), [("synchronous/02", 14), ("training/01", 18)])
 def test_without_estimates(name: str, length: int) -> None:
     world = World(load_task(name))
-    answer = solve(world, heuristic=BLIND)
+    answer = astar_search(world, heuristic=BLIND)
     check(world, answer, length)
     assert answer.proof is Proof.EXHAUSTED
 
 
 def test_estimates_save_work() -> None:
     world = World(load_task("synchronous/02"))
-    guided = solve(world, symmetry=False)
+    guided = astar_search(world, symmetry=False)
     check(world, guided, 14)
-    assert guided.expansions * 5 < solve(world, heuristic=BLIND, symmetry=False).expansions
+    assert guided.expansions * 5 < astar_search(world, heuristic=BLIND, symmetry=False).expansions
 
 
 def test_symmetry_saves_work() -> None:
     world = World(load_task("synchronous/02"))
-    assert solve(world).expansions * 2 < solve(world, symmetry=False).expansions
+    assert astar_search(world).expansions * 2 < astar_search(world, symmetry=False).expansions
 
 
 @pytest.mark.parametrize("seat", [0, 1])
@@ -93,14 +95,14 @@ def test_one_uses_what_another_did_in_the_same_step(seat: int) -> None:
         goal=[{"predicate": "loc", "args": ["robot", places[1 - seat]], "ids": ["me", 2]}],
     )
     for guide in (None, BLIND, CriticalPath(world)):
-        answer = solve(world, heuristic=guide)
+        answer = astar_search(world, heuristic=guide)
         check(world, answer, 1)
 
 
 @pytest.mark.parametrize("timing", ["benchmark", "people"])
 def test_all_ways_to_search_agree(timing: str) -> None:
     world = team_kitchen(timing)
-    answers = [solve(world, heuristic=guide) for guide in (None, BLIND, CriticalPath(world))]
+    answers = [astar_search(world, heuristic=guide) for guide in (None, BLIND, CriticalPath(world))]
     assert all(answer.optimal for answer in answers)
     assert len({answer.bound for answer in answers}) == 1
 
@@ -109,7 +111,7 @@ def test_a_busy_player_waits() -> None:
     world = team_kitchen("people")
     state = act(world.initial, "move", "robot1", "table1", "board1")
     assert state.busy_steps("robot1") > 0
-    answer = solve(world, state)
+    answer = astar_search(world, state)
     assert answer.optimal
     assert answer.plan is not None
     assert replay(answer.plan, world, state).ok
@@ -117,7 +119,7 @@ def test_a_busy_player_waits() -> None:
 
 def test_nothing_to_do() -> None:
     world = kitchen(goal=[{"predicate": "loc", "args": ["robot", "table"], "ids": [1, 2]}])
-    check(world, solve(world), 0)
+    check(world, astar_search(world), 0)
 
 
 def test_waiting_is_part_of_a_plan() -> None:
@@ -127,7 +129,7 @@ def test_waiting_is_part_of_a_plan() -> None:
         config={"cook_time": {"default": 4}},
         goal=[{"predicate": "iscooked", "args": ["patty"], "ids": [1]}],
     )
-    answer = solve(world)
+    answer = astar_search(world)
     check(world, answer, 5)
     assert answer.plan is not None
     assert answer.plan.actions == 1
@@ -140,33 +142,33 @@ def test_an_impossible_goal() -> None:
     clear = {"predicate": "clear", "args": ["bread"], "ids": [1]}
     held = {"predicate": "has_item", "args": ["robot", "bread"], "ids": [2, 1]}
     world = kitchen(items=bread, goal=[cut, clear])
-    answer = solve(world)
+    answer = astar_search(world)
     assert answer.unsolvable
     assert not answer.expansions
     assert unreachable_goal(world) == ("bread has been cut",)
     world = kitchen(items=bread, goal=[held, clear])
-    assert solve(world).unsolvable
-    assert solve(world, heuristic=BLIND).unsolvable
+    assert astar_search(world).unsolvable
+    assert astar_search(world, heuristic=BLIND).unsolvable
     assert unreachable_goal(world) == ()
 
 
 def test_limits_leave_a_proven_bound() -> None:
     world = World(load_task("synchronous/02"))
     for limits in (Limits(expansions=20), Limits(states=50), Limits(stop=lambda: True)):
-        answer = solve(world, limits=limits)
+        answer = astar_search(world, limits=limits)
         assert answer.bound <= 14
         assert not answer.unsolvable
         if limits.stop is None:
             assert answer.plan is None
             assert answer.bound >= 9
-    blind = solve(world, heuristic=BLIND, limits=Limits(states=1000), symmetry=False)
+    blind = astar_search(world, heuristic=BLIND, limits=Limits(states=1000), symmetry=False)
     assert 1 < blind.bound < 14
 
 
 def test_progress_is_told() -> None:
     told: list[tuple[int, int, int | None]] = []
     world = World(load_task("training/01"))
-    solve(world, heuristic=BLIND, watch=lambda *news: told.append(news))
+    astar_search(world, heuristic=BLIND, watch=lambda *news: told.append(news))
     assert told
     assert [bound for _, bound, _ in told] == sorted(bound for _, bound, _ in told)
     assert all(bound <= 18 for _, bound, _ in told)
@@ -180,15 +182,15 @@ def test_created_objects_without_end() -> None:
         config={"fill_time": {"default": 1}},
         goal=[{"predicate": "in", "args": ["water", "bowl"], "ids": [1, 2]}],
     )
-    answer = solve(world)
+    answer = astar_search(world)
     check(world, answer, 5)
-    assert solve(world, heuristic=BLIND).plan is not None
+    assert astar_search(world, heuristic=BLIND).plan is not None
 
 
 def test_large_goals() -> None:
     goal = [{"predicate": "clear", "args": ["bread"], "ids": [number]} for number in range(1, 301)]
     world = kitchen(items=[{"name": "bread", "x": 1, "y": 0}], goal=goal)
-    assert solve(world, limits=Limits(states=200)).plan is None
+    assert astar_search(world, limits=Limits(states=200)).plan is None
 
 
 def test_what_is_interchangeable() -> None:
@@ -208,3 +210,18 @@ def test_what_holds_anyway_is_not_to_blame() -> None:
         ],
     )
     assert unreachable_goal(world) == ("robot stands at board",)
+
+
+def test_where_so_much_is_created_that_a_relaxation_is_too_large(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The goal is one step away at least, and A* goes on."""
+    world = World(load_task("synchronous/01"))
+    heuristic = LandmarkCut(world)
+
+    def too_large(*_: object) -> None:
+        raise TooLargeError
+
+    monkeypatch.setattr(Relaxation, "task", too_large)
+    assert heuristic(world.initial.facts, world.initial.timers) == 1
+    assert len(astar_search(world, heuristic=heuristic).plan or ()) == 8
