@@ -1,23 +1,45 @@
 """Kernels: functions that are compiled where the extra `fast` is installed, and plain Python else.
 
-A kernel works on sequences of integers (`Ints`): arrays of 64-bit integers if compiled, lists if
-not. Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
+A kernel works on integers, on rows of them (`Ints`), and on records: objects of a dataclass all
+fields of which are integers or rows, tables or cubes of integers. In plain Python rows are lists
+and a record is the object itself. If compiled, rows are arrays of 64-bit integers and a record is a
+structure of fixed size, which a kernel gets as one pointer: so each field of a row says how long
+it may get (`sized`). Kernels read both in the same words: `kitchen.total[process][item]`.
+
+Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, MutableSequence
+from collections.abc import Callable, Iterable, MutableSequence, Sequence
+from dataclasses import field, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
-__all__ = ["COMPILED", "Ints", "grown", "ints", "kernel", "zeros"]
+__all__ = [
+    "COMPILED",
+    "Cube",
+    "Ints",
+    "Table",
+    "grown",
+    "ints",
+    "kernel",
+    "plain",
+    "record",
+    "records",
+    "sized",
+    "zeros",
+]
 
 F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 Ints: TypeAlias = "MutableSequence[int]"
+Table: TypeAlias = "MutableSequence[Ints]"
+Cube: TypeAlias = "MutableSequence[Table]"
 
 
 def _module(name: str) -> Any:
@@ -80,3 +102,39 @@ def grown(values: Ints, size: int) -> Ints:
     array: Any = _numpy.zeros(size, dtype=_numpy.int64)
     array[: len(values)] = values
     return cast("Ints", array)
+
+
+def sized(*most: int) -> Any:
+    """A field of a record that is a row, table or cube, with its greatest length and breadth."""
+    return field(metadata={"size": most})
+
+
+def record(value: R) -> R:
+    """A dataclass object for kernels, which may change it; may be the same object."""
+    return records(type(value), [value])[0]
+
+
+def records(kind: type[R], values: Sequence[R]) -> Sequence[R]:
+    """Dataclass objects for kernels; their rows are as long in each as in the others."""
+    if not COMPILED:
+        return list(values)
+    array: Any = _numpy.zeros(len(values), dtype=_structure(kind))
+    for name in array.dtype.names if values else ():
+        content = _numpy.array([getattr(value, name) for value in values])
+        if content.size:
+            array[name][tuple(map(slice, content.shape))] = content
+    return cast("Sequence[R]", array)
+
+
+def plain(kind: type[R], values: Sequence[R]) -> Sequence[R]:
+    """Dataclass objects with what kernels left in records, all fields of which are integers."""
+    if not COMPILED:
+        return values
+    return [kind(*row) for row in cast("Any", values).tolist()]
+
+
+@cache
+def _structure(kind: Any) -> Any:
+    """The numpy type of a dataclass."""
+    described = [(f.name, _numpy.int64, f.metadata.get("size", ())) for f in fields(kind)]
+    return _numpy.dtype((_numpy.record, described))

@@ -1,40 +1,55 @@
 """A* over compact states (Hart, Nilsson and Raphael 1968), on arrays that only grow.
 
-A node is a state with the steps it took to get there. Nodes wait in stacks, one for each pair of
-promise (steps so far plus estimate) and estimate; the lowest promise comes first, and of those
-the node nearest the goal. A state reached again in fewer steps gets a new node; the old one is
-skipped. With a weight above 1 plans come sooner and are no longer proven to be shortest.
+A node is a state with `g`, the steps it took to get there, and `h`, what the heuristic says is left;
+f is their sum. Open nodes wait in stacks, one for each pair of f and h: the lowest f comes first,
+and of those the lowest h, the last in first out. A state reached again in fewer steps gets a new
+node; the old one is marked as a dead end, and skipped. A node's f is not less than its parent's
+(pathmax, Mérő 1984), so f never falls along a path.
+
+With a weight above 1 (weighted A*, Pohl 1970) plans come sooner and are no longer proven shortest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from robotouille.planners.kitchen.compact_state import (
-    PLACE,
-    PLAYERS,
-    SIZE,
+    ACTION_BITS,
     WAIT,
-    WORDS,
+    CompactState,
+    Goal,
+    Kitchen,
+    copy_state,
+    empty_state,
+    pack_state,
+    unpack_state,
 )
-from robotouille.planners.kitchen.heuristic.lower_bound import estimate
-from robotouille.planners.kitchen.heuristic.scratch_rows import DEAD, SCRATCH
-from robotouille.planners.kitchen.kernels import Ints, grown, ints, kernel, zeros
+from robotouille.planners.kitchen.heuristic.lower_bound import heuristic
+from robotouille.planners.kitchen.heuristic.scratch import DEAD_END, Scratch, new_scratch
+from robotouille.planners.kitchen.kernels import (
+    Ints,
+    grown,
+    ints,
+    kernel,
+    record,
+    records,
+    sized,
+    zeros,
+)
 from robotouille.planners.kitchen.transitions import (
-    act,
-    in_order,
-    options,
-    pack,
-    running,
-    spot,
-    tick,
-    unpack,
-    walks,
+    advance_timers,
+    applicable_actions,
+    applicable_moves,
+    apply_action,
+    is_any_timer_running,
+    place_of_action,
+    sort_players,
 )
 
 __all__ = [
     "BEST",
-    "BITS",
     "COUNT",
     "CUT",
     "EMPTY",
@@ -42,361 +57,511 @@ __all__ = [
     "FULL",
     "GOAL",
     "GROW",
-    "ORDER",
+    "LOWEST_F",
+    "MAX_F",
     "PAUSED",
-    "PROMISE",
-    "PROMISES",
     "PROVEN",
+    "UNIT",
     "Nodes",
-    "margin",
+    "best_successor",
+    "grown_nodes",
+    "insert_starts",
+    "max_successors",
     "new_nodes",
-    "push",
-    "run",
+    "path_to_goal",
+    "pop",
+    "search",
 ]
 
 PAUSED, GROW, PROVEN, EMPTY, FULL = range(5)
-"""Why `run` returned: enough expansions, no room, no better plan exists, nothing is left, or
+"""Why `search` returned: enough expansions, no room, no better plan exists, nothing is left, or
 nothing more can be proven since some states had no room."""
 
-PROMISES, ESTIMATES = 512, 256
-"""Promises and estimates that there are stacks for; longer plans are out of reach."""
+MAX_F, MAX_H = 512, 256
+"""There are stacks for what is below; longer plans are out of reach."""
 
 UNKNOWN = 1 << 30
 """The length of the best plan as long as there is none."""
 
-COUNT, EXPANDED, PROMISE, BEST, GOAL, CUT = range(6)
-"""Positions in `Nodes.notes`: nodes, expansions, the lowest promise, the length of the best plan
-known (plans have to be shorter) and its last node, -1 if it was not found here;
-and the lowest promise of states that had no room."""
+UNIT = 4
+"""Weights of the heuristic are in quarters: this is 1."""
 
-ROOM = 256
+COUNT, EXPANDED, LOWEST_F, BEST, GOAL, CUT = range(6)
+"""Positions in `Nodes.status`: how many nodes there are, and how many were expanded; the lowest f
+of an open node; the length of the best plan known (plans have to be shorter) and its last node, -1
+if it was not found here; the lowest f of the states that had no room."""
+
+MAX_ACTIONS = 256
 """Actions of one player in one state that there is room for."""
 
-ACTOR, CHOICE, CHOICES, KNOWN, JOINT = range(5)
-"""What `Nodes.turns` says of each turn of a step: who acts, which of how many actions is next, how
-many of them are nothing new, and what is done so far."""
+ORDER_SHIFT = 52
+"""A joint action has ACTION_BITS for each player's and, from this bit on, two for who acts in turn.
+An action of a player who is alone is itself."""
 
-BITS, ORDER = 13, 52
-"""A joint action has 13 bits for each player's and, from bit 52 on, two for who acts in turn."""
+
+@dataclass(slots=True)
+class Turn:
+    """One player's turn in a step in which several act, one after the other."""
+
+    actor: int
+    next_choice: int
+    choices: int  # how many actions the actor can choose from
+    known: int  # how many of them were tried in another order
+    joint: int  # what is done before, as a joint action
+    actions: Ints = sized(MAX_ACTIONS)  # [choice]
+    known_actions: Ints = sized(MAX_ACTIONS)  # [number below `known`]
 
 
 class Nodes(NamedTuple):
-    """All nodes of a search, as arrays, and its scratch space."""
+    """All nodes of a search, and its work space.
 
-    key: Ints
-    steps: Ints
-    estimate: Ints
-    parent: Ints
-    action: Ints
-    next: Ints
+    `table` is a hash table of the nodes by key; `newest` has the top of each stack, `next` what is
+    below; both hold a node plus 1, or 0.
+    """
+
+    keys: Ints  # kitchen.words for each node
+    g: Ints  # [node]
+    h: Ints  # [node] DEAD_END: a node that is skipped
+    parent: Ints  # [node] -1 for a start
+    action: Ints  # [node] the action or joint action that led here
+    next: Ints  # [node]
     table: Ints
-    first: Ints
-    lowest: Ints
-    notes: Ints
-    s: Ints
-    t: Ints
-    u: Ints
-    v: Ints
-    y: Ints
-    z: Ints
-    who: Ints
-    turns: Ints
-    acts: Ints
-    w: Ints
-    packed: Ints
+    newest: Ints  # [f * MAX_H + h]
+    lowest_h: Ints  # [f] there is no open node with that f and a lower h
+    status: Ints
+    key: Ints  # of the state to be inserted
+    states: Sequence[CompactState]  # that which is expanded, and those on the way from it
+    turns: Sequence[Turn]
+    order: Ints  # of players
+    scratch: Scratch
 
 
-def new_nodes(k: Ints, room: int, like: Nodes | None = None) -> Nodes:
-    """Room for so many nodes, with the nodes of another search taken over."""
-    if like is None:
-        arrays = [zeros(room * k[WORDS]), *(zeros(room) for _ in range(5))]
-        notes = zeros(8)
-        notes[BEST] = UNKNOWN
-        notes[GOAL] = -1
-        notes[PROMISE] = PROMISES
-        notes[CUT] = PROMISES
-        states = [zeros(k[SIZE]) for _ in range(6)]
-        rest = [*states, zeros(4), zeros(40), zeros(8 * ROOM), zeros(SCRATCH)]
-        stacks = [zeros(PROMISES * ESTIMATES), ints([ESTIMATES] * PROMISES), notes]
-        return Nodes._make([*arrays, zeros(2 * room), *stacks, *rest, zeros(k[WORDS])])
-    key = grown(like.key, room * k[WORDS])
-    arrays = [grown(values, room) for values in like[1:6]]
-    nodes = Nodes._make([key, *arrays, zeros(2 * room), *like[7:]])
-    rehash(k, nodes)
-    return nodes
+NODE_ARRAYS = 6
+"""How many fields of `Nodes` grow with the nodes."""
+
+
+def new_nodes(kitchen: Kitchen, room: int) -> Nodes:
+    """Room for so many nodes, which is a power of 2."""
+    status = zeros(8)
+    status[BEST] = UNKNOWN
+    status[GOAL] = -1
+    status[LOWEST_F] = MAX_F
+    status[CUT] = MAX_F
+    turns = [Turn(0, 0, 0, 0, 0, [0] * MAX_ACTIONS, [0] * MAX_ACTIONS) for _ in range(5)]
+    return Nodes(
+        keys=zeros(room * kitchen.words),
+        g=zeros(room),
+        h=zeros(room),
+        parent=zeros(room),
+        action=zeros(room),
+        next=zeros(room),
+        table=zeros(2 * room),
+        newest=zeros(MAX_F * MAX_H),
+        lowest_h=ints([MAX_H] * MAX_F),
+        status=status,
+        key=zeros(kitchen.words),
+        states=records(CompactState, [empty_state(kitchen) for _ in range(6)]),
+        turns=records(Turn, turns),
+        order=zeros(4),
+        scratch=record(new_scratch()),
+    )
+
+
+def grown_nodes(kitchen: Kitchen, room: int, nodes: Nodes) -> Nodes:
+    """The same nodes with more room; those given must not be used any more."""
+    arrays = [grown(values, room) for values in nodes[1:NODE_ARRAYS]]
+    keys = grown(nodes.keys, room * kitchen.words)
+    found = Nodes._make([keys, *arrays, zeros(2 * room), *nodes[NODE_ARRAYS + 1 :]])
+    rehash(found)
+    return found
 
 
 @kernel
-def rehash(k: Ints, x: Nodes) -> None:
+def stack_of(f: int, h: int) -> int:
+    """The stack of open nodes with the same f and h."""
+    return f * MAX_H + h
+
+
+@kernel
+def rehash(nodes: Nodes) -> None:
     """Fill the hash table anew."""
-    for node in range(x.notes[COUNT]):
-        if x.estimate[node] < DEAD:
-            for i in range(k[WORDS]):
-                x.packed[i] = x.key[node * k[WORDS] + i]
-            x.table[slot_of(k, x)] = node + 1
+    words = len(nodes.key)
+    for node in range(nodes.status[COUNT]):
+        if nodes.h[node] < DEAD_END:
+            for i in range(words):
+                nodes.key[i] = nodes.keys[node * words + i]
+            nodes.table[find_slot(nodes)] = node + 1
 
 
 @kernel
-def slot_of(k: Ints, x: Nodes) -> int:
-    """Where the packed key is in the hash table, or belongs."""
-    mask = len(x.table) - 1
-    h = 0
-    for i in range(k[WORDS]):
-        h = (h ^ x.packed[i]) & 0xFFFFFFFFFFF
-        h = (h * 0x9E3B1) & 0xFFFFFFFFFFFFFFF
-        h ^= h >> 23
-    h &= mask
+def find_slot(nodes: Nodes) -> int:
+    """Where the key in `nodes.key` is in the hash table, or belongs."""
+    words = len(nodes.key)
+    mask = len(nodes.table) - 1
+    slot = 0
+    for i in range(words):
+        slot = (slot ^ nodes.key[i]) & 0xFFFFFFFFFFF
+        slot = (slot * 0x9E3B1) & 0xFFFFFFFFFFFFFFF
+        slot ^= slot >> 23
+    slot &= mask
     while True:
-        node = x.table[h] - 1
+        node = nodes.table[slot] - 1
         if node < 0:
-            return h
+            return slot
         same = True
-        for i in range(k[WORDS]):
-            if x.key[node * k[WORDS] + i] != x.packed[i]:
+        for i in range(words):
+            if nodes.keys[node * words + i] != nodes.key[i]:
                 same = False
                 break
         if same:
-            return h
-        h = (h + 1) & mask
+            return slot
+        slot = (slot + 1) & mask
 
 
 @kernel
-def push(k: Ints, g: Ints, x: Nodes, t: Ints, parent: int, action: int, steps: int,
-         weight: int) -> None:  # fmt: skip
-    """Add a state, if it is new or reached sooner, and promises to better the best plan."""
-    pack(k, t, x.packed, 0)
-    slot = slot_of(k, x)
-    known = x.table[slot] - 1
+def insert(kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, state: CompactState,
+           parent: int, action: int, g: int, weight: int) -> None:  # fmt: skip
+    """Add a state, if it is new or reached sooner, and may be on the way to a better plan."""
+    pack_state(kitchen, state, nodes.key)
+    slot = find_slot(nodes)
+    known = nodes.table[slot] - 1
     if known >= 0:
-        if x.steps[known] <= steps:
+        if nodes.g[known] <= g:
             return
-        left = x.estimate[known]
+        h = nodes.h[known]
     else:
-        left = estimate(k, g, t, x.w)
+        h = heuristic(kitchen, goals[state.assignment], state, nodes.scratch)
         if parent >= 0:
-            left = max(left, x.estimate[parent] - (steps - x.steps[parent]))
-    if left >= DEAD or steps + left >= x.notes[BEST]:
+            h = max(h, nodes.h[parent] - (g - nodes.g[parent]))
+    if h >= DEAD_END or g + h >= nodes.status[BEST]:
         return
-    node = x.notes[COUNT]
-    if node >= len(x.steps) or left >= ESTIMATES or steps + left >= PROMISES:
-        x.notes[CUT] = min(x.notes[CUT], steps + left, PROMISES - 1)
+    node = nodes.status[COUNT]
+    if node >= len(nodes.g) or h >= MAX_H or g + h >= MAX_F:
+        nodes.status[CUT] = min(nodes.status[CUT], g + h, MAX_F - 1)
         return
     if known >= 0:
-        x.estimate[known] = DEAD
-    for i in range(k[WORDS]):
-        x.key[node * k[WORDS] + i] = x.packed[i]
-    x.steps[node] = steps
-    x.estimate[node] = left
-    x.parent[node] = parent
-    x.action[node] = action
-    x.table[slot] = node + 1
-    x.notes[COUNT] = node + 1
-    if left == 0:
-        x.notes[BEST] = steps
-        x.notes[GOAL] = node
-        return
-    promise = min(PROMISES - 1, steps + left * weight // 4)
-    stack = promise * ESTIMATES + left
-    x.next[node] = x.first[stack]
-    x.first[stack] = node + 1
-    x.lowest[promise] = min(x.lowest[promise], left)
-    x.notes[PROMISE] = min(x.notes[PROMISE], promise)
+        nodes.h[known] = DEAD_END
+    words = len(nodes.key)
+    for i in range(words):
+        nodes.keys[node * words + i] = nodes.key[i]
+    nodes.g[node] = g
+    nodes.h[node] = h
+    nodes.parent[node] = parent
+    nodes.action[node] = action
+    nodes.table[slot] = node + 1
+    nodes.status[COUNT] = node + 1
+    if h == 0:
+        nodes.status[BEST] = g
+        nodes.status[GOAL] = node
+    else:
+        open_node(nodes, node, min(MAX_F - 1, g + h * weight // UNIT))
 
 
 @kernel
-def pop(x: Nodes) -> int:
-    """The most promising node, -1 if there is none that could lead to a better plan."""
-    while x.notes[PROMISE] < PROMISES:
-        promise = x.notes[PROMISE]
-        left = x.lowest[promise]
-        while left < ESTIMATES:
-            node = x.first[promise * ESTIMATES + left] - 1
+def open_node(nodes: Nodes, node: int, f: int) -> None:
+    """Put a node on its stack."""
+    h = nodes.h[node]
+    stack = stack_of(f, h)
+    nodes.next[node] = nodes.newest[stack]
+    nodes.newest[stack] = node + 1
+    nodes.lowest_h[f] = min(nodes.lowest_h[f], h)
+    nodes.status[LOWEST_F] = min(nodes.status[LOWEST_F], f)
+
+
+@kernel
+def pop(nodes: Nodes) -> int:
+    """The open node with the lowest f, then the lowest h; -1 if none could lead to a better plan."""
+    while nodes.status[LOWEST_F] < MAX_F:
+        f = nodes.status[LOWEST_F]
+        h = nodes.lowest_h[f]
+        while h < MAX_H:
+            stack = stack_of(f, h)
+            node = nodes.newest[stack] - 1
             if node >= 0:
-                x.first[promise * ESTIMATES + left] = x.next[node]
-                if x.estimate[node] < DEAD and x.steps[node] + left < x.notes[BEST]:
-                    x.lowest[promise] = left
+                nodes.newest[stack] = nodes.next[node]
+                if nodes.h[node] < DEAD_END and nodes.g[node] + h < nodes.status[BEST]:
+                    nodes.lowest_h[f] = h
                     return node
             else:
-                left += 1
-        x.lowest[promise] = ESTIMATES
-        x.notes[PROMISE] += 1
+                h += 1
+        nodes.lowest_h[f] = MAX_H
+        nodes.status[LOWEST_F] += 1
     return -1
 
 
 @kernel
-def run(k: Ints, g: Ints, x: Nodes, weight: int, expansions: int) -> int:
-    """Go on with a search for so many expansions."""
-    until = x.notes[EXPANDED] + expansions
-    while x.notes[EXPANDED] < until:
-        if x.notes[COUNT] + margin(k[PLAYERS]) > len(x.steps):
+def insert_starts(
+    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, start: CompactState, weight: int
+) -> None:
+    """Add the start, once for each goal assignment."""
+    state = nodes.states[0]
+    copy_state(kitchen, start, state)
+    for assignment in range(len(goals)):
+        state.assignment = assignment
+        insert(kitchen, goals, nodes, state, -1, 0, 0, weight)
+
+
+@kernel
+def search(
+    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, weight: int, expansions: int
+) -> int:
+    """Go on with a search for so many expansions; returns why it stopped."""
+    status = nodes.status
+    until = status[EXPANDED] + expansions
+    while status[EXPANDED] < until:
+        if status[COUNT] + max_successors(kitchen.players) > len(nodes.g):
             return GROW
-        if x.notes[CUT] < PROMISES and x.notes[PROMISE] >= x.notes[CUT]:
+        if status[CUT] < MAX_F and status[LOWEST_F] >= status[CUT]:
             return FULL
-        if weight == 4 and x.notes[PROMISE] >= x.notes[BEST]:
+        if weight == UNIT and status[LOWEST_F] >= status[BEST]:
             return PROVEN
-        node = pop(x)
+        node = pop(nodes)
         if node < 0:
-            if x.notes[CUT] < PROMISES:
+            if status[CUT] < MAX_F:
                 return FULL
-            return PROVEN if x.notes[BEST] < UNKNOWN else EMPTY
-        x.notes[EXPANDED] += 1
-        unpack(k, x.key, node * k[WORDS], x.s)
-        if k[PLAYERS] == 1:
-            expand_alone(k, g, x, node, weight)
+            return PROVEN if status[BEST] < UNKNOWN else EMPTY
+        status[EXPANDED] += 1
+        unpack_state(kitchen, nodes.keys, node * kitchen.words, nodes.states[0])
+        if kitchen.players == 1:
+            expand_alone(kitchen, goals, nodes, node, weight)
         else:
-            expand_together(k, g, x, node, weight)
+            expand_together(kitchen, goals, nodes, node, weight)
     return PAUSED
 
 
 @kernel
-def margin(players: int) -> int:
-    """Room for the successors of one state; those beyond it are counted in `notes[CUT]`."""
+def max_successors(players: int) -> int:
+    """Room for the successors of one state; those beyond it are counted in `status[CUT]`."""
     if players == 1:
-        return 2 * ROOM
+        return 2 * MAX_ACTIONS
     return 1 << 3 + 4 * min(players, 4)
 
 
+# One player
+
+
 @kernel
-def expand_alone(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
+def expand_alone(
+    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int
+) -> None:
     """The successors of one player's state: what can be done here, elsewhere, or by waiting.
 
     Walks are not states of their own: who walks somewhere does something there. Walking takes a
     step, in which time passes.
     """
-    steps = x.steps[node]
-    count = options(k, g, x.s, 0, True, x.acts, 0)
-    for i in range(count):
-        copy(k, x.s, x.t)
-        act(k, x.t, 0, x.acts[i])
-        tick(k, x.t)
-        push(k, g, x, x.t, node, x.acts[i], steps + 1, weight)
-    copy(k, x.s, x.u)
-    waits = running(k, x.u)
-    tick(k, x.u)
-    if waits:
-        push(k, g, x, x.u, node, WAIT, steps + 1, weight)
-    count = options(k, g, x.u, 0, False, x.acts, 0)
-    for i in range(count):
-        copy(k, x.u, x.t)
-        x.t[k[PLACE]] = spot(k, x.t, x.acts[i])
-        act(k, x.t, 0, x.acts[i])
-        tick(k, x.t)
-        push(k, g, x, x.t, node, x.acts[i], steps + 2, weight)
+    now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
+    goal, actions, g = goals[now.assignment], nodes.turns[0].actions, nodes.g[node]
+    for i in range(applicable_actions(kitchen, goal, now, 0, True, actions, 0)):
+        do_here(kitchen, now, actions[i], after)
+        insert(kitchen, goals, nodes, after, node, actions[i], g + 1, weight)
+    pass_time(kitchen, now, later)
+    if is_any_timer_running(kitchen, now):
+        insert(kitchen, goals, nodes, later, node, WAIT, g + 1, weight)
+    for i in range(applicable_actions(kitchen, goal, later, 0, False, actions, 0)):
+        do_elsewhere(kitchen, later, actions[i], after)
+        insert(kitchen, goals, nodes, after, node, actions[i], g + 2, weight)
 
 
 @kernel
-def expand_together(k: Ints, g: Ints, x: Nodes, node: int, weight: int) -> None:
+def pass_time(kitchen: Kitchen, state: CompactState, after: CompactState) -> None:
+    """The state after a step in which nothing is done."""
+    copy_state(kitchen, state, after)
+    advance_timers(kitchen, after)
+
+
+@kernel
+def do_here(kitchen: Kitchen, state: CompactState, action: int, after: CompactState) -> None:
+    """The state after an action of the only player at its place."""
+    copy_state(kitchen, state, after)
+    apply_action(kitchen, after, 0, action)
+    advance_timers(kitchen, after)
+
+
+@kernel
+def do_elsewhere(kitchen: Kitchen, state: CompactState, action: int, after: CompactState) -> None:
+    """The state after an action to which the only player has walked for a step."""
+    copy_state(kitchen, state, after)
+    after.place[0] = place_of_action(kitchen, after, action)
+    apply_action(kitchen, after, 0, action)
+    advance_timers(kitchen, after)
+
+
+@kernel
+def best_successor(kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int) -> int:
+    """Of the new successors of one player's state that with the lowest f, then the lowest h, for
+    greedy search; -1 if none is new.
+
+    No others are made once one has the f of the state itself. Waiting comes last.
+    """
+    now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
+    unpack_state(kitchen, nodes.keys, node * kitchen.words, now)
+    goal, actions, g = goals[now.assignment], nodes.turns[0].actions, nodes.g[node]
+    first = nodes.status[COUNT]
+    for i in range(applicable_actions(kitchen, goal, now, 0, True, actions, 0)):
+        do_here(kitchen, now, actions[i], after)
+        insert(kitchen, goals, nodes, after, node, actions[i], g + 1, UNIT)
+        if is_good_enough(nodes, node, first):
+            return lowest_f(nodes, first)
+    pass_time(kitchen, now, later)
+    for i in range(applicable_actions(kitchen, goal, later, 0, False, actions, 0)):
+        do_elsewhere(kitchen, later, actions[i], after)
+        insert(kitchen, goals, nodes, after, node, actions[i], g + 2, UNIT)
+        if is_good_enough(nodes, node, first):
+            return lowest_f(nodes, first)
+    if is_any_timer_running(kitchen, now):
+        insert(kitchen, goals, nodes, later, node, WAIT, g + 1, UNIT)
+    return lowest_f(nodes, first)
+
+
+@kernel
+def is_good_enough(nodes: Nodes, node: int, first: int) -> bool:
+    """Whether the goal is reached, or the newest of a node's successors has the f of the node."""
+    if nodes.status[GOAL] >= 0:
+        return True
+    newest = nodes.status[COUNT] - 1
+    return newest >= first and nodes.g[newest] + nodes.h[newest] <= nodes.g[node] + nodes.h[node]
+
+
+@kernel
+def lowest_f(nodes: Nodes, first: int) -> int:
+    """Of the nodes from `first` on the one with the lowest f, then the lowest h; -1 for none."""
+    best = -1
+    for node in range(first, nodes.status[COUNT]):
+        f, h = nodes.g[node] + nodes.h[node], nodes.h[node]
+        if best < 0 or f < nodes.g[best] + nodes.h[best]:
+            best = node
+        elif f == nodes.g[best] + nodes.h[best] and h < nodes.h[best]:
+            best = node
+    return best
+
+
+# Several players
+
+
+@kernel
+def expand_together(
+    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int
+) -> None:
     """The successors of several players' state: everything all can do in one step.
 
     One acts after the other, in every order. Where two act against the order of their numbers,
-    only what the first makes possible is new.
+    only what the first makes possible is new. `nodes.states[i]` is the state after i turns.
     """
-    turn = 0
-    begin_turn(x, 0, 0)
-    while turn >= 0:
-        if turn == k[PLAYERS]:
-            copy(k, buffer(x, turn), x.t)
-            tick(k, x.t)
-            in_order(k, x.t, x.who)
-            push(k, g, x, x.t, node, x.turns[8 * turn + JOINT], x.steps[node] + 1, weight)
-            turn -= 1
-        elif next_choice(k, g, x, turn):
-            turn += 1
+    goal = goals[nodes.states[0].assignment]
+    after = nodes.states[5]
+    number = 0
+    begin_turn(nodes.turns[0], 0)
+    while number >= 0:
+        if number == kitchen.players:
+            pass_time(kitchen, nodes.states[number], after)
+            sort_players(kitchen, after, nodes.order)
+            joint = nodes.turns[number].joint
+            insert(kitchen, goals, nodes, after, node, joint, nodes.g[node] + 1, weight)
+            number -= 1
+        elif take_turn(kitchen, goal, nodes, number):
+            number += 1
         else:
-            turn -= 1
+            number -= 1
 
 
 @kernel
-def begin_turn(x: Nodes, turn: int, joint: int) -> None:
+def begin_turn(turn: Turn, joint: int) -> None:
     """Let the next player choose; `joint` is what those before it do."""
-    x.turns[8 * turn + ACTOR] = -1
-    x.turns[8 * turn + CHOICE] = 0
-    x.turns[8 * turn + CHOICES] = 0
-    x.turns[8 * turn + JOINT] = joint
+    turn.actor = -1
+    turn.next_choice = 0
+    turn.choices = 0
+    turn.joint = joint
 
 
 @kernel
-def next_choice(k: Ints, g: Ints, x: Nodes, turn: int) -> bool:
+def take_turn(kitchen: Kitchen, goal: Goal, nodes: Nodes, number: int) -> bool:
     """Take the next action of this turn; False if no player has any left."""
-    now = 8 * turn
+    turn = nodes.turns[number]
     while True:
-        while x.turns[now + CHOICE] == x.turns[now + CHOICES]:
-            if not next_actor(k, g, x, turn):
+        while turn.next_choice == turn.choices:
+            if not next_actor(kitchen, goal, nodes, number):
                 return False
-        p = x.turns[now + ACTOR]
-        action = x.acts[ROOM * turn + x.turns[now + CHOICE]]
-        x.turns[now + CHOICE] += 1
-        if contains(x.acts, ROOM * (turn + 4), x.turns[now + KNOWN], action):
+        action = turn.actions[turn.next_choice]
+        turn.next_choice += 1
+        if contains(turn.known_actions, turn.known, action):
             continue
-        copy(k, buffer(x, turn), buffer(x, turn + 1))
-        act(k, buffer(x, turn + 1), p, action)
-        joint = x.turns[now + JOINT] + (action << BITS * p) + (p << ORDER + 2 * turn)
-        begin_turn(x, turn + 1, joint)
+        after = nodes.states[number + 1]
+        copy_state(kitchen, nodes.states[number], after)
+        apply_action(kitchen, after, turn.actor, action)
+        joint = turn.joint | encode_turn(number, turn.actor, action)
+        begin_turn(nodes.turns[number + 1], joint)
         return True
 
 
 @kernel
-def next_actor(k: Ints, g: Ints, x: Nodes, turn: int) -> bool:
+def next_actor(kitchen: Kitchen, goal: Goal, nodes: Nodes, number: int) -> bool:
     """Go on to the next player who has not acted; False if there is none."""
-    now = 8 * turn
-    p = x.turns[now + ACTOR] + 1
-    while p < k[PLAYERS] and has_acted(x, turn, p):
+    turn = nodes.turns[number]
+    p = turn.actor + 1
+    while p < kitchen.players and has_acted(nodes, number, p):
         p += 1
-    x.turns[now + ACTOR] = p
-    if p == k[PLAYERS]:
+    turn.actor = p
+    if p == kitchen.players:
         return False
-    x.turns[now + CHOICE] = 0
-    x.turns[now + CHOICES] = choices(k, g, buffer(x, turn), p, x.acts, ROOM * turn)
-    x.turns[now + KNOWN] = 0
-    if turn > 0 and p < x.turns[now - 8 + ACTOR]:
-        before = buffer(x, turn - 1)
-        x.turns[now + KNOWN] = choices(k, g, before, p, x.acts, ROOM * (turn + 4))
+    turn.next_choice = 0
+    turn.choices = choices(kitchen, goal, nodes.states[number], p, turn.actions)
+    turn.known = 0
+    if number > 0 and p < nodes.turns[number - 1].actor:
+        turn.known = choices(kitchen, goal, nodes.states[number - 1], p, turn.known_actions)
     return True
 
 
 @kernel
-def has_acted(x: Nodes, turn: int, p: int) -> bool:
+def has_acted(nodes: Nodes, number: int, p: int) -> bool:
     """Whether a player had an earlier turn in this step."""
-    for earlier in range(turn):
-        if x.turns[8 * earlier + ACTOR] == p:
+    for earlier in range(number):
+        if nodes.turns[earlier].actor == p:
             return True
     return False
 
 
 @kernel
-def buffer(x: Nodes, turn: int) -> Ints:
-    """The state after so many players have acted."""
-    if turn == 0:
-        return x.s
-    if turn == 1:
-        return x.u
-    if turn == 2:
-        return x.v
-    if turn == 3:
-        return x.y
-    return x.z
-
-
-@kernel
-def choices(k: Ints, g: Ints, s: Ints, p: int, acts: Ints, start: int) -> int:
-    """Write what one of several players can do in a step into `acts`, from `start` on: act, walk,
-    or nothing; returns how many."""
-    count = options(k, g, s, p, True, acts, start)
-    count += walks(k, s, p, acts, start + count)
-    acts[start + count] = WAIT
+def choices(kitchen: Kitchen, goal: Goal, state: CompactState, p: int, found: Ints) -> int:
+    """Write what one of several players can do in a step: act, walk, or nothing; returns how many
+    choices there are."""
+    count = applicable_actions(kitchen, goal, state, p, True, found, 0)
+    count = applicable_moves(kitchen, state, p, found, count)
+    found[count] = WAIT
     return count + 1
 
 
 @kernel
-def contains(acts: Ints, start: int, count: int, action: int) -> bool:
-    """Whether an action is among some others."""
-    for i in range(start, start + count):
-        if acts[i] == action:
+def contains(actions: Ints, count: int, action: int) -> bool:
+    """Whether an action is among the first of some others."""
+    for i in range(count):
+        if actions[i] == action:
             return True
     return False
 
 
 @kernel
-def copy(k: Ints, s: Ints, t: Ints) -> None:
-    for i in range(k[SIZE]):
-        t[i] = s[i]
+def encode_turn(number: int, p: int, action: int) -> int:
+    """What a joint action has of one player's turn."""
+    return action << ACTION_BITS * p | p << ORDER_SHIFT + 2 * number
+
+
+def path_to_goal(nodes: Nodes, players: int) -> list[list[tuple[int, int]]]:
+    """The joint actions that lead to the best goal found: players and what they do, in order."""
+    node = int(nodes.status[GOAL])
+    joints = []
+    while nodes.parent[node] >= 0:
+        joints.append(_decode_joint(int(nodes.action[node]), players))
+        node = int(nodes.parent[node])
+    return joints[::-1]
+
+
+def _decode_joint(joint: int, players: int) -> list[tuple[int, int]]:
+    if players == 1:
+        return [(0, joint)]
+    turns = []
+    for number in range(players):
+        p = joint >> ORDER_SHIFT + 2 * number & 3
+        action = joint >> ACTION_BITS * p & (1 << ACTION_BITS) - 1
+        if action != WAIT:
+            turns.append((p, action))
+    return turns
