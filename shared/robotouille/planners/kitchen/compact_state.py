@@ -19,8 +19,9 @@ its total; what takes time sets a flag when its counter would exceed the total.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
-from robotouille.planners.kitchen.kernels import Cube, Ints, Table, kernel, sized
+from robotouille.planners.kitchen.kernels import SMALL, Cube, Ints, Table, kernel
 
 __all__ = [
     "ACTION_BITS",
@@ -89,11 +90,24 @@ POT, BOWL = 1, 2
 """Kinds of containers."""
 
 
+# Rows by what they are indexed with. Items come first of the objects.
+PerPlayer: TypeAlias = Annotated[Ints, SMALL, MAX_PLAYERS]
+PerObject: TypeAlias = Annotated[Ints, SMALL, MAX_OBJECTS]
+PerStation: TypeAlias = Annotated[Ints, SMALL, MAX_NUMBERED]
+PerMeal: TypeAlias = Annotated[Ints, SMALL, MAX_MEALS]
+PerProcess: TypeAlias = Annotated[Ints, SMALL, MAX_PROCESSES]
+PerTimer: TypeAlias = Annotated[Ints, SMALL, MAX_TIMERS]
+PerCounter: TypeAlias = Annotated[Ints, SMALL, MAX_COUNTERS]
+PerPosition: TypeAlias = Annotated[Ints, SMALL, MAX_INTEGERS]
+PerProcessAndItem: TypeAlias = Annotated[Table, SMALL, MAX_PROCESSES, MAX_OBJECTS]
+PerObjectAndStation: TypeAlias = Annotated[Table, SMALL, MAX_OBJECTS, MAX_NUMBERED]
+
+
 @dataclass(slots=True)
 class Kitchen:
     """What never changes.
 
-    Stations with a purpose have a *class* each: all stations for one process are of one class.
+    Stations with a purpose are of a *class* each: all those for one process are of one class.
     """
 
     players: int
@@ -112,46 +126,46 @@ class Kitchen:
     meal_code: int
     sink_class: int
     stove_class: int
-    fill_total: int
-    boil_total: int
-    station_class: Ints = sized(MAX_NUMBERED)  # [station]
-    process_class: Ints = sized(MAX_PROCESSES)  # [process]
-    timed: Ints = sized(MAX_PROCESSES)  # [process] 1: takes time, 0: is performed repeatedly
-    possible: Table = sized(MAX_PROCESSES, MAX_OBJECTS)  # [process][item] whether it ever is
-    prerequisite: Table = sized(MAX_PROCESSES, MAX_OBJECTS)  # [process][item] process, NONE
-    total: Table = sized(MAX_PROCESSES, MAX_OBJECTS)  # [process][item] performances or steps
-    progress: Table = sized(MAX_PROCESSES, MAX_OBJECTS)  # [process][item] counter or flag, NONE
-    process_timer: Cube = sized(MAX_PROCESSES, MAX_OBJECTS, MAX_NUMBERED)
-    """[process][item][station] counter, NONE"""
-    fill_timer: Table = sized(MAX_OBJECTS, MAX_NUMBERED)  # [pot][station] counter, NONE
-    boil_timer: Cube = sized(MAX_MEALS, MAX_OBJECTS, MAX_NUMBERED)
-    """[meal][pot][station] counter, NONE"""
-    container_kind: Ints = sized(MAX_OBJECTS)  # [object] POT, BOWL, or 0
-    timer_counter: Ints = sized(MAX_TIMERS)  # [timer]
-    timer_kind: Ints = sized(MAX_TIMERS)  # [timer] PROCESSING, FILLING, BOILING
-    timer_object: Ints = sized(MAX_TIMERS)  # [timer] the object that has to be on the station
-    timer_station: Ints = sized(MAX_TIMERS)  # [timer] the code of the station
-    timer_total: Ints = sized(MAX_TIMERS)  # [timer] steps
-    timer_effect: Ints = sized(MAX_TIMERS)  # [timer] the flag it sets; the pot it fills; the meal
-    key_word: Ints = sized(MAX_INTEGERS)  # [position] the word of a key in which it is packed
-    key_shift: Ints = sized(MAX_INTEGERS)  # [position] its lowest bit there
-    key_mask: Ints = sized(MAX_INTEGERS)  # [position] as many bits as it takes
+    fill_total: int  # steps
+    boil_total: int  # steps
+    station_class: PerStation  # or NONE
+    process_class: PerProcess
+    timed: PerProcess  # 1: takes time, 0: is performed repeatedly
+    possible: PerProcessAndItem  # 1: it is, perhaps after another
+    prerequisite: PerProcessAndItem  # the process that comes first, or NONE
+    total: PerProcessAndItem  # steps if timed, else performances
+    progress: PerProcessAndItem  # a counter (timed: 1 when done) or NONE
+    process_timer: Annotated[Cube, SMALL, MAX_PROCESSES, MAX_OBJECTS, MAX_NUMBERED]
+    """By process, item and station, a counter or NONE."""
+    fill_timer: PerObjectAndStation  # a counter or NONE
+    boil_timer: Annotated[Cube, SMALL, MAX_MEALS, MAX_OBJECTS, MAX_NUMBERED]
+    """By meal, pot and station, a counter or NONE."""
+    container_kind: PerObject  # POT, BOWL or 0
+    timer_counter: PerTimer
+    timer_kind: PerTimer  # PROCESSING, FILLING, BOILING
+    timer_object: PerTimer  # what has to be on the station
+    timer_station: PerTimer  # its code
+    timer_total: PerTimer  # steps
+    timer_effect: PerTimer  # the counter it sets to 1, the pot it fills, the meal that boils
+    key_word: PerPosition  # the word of a key in which an integer is packed
+    key_shift: PerPosition  # its lowest bit there
+    key_mask: PerPosition  # as many bits as it takes
 
 
 @dataclass(slots=True)
 class Goal:
     """What has to hold in the end, for one assignment of objects to the goal's variables."""
 
-    about: Ints = sized(MAX_OBJECTS)  # [object] whether it is assigned to a variable
-    wanted_process: Table = sized(MAX_PROCESSES, MAX_OBJECTS)  # [process][item] 1 to be done
-    on_table: Ints = sized(MAX_OBJECTS)  # [object] 1: has to be on a plain table itself
-    pile: Ints = sized(MAX_OBJECTS)  # [item] the lowest object of the pile it has to be in, NONE
-    clear: Ints = sized(MAX_OBJECTS)  # [item] 1: nothing may be on it
-    atop: Ints = sized(MAX_OBJECTS)  # [item] the object it has to be on, NONE
-    added_to: Ints = sized(MAX_OBJECTS)  # [item] the meal it has to be in, NONE
-    wanted_meal: Ints = sized(MAX_MEALS)  # [meal] 1: is assigned to a variable
-    vessel: Ints = sized(MAX_MEALS)  # [meal] the container it has to be in, NONE
-    boiling: Ints = sized(MAX_MEALS)  # [meal] 1: has to boil
+    about: PerObject  # 1: it is assigned to a variable
+    wanted_process: PerProcessAndItem  # 1: has to be done
+    on_table: PerObject  # 1: has to be on a plain table itself
+    pile: PerObject  # the lowest object of the pile it has to be in, or NONE
+    clear: PerObject  # 1: nothing may be on it
+    atop: PerObject  # the object it has to be on, or NONE
+    added_to: PerObject  # the meal it has to be in, or NONE
+    wanted_meal: PerMeal  # 1: it is assigned to a variable
+    vessel: PerMeal  # the container it has to be in, or NONE
+    boiling: PerMeal  # 1: has to boil
 
 
 @dataclass(slots=True)
@@ -160,12 +174,12 @@ class CompactState:
 
     assignment: int  # which goal the search from here is for
     may_have_walked: int  # 1: the only player may have walked since it took what it holds
-    place: Ints = sized(MAX_PLAYERS)  # [player] the code of a place
-    held: Ints = sized(MAX_PLAYERS)  # [player] an object plus 1, or 0
-    below: Ints = sized(MAX_OBJECTS)  # [object] the code of what it is on or in
-    inside: Ints = sized(MAX_MEALS)  # [meal] a container plus 1, or 0 if not yet made
-    boiled: Ints = sized(MAX_MEALS)  # [meal] 1: it boils
-    counters: Ints = sized(MAX_COUNTERS)
+    place: PerPlayer  # the code of a place
+    held: PerPlayer  # an object plus 1, or 0
+    below: PerObject  # the code of what it is on or in
+    inside: PerMeal  # a container plus 1, or 0 if not yet made
+    boiled: PerMeal  # 1: it boils
+    counters: PerCounter
 
 
 def empty_state(kitchen: Kitchen) -> CompactState:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from robotouille.planners.kitchen.compact_state import (
     ADD,
@@ -21,7 +22,14 @@ from robotouille.planners.kitchen.compact_state import (
     decode_action,
     empty_state,
 )
-from robotouille.planners.kitchen.kernels import Ints, ints, kernel, plain, record, records
+from robotouille.planners.kitchen.kernels import (
+    Ints,
+    blank_records,
+    ints,
+    kernel,
+    plain,
+    records,
+)
 from robotouille.planners.kitchen.model import KitchenModel, bound_action
 from robotouille.planners.kitchen.transitions import (
     advance_timers,
@@ -57,7 +65,7 @@ def decode(
     compact: CompactState,
     path: Sequence[Sequence[tuple[int, int]]],
 ) -> Plan:
-    """The plan of a path of joint actions from a state.
+    """The plan of a path of joint actions from a state; `compact` is that state for kernels.
 
     Each is a list of players and their actions, in the order in which they apply. A player who is
     alone, and not where an action is done, walks there first.
@@ -65,9 +73,8 @@ def decode(
     acts = [Act(step, p, action) for step, joint in enumerate(path) for p, action in joint]
     order = ints(range(len(model.players)))
     traced = records(Act, acts)
-    kitchen = model.kitchen
-    states = records(CompactState, [compact, empty_state(kitchen), empty_state(kitchen)])
-    trace(model.record, states, order, len(path), traced)
+    work = blank_records(partial(empty_state, model.kitchen), 2)
+    trace(model.record, compact, work, order, len(path), traced)
     decoder = _Decoder(model, start)
     joints: list[list[Act]] = [[] for _ in path]
     for act in plain(Act, traced):
@@ -80,17 +87,15 @@ def decode(
 @kernel
 def trace(
     kitchen: Kitchen,
-    states: Sequence[CompactState],
+    start: CompactState,
+    work: Sequence[CompactState],
     order: Ints,
     steps: int,
     acts: Sequence[Act],
 ) -> None:
-    """Note with each action of a path what the state says of it.
-
-    `states` are the start and two as work space.
-    """
-    state, later = states[1], states[2]
-    copy_state(kitchen, states[0], state)
+    """Note with each action of a path what the state says of it; `work` is room for two states."""
+    state, later = work[0], work[1]
+    copy_state(kitchen, start, state)
     number = 0
     for step in range(steps):
         while number < len(acts) and acts[number].step == step:

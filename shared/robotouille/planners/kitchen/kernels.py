@@ -3,8 +3,9 @@
 A kernel works on integers, on rows of them (`Ints`), and on records: objects of a dataclass all
 fields of which are integers or rows, tables or cubes of integers. In plain Python rows are lists
 and a record is the object itself. If compiled, rows are arrays of 64-bit integers and a record is a
-structure of fixed size, which a kernel gets as one pointer: so each field of a row says how long
-it may get (`sized`). Kernels read both in the same words: `kitchen.total[process][item]`.
+structure of fixed size, which a kernel gets as one pointer. So the annotation of a row says how
+long it may get: `Annotated[Table, 7, 32]`, or `Annotated[Table, SMALL, 7, 32]` if 16 bits are
+enough. Kernels read both in the same words: `kitchen.total[process][item]`.
 
 Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
 """
@@ -14,32 +15,36 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable, Iterable, MutableSequence, Sequence
-from dataclasses import field, fields
+from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias, TypeVar, cast, get_type_hints
 
 __all__ = [
     "COMPILED",
+    "SMALL",
     "Cube",
     "Ints",
     "Table",
+    "blank_records",
     "grown",
     "ints",
     "kernel",
     "plain",
     "record",
     "records",
-    "sized",
     "zeros",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
-Ints: TypeAlias = "MutableSequence[int]"
-Table: TypeAlias = "MutableSequence[Ints]"
-Cube: TypeAlias = "MutableSequence[Table]"
+Ints: TypeAlias = MutableSequence[int]
+Table: TypeAlias = Sequence[Ints]
+Cube: TypeAlias = Sequence[Table]
+
+SMALL = "16 bits"
+"""Says in an annotation that a row's integers are below 2¹⁵."""
 
 
 def _module(name: str) -> Any:
@@ -104,13 +109,8 @@ def grown(values: Ints, size: int) -> Ints:
     return cast("Ints", array)
 
 
-def sized(*most: int) -> Any:
-    """A field of a record that is a row, table or cube, with its greatest length and breadth."""
-    return field(metadata={"size": most})
-
-
 def record(value: R) -> R:
-    """A dataclass object for kernels, which may change it; may be the same object."""
+    """A dataclass object for kernels; may be the same object."""
     return records(type(value), [value])[0]
 
 
@@ -118,12 +118,22 @@ def records(kind: type[R], values: Sequence[R]) -> Sequence[R]:
     """Dataclass objects for kernels; their rows are as long in each as in the others."""
     if not COMPILED:
         return list(values)
-    array: Any = _numpy.zeros(len(values), dtype=_structure(kind))
+    array: Any = _numpy.zeros(len(values), dtype=_structure(cast("Any", kind)))
     for name in array.dtype.names if values else ():
-        content = _numpy.array([getattr(value, name) for value in values])
-        if content.size:
-            array[name][tuple(map(slice, content.shape))] = content
+        content = [getattr(value, name) for value in values]
+        if isinstance(content[0], int):
+            array[name] = content
+        elif content[0]:
+            rows = _numpy.array(content)
+            array[name][tuple(map(slice, rows.shape))] = rows
     return cast("Sequence[R]", array)
+
+
+def blank_records(make: Callable[[], R], count: int) -> Sequence[R]:
+    """So many dataclass objects for kernels, all zeros; `make` makes one."""
+    if not COMPILED:
+        return [make() for _ in range(count)]
+    return cast("Sequence[R]", _numpy.zeros(count, dtype=_structure(cast("Any", type(make())))))
 
 
 def plain(kind: type[R], values: Sequence[R]) -> Sequence[R]:
@@ -136,5 +146,10 @@ def plain(kind: type[R], values: Sequence[R]) -> Sequence[R]:
 @cache
 def _structure(kind: Any) -> Any:
     """The numpy type of a dataclass."""
-    described = [(f.name, _numpy.int64, f.metadata.get("size", ())) for f in fields(kind)]
+    hints = get_type_hints(kind, include_extras=True)
+    described = []
+    for name in (f.name for f in fields(kind)):
+        size = getattr(hints[name], "__metadata__", ())
+        bits = _numpy.int16 if SMALL in size else _numpy.int64
+        described.append((name, bits, tuple(most for most in size if most != SMALL)))
     return _numpy.dtype((_numpy.record, described))

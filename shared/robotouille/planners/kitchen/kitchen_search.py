@@ -1,9 +1,9 @@
 """A* over compact states (Hart, Nilsson and Raphael 1968), on arrays that only grow.
 
-A node is a state with `g`, the steps it took to get there, and `h`, what the heuristic says is left;
-f is their sum. Open nodes wait in stacks, one for each pair of f and h: the lowest f comes first,
-and of those the lowest h, the last in first out. A state reached again in fewer steps gets a new
-node; the old one is marked as a dead end, and skipped. A node's f is not less than its parent's
+A node is a state with `g`, the steps it took to get there, and `h`, what the heuristic says is
+left; f is their sum. Open nodes wait in stacks, one for each pair of f and h: the lowest f comes
+first, and of those the lowest h, the last in first out. A state reached again in fewer steps gets a
+new node; the old one is marked as a dead end, and skipped. A node's f is not less than its parent's
 (pathmax, Mérő 1984), so f never falls along a path.
 
 With a weight above 1 (weighted A*, Pohl 1970) plans come sooner and are no longer proven shortest.
@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Annotated, NamedTuple
 
 from robotouille.planners.kitchen.compact_state import (
     ACTION_BITS,
@@ -29,13 +30,12 @@ from robotouille.planners.kitchen.compact_state import (
 from robotouille.planners.kitchen.heuristic.lower_bound import heuristic
 from robotouille.planners.kitchen.heuristic.scratch import DEAD_END, Scratch, new_scratch
 from robotouille.planners.kitchen.kernels import (
+    SMALL,
     Ints,
+    blank_records,
     grown,
     ints,
     kernel,
-    record,
-    records,
-    sized,
     zeros,
 )
 from robotouille.planners.kitchen.transitions import (
@@ -108,8 +108,12 @@ class Turn:
     choices: int  # how many actions the actor can choose from
     known: int  # how many of them were tried in another order
     joint: int  # what is done before, as a joint action
-    actions: Ints = sized(MAX_ACTIONS)  # [choice]
-    known_actions: Ints = sized(MAX_ACTIONS)  # [number below `known`]
+    actions: Annotated[Ints, SMALL, MAX_ACTIONS]  # [choice]
+    known_actions: Annotated[Ints, SMALL, MAX_ACTIONS]  # [number below `known`]
+
+
+def _new_turn() -> Turn:
+    return Turn(0, 0, 0, 0, 0, [0] * MAX_ACTIONS, [0] * MAX_ACTIONS)
 
 
 class Nodes(NamedTuple):
@@ -136,10 +140,6 @@ class Nodes(NamedTuple):
     scratch: Scratch
 
 
-NODE_ARRAYS = 6
-"""How many fields of `Nodes` grow with the nodes."""
-
-
 def new_nodes(kitchen: Kitchen, room: int) -> Nodes:
     """Room for so many nodes, which is a power of 2."""
     status = zeros(8)
@@ -147,7 +147,6 @@ def new_nodes(kitchen: Kitchen, room: int) -> Nodes:
     status[GOAL] = -1
     status[LOWEST_F] = MAX_F
     status[CUT] = MAX_F
-    turns = [Turn(0, 0, 0, 0, 0, [0] * MAX_ACTIONS, [0] * MAX_ACTIONS) for _ in range(5)]
     return Nodes(
         keys=zeros(room * kitchen.words),
         g=zeros(room),
@@ -160,18 +159,24 @@ def new_nodes(kitchen: Kitchen, room: int) -> Nodes:
         lowest_h=ints([MAX_H] * MAX_F),
         status=status,
         key=zeros(kitchen.words),
-        states=records(CompactState, [empty_state(kitchen) for _ in range(6)]),
-        turns=records(Turn, turns),
+        states=blank_records(partial(empty_state, kitchen), 6),
+        turns=blank_records(_new_turn, 5),
         order=zeros(4),
-        scratch=record(new_scratch()),
+        scratch=blank_records(new_scratch, 1)[0],
     )
 
 
 def grown_nodes(kitchen: Kitchen, room: int, nodes: Nodes) -> Nodes:
     """The same nodes with more room; those given must not be used any more."""
-    arrays = [grown(values, room) for values in nodes[1:NODE_ARRAYS]]
-    keys = grown(nodes.keys, room * kitchen.words)
-    found = Nodes._make([keys, *arrays, zeros(2 * room), *nodes[NODE_ARRAYS + 1 :]])
+    found = nodes._replace(
+        keys=grown(nodes.keys, room * kitchen.words),
+        g=grown(nodes.g, room),
+        h=grown(nodes.h, room),
+        parent=grown(nodes.parent, room),
+        action=grown(nodes.action, room),
+        next=grown(nodes.next, room),
+        table=zeros(2 * room),
+    )
     rehash(found)
     return found
 
@@ -270,7 +275,7 @@ def open_node(nodes: Nodes, node: int, f: int) -> None:
 
 @kernel
 def pop(nodes: Nodes) -> int:
-    """The open node with the lowest f, then the lowest h; -1 if none could lead to a better plan."""
+    """The open node with the lowest f, then the lowest h; -1 if none may lead to a better plan."""
     while nodes.status[LOWEST_F] < MAX_F:
         f = nodes.status[LOWEST_F]
         h = nodes.lowest_h[f]
@@ -428,9 +433,11 @@ def lowest_f(nodes: Nodes, first: int) -> int:
     best = -1
     for node in range(first, nodes.status[COUNT]):
         f, h = nodes.g[node] + nodes.h[node], nodes.h[node]
-        if best < 0 or f < nodes.g[best] + nodes.h[best]:
-            best = node
-        elif f == nodes.g[best] + nodes.h[best] and h < nodes.h[best]:
+        if (
+            best < 0
+            or f < nodes.g[best] + nodes.h[best]
+            or (f == nodes.g[best] + nodes.h[best] and h < nodes.h[best])
+        ):
             best = node
     return best
 

@@ -19,7 +19,7 @@ from robotouille.planners.kitchen.compact_state import (
     PROCESSING,
     Kitchen,
 )
-from robotouille.planners.kitchen.kernels import record
+from robotouille.planners.kitchen.kernels import Cube, Table, record
 from robotouille.planners.kitchen.recognition import KitchenRules, Process, recognise
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
@@ -251,15 +251,15 @@ class _Draft:
             kinds.append(BOWL if self._holds("isbowl", name) else kind)
         return [0] * len(self.items) + kinds
 
-    def _processes(
-        self,
-    ) -> tuple[
-        list[list[int]], list[list[int]], list[list[int]], list[list[int]], list[list[list[int]]]
-    ]:
+    def _processes(self) -> tuple[Table, Table, Table, Table, Cube]:
         """For every process and item: whether it is possible, what comes before it, how long it
         takes, what says that it is done, and its counter on each station."""
-        possible, before, totals, progress = ([[] for _ in self.rules.processes] for _ in range(4))
-        timers: list[list[list[int]]] = [[] for _ in self.rules.processes]
+        count = len(self.rules.processes)
+        possible: list[list[int]] = [[] for _ in range(count)]
+        before: list[list[int]] = [[] for _ in range(count)]
+        totals: list[list[int]] = [[] for _ in range(count)]
+        progress: list[list[int]] = [[] for _ in range(count)]
+        timers: list[list[list[int]]] = [[] for _ in range(count)]
         for q, process in enumerate(self.rules.processes):
             only = self.flags.index(process.station)
             places = [i for i, c in enumerate(self.station_class) if c == only]
@@ -303,7 +303,7 @@ class _Draft:
         only = self._class_of(flag)
         return [i for i, c in enumerate(self.station_class) if c == only]
 
-    def _filling(self, meals: int) -> tuple[list[list[int]], int]:
+    def _filling(self, meals: int) -> tuple[Table, int]:
         """For every object the counter on each station while it is being filled; the delay."""
         rows, total = [[NONE] * len(self.stations) for _ in self.objects], 0
         for c, container in enumerate(self.containers, len(self.items)):
@@ -315,7 +315,7 @@ class _Draft:
                 rows[c][station] = self._timer(FILLING, c, station, total, c)
         return rows, total
 
-    def _boiling(self, meals: int) -> tuple[list[list[list[int]]], int]:
+    def _boiling(self, meals: int) -> tuple[Cube, int]:
         """For every meal and object the counter on each station while it comes to the boil; the
         delay."""
         rows = [[[NONE] * len(self.stations) for _ in self.objects] for _ in range(meals)]

@@ -83,7 +83,6 @@ class KitchenSearch:
         self.start = start
         self.goals = records(Goal, goals)
         self.compact = record(compact)
-        self._plain_start = compact
 
     def solve(
         self,
@@ -137,7 +136,7 @@ class KitchenSearch:
 
     def plan(self, path: Sequence[Sequence[tuple[int, int]]]) -> Plan:
         """A path of joint actions as a plan of the world."""
-        return decode(self.model, self.start, self._plain_start, path)
+        return decode(self.model, self.start, self.compact, path)
 
 
 class SolverRun:

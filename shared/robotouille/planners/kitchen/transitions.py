@@ -274,9 +274,7 @@ def is_of_use(kitchen: Kitchen, state: CompactState, p: int, here: bool, action:
 
 
 @kernel
-def applicable_moves(
-    kitchen: Kitchen, state: CompactState, p: int, found: Ints, count: int
-) -> int:
+def applicable_moves(kitchen: Kitchen, state: CompactState, p: int, found: Ints, count: int) -> int:
     """The walks of one of several players."""
     for place in range(kitchen.table_code + 1):
         if place == state.place[p]:
@@ -339,9 +337,7 @@ def may_process(
     first = kitchen.prerequisite[q][o]
     if first != NONE and not is_done(kitchen, state, first, o):
         return False
-    return (
-        not kitchen.timed[q] or state.counters[kitchen.process_timer[q][o][station]] == 0
-    )
+    return not kitchen.timed[q] or state.counters[kitchen.process_timer[q][o][station]] == 0
 
 
 @kernel
@@ -431,9 +427,7 @@ def with_item(
 
 
 @kernel
-def with_container(
-    kitchen: Kitchen, state: CompactState, p: int, found: Ints, count: int
-) -> int:
+def with_container(kitchen: Kitchen, state: CompactState, p: int, found: Ints, count: int) -> int:
     """Putting down, and pouring from a pot into an empty bowl."""
     held = state.held[p] - 1
     count = puts(kitchen, state, found, count)

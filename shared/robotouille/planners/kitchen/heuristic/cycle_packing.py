@@ -1,8 +1,8 @@
 """Stops that no order of the deliveries can avoid: a packing of cycles, for one player.
 
 One player has one hand, so a delivery, once begun, is finished before the next, unless it is
-interrupted by a *stop*: put down, walk away, come back, pick up. Some deliveries have to come before
-others:
+interrupted by a *stop*: put down, walk away, come back, pick up. Some deliveries have to come
+before others:
 
 * what lies above is taken away before what lies below it;
 * what goes below is placed before what goes on top, and the top of a pile last;
@@ -44,11 +44,11 @@ from robotouille.planners.kitchen.kernels import kernel
 
 __all__ = ["cycle_packing"]
 
-MAX_OBJECTS = 28
+MAX_PACKED_OBJECTS = 28
 """More objects than that are not looked at: two nodes for each, and one for each meal, are bits of
 one integer."""
 
-MAX_MEALS = 6
+MAX_PACKED_MEALS = 6
 
 ITEM_STOP, CONTAINER_STOP = 4, 3
 """Steps of a stop."""
@@ -73,7 +73,7 @@ def making_of(kitchen: Kitchen, m: int) -> int:
 @kernel
 def cycle_packing(kitchen: Kitchen, goal: Goal, state: CompactState, scratch: Scratch) -> int:
     """Steps of additional stops that are needed at least."""
-    if kitchen.objects > MAX_OBJECTS or kitchen.meals > MAX_MEALS:
+    if kitchen.objects > MAX_PACKED_OBJECTS or kitchen.meals > MAX_PACKED_MEALS:
         return 0
     nodes = 2 * kitchen.objects + kitchen.meals
     for node in range(nodes):
@@ -308,9 +308,7 @@ def cycle_through(nodes: int, alive: int, start: int, length: int, scratch: Scra
 
 
 @kernel
-def leads_to(
-    nodes: int, alive: int, node: int, goal: int, steps: int, scratch: Scratch
-) -> bool:
+def leads_to(nodes: int, alive: int, node: int, goal: int, steps: int, scratch: Scratch) -> bool:
     """Whether one node leads to another in so many steps."""
     front = 1 << node
     for _ in range(steps):

@@ -90,9 +90,7 @@ def remove(kitchen: Kitchen, goal: Goal, state: CompactState, o: int, scratch: S
 
 
 @kernel
-def must_be_clear(
-    kitchen: Kitchen, goal: Goal, under: int, upper: int, scratch: Scratch
-) -> bool:
+def must_be_clear(kitchen: Kitchen, goal: Goal, under: int, upper: int, scratch: Scratch) -> bool:
     """Whether the goal wants nothing on an item, or something else than what is there."""
     if goal.clear[under]:
         return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from robotouille.planners.kitchen.compact_state import (
     MAX_MEALS,
@@ -10,8 +11,9 @@ from robotouille.planners.kitchen.compact_state import (
     NONE,
     CompactState,
     Kitchen,
+    PerObject,
 )
-from robotouille.planners.kitchen.kernels import Ints, kernel, sized
+from robotouille.planners.kitchen.kernels import Ints, kernel
 
 __all__ = ["DEAD_END", "Scratch", "clear_scratch", "new_scratch"]
 
@@ -33,30 +35,44 @@ class Scratch:
     """The longest chain of a meal."""
     pots_open: int
     """Whether it is open which pot is for which meal."""
-    above: Ints = sized(MAX_OBJECTS)
+    above: PerObject
     """[object] what is on top of it, NONE."""
-    deliveries: Ints = sized(MAX_OBJECTS)
+    deliveries: PerObject
     """[object] how many more times it has to be carried."""
-    works_here: Ints = sized(MAX_OBJECTS)
+    works_here: PerObject
     """[object] whether a process has to be started or performed where it is."""
-    leaves: Ints = sized(MAX_OBJECTS)
+    leaves: PerObject
     """[object] whether it has to be taken from where it is."""
-    stops: Ints = sized(MAX_OBJECTS)
+    stops: PerObject
     """[object] classes of stations that it still has to be brought to, as a bit set."""
-    first_stop: Ints = sized(MAX_OBJECTS)
+    first_stop: PerObject
     """[object] the first of them; NONE if that is open, or the next place is the last."""
-    work: Ints = sized(MAX_OBJECTS)
+    work: PerObject
     """[object] steps of players that are about it."""
-    chain: Ints = sized(MAX_OBJECTS)
+    chain: PerObject
     """[object] steps, delays included, until it can be where it has to be."""
-    before: Ints = sized(2 * MAX_OBJECTS + MAX_MEALS)
+    before: Annotated[Ints, 2 * MAX_OBJECTS + MAX_MEALS]
     """[node] what has to come after a delivery, as a bit set: the cycle packing's own."""
 
 
 def new_scratch() -> Scratch:
     """Scratch space for any state of any kitchen."""
-    rows = [[0] * MAX_OBJECTS for _ in range(8)]
-    return Scratch(0, 0, 0, 0, 0, *rows, [0] * (2 * MAX_OBJECTS + MAX_MEALS))
+    return Scratch(
+        free_hands=0,
+        water_walks=0,
+        maybe_added=0,
+        meal_chain=0,
+        pots_open=0,
+        above=[0] * MAX_OBJECTS,
+        deliveries=[0] * MAX_OBJECTS,
+        works_here=[0] * MAX_OBJECTS,
+        leaves=[0] * MAX_OBJECTS,
+        stops=[0] * MAX_OBJECTS,
+        first_stop=[0] * MAX_OBJECTS,
+        work=[0] * MAX_OBJECTS,
+        chain=[0] * MAX_OBJECTS,
+        before=[0] * (2 * MAX_OBJECTS + MAX_MEALS),
+    )
 
 
 @kernel

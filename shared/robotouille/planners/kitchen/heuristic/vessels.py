@@ -49,7 +49,7 @@ def add_vessel_work(kitchen: Kitchen, goal: Goal, state: CompactState, scratch: 
         container = state.inside[m] - 1
         vessel = goal.vessel[m]
         if container >= 0 and (container == vessel or kitchen.container_kind[container] != POT):
-            if vessel != NONE and container != vessel:
+            if vessel not in (NONE, container):
                 return False
             if not add_work_in_vessel(kitchen, goal, state, m, scratch):
                 return False
@@ -152,7 +152,7 @@ def add_cooking(
     chosen = NONE
     candidates = 0
     for pot in range(kitchen.items, kitchen.objects):
-        if kitchen.container_kind[pot] != POT or (only_pot != NONE and pot != only_pot):
+        if kitchen.container_kind[pot] != POT or only_pot not in (NONE, pot):
             continue
         candidates += 1
         work, chain, water_walks = route(kitchen, goal, state, m, pot, scratch)
@@ -222,9 +222,7 @@ def route(
     pours = goal.vessel[m] != NONE
     if boils:
         water_walks = back
-        more, later, back = heating(
-            kitchen, state, m, pot, station, is_dry, first, back, pours
-        )
+        more, later, back = heating(kitchen, state, m, pot, station, is_dry, first, back, pours)
         if more == 0:
             water_walks = 0
         work += more
