@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from robotouille import State, World
+from robotouille.planners.kitchen.applicable import applicable_actions
 from robotouille.planners.kitchen.compact_state import (
     PICK,
     PUT,
@@ -21,7 +22,6 @@ from robotouille.planners.kitchen.model import KitchenModel
 from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planners.kitchen.transitions import (
     advance_timers,
-    applicable_actions,
     apply_action,
     place_of_action,
 )

@@ -8,9 +8,10 @@ integers instead of a set of facts. To read, in this order:
 `model`               from a world to the `Kitchen`
 `encode`              from a state of the world to a `CompactState`
 `goal_assignments`    from the world's goal to `Goal`s: one for each choice of objects
-`transitions`         what can be done in a state, and what becomes of it
+`applicable`          what can be done in a state
+`transitions`         what becomes of it
 `heuristic/`          a lower bound of the steps that are left
-`kitchen_search`      A* and greedy search
+`search/`             A* and greedy search
 `decode`              from a path of the search to a plan of the world
 `solver`              when to search how, within limits: the planner
 `anytime_search`      a plan at once, then better ones: for play

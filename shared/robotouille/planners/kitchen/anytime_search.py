@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille.planners.kitchen.kitchen_search import (
+from robotouille.planners.kitchen.search.nodes import (
     COUNT,
     CUT,
     GOAL,
@@ -10,7 +10,6 @@ from robotouille.planners.kitchen.kitchen_search import (
     MAX_F,
     UNIT,
     Nodes,
-    best_successor,
     grown_nodes,
     insert_starts,
     max_successors,
@@ -18,6 +17,7 @@ from robotouille.planners.kitchen.kitchen_search import (
     path_to_goal,
     pop,
 )
+from robotouille.planners.kitchen.search.one_player import best_successor
 from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, SolverRun
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import Limits, Proof, SearchResult

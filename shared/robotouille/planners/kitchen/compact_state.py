@@ -205,11 +205,13 @@ def copy_state(kitchen: Kitchen, source: CompactState, target: CompactState) -> 
     for p in range(kitchen.players):
         target.place[p] = source.place[p]
         target.held[p] = source.held[p]
-    target.below[: kitchen.objects] = source.below[: kitchen.objects]
+    for o in range(kitchen.objects):
+        target.below[o] = source.below[o]
     for m in range(kitchen.meals):
         target.inside[m] = source.inside[m]
         target.boiled[m] = source.boiled[m]
-    target.counters[: kitchen.counters] = source.counters[: kitchen.counters]
+    for i in range(kitchen.counters):
+        target.counters[i] = source.counters[i]
 
 
 # Actions: four bits for the kind, six for `x`, three for `y`.

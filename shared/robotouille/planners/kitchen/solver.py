@@ -9,18 +9,16 @@ from robotouille.planners.kitchen.decode import decode
 from robotouille.planners.kitchen.encode import encode
 from robotouille.planners.kitchen.goal_assignments import goal_assignments
 from robotouille.planners.kitchen.kernels import record, records
-from robotouille.planners.kitchen.kitchen_search import (
+from robotouille.planners.kitchen.model import KitchenModel, model_of
+from robotouille.planners.kitchen.search.astar import EMPTY, GROW, PAUSED, PROVEN, astar
+from robotouille.planners.kitchen.search.nodes import (
     BEST,
     COUNT,
     CUT,
-    EMPTY,
     EXPANDED,
     GOAL,
-    GROW,
     LOWEST_F,
     MAX_F,
-    PAUSED,
-    PROVEN,
     UNIT,
     Nodes,
     grown_nodes,
@@ -28,9 +26,7 @@ from robotouille.planners.kitchen.kitchen_search import (
     max_successors,
     new_nodes,
     path_to_goal,
-    search,
 )
-from robotouille.planners.kitchen.model import KitchenModel, model_of
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.world.state import State
@@ -204,7 +200,7 @@ class SolverRun:
             if allowed <= 0 or (self.limits.stop is not None and self.limits.stop()):
                 self.outcome = PAUSED
                 return
-            self.outcome = search(model.record, goals, self.nodes, self.weight, allowed)
+            self.outcome = astar(model.record, goals, self.nodes, self.weight, allowed)
             if self.watch is not None:
                 self.watch(self.spent + self.expansions, self.lowest_f, self.best)
             if self.outcome == GROW and not self._grow():

@@ -1,8 +1,8 @@
 """Stops that no order of the deliveries can avoid: a packing of cycles, for one player.
 
 One player has one hand, so a delivery, once begun, is finished before the next, unless it is
-interrupted by a *stop*: put down, walk away, come back, pick up. Some deliveries have to come
-before others:
+interrupted by a *stop*: put down, come back, pick up, walk on. Some deliveries have to come before
+others:
 
 * what lies above is taken away before what lies below it;
 * what goes below is placed before what goes on top, and the top of a pile last;
@@ -16,11 +16,10 @@ interrupted: a set of stops that suffices is a feedback vertex set. The least su
 find, but any packing of cycles without a common object is no larger. It is the bound of the blocks
 world's deadlocks (Gupta and Nau 1992; Slaney and Thiébaux 2001).
 
-*Why it is a lower bound.* The sum over objects counts no stop that is made for another object's
-sake. One on an item costs 4 steps: put down, walk away, and later a walk to it and picking up; of
-the two walks between there and another delivery the sum has counted one. On a container it may
-cost 3: whoever adds something to it stands there already. A cycle counts with the cheapest of its
-objects, and cycles that share no object share no stop.
+*Why it is a lower bound.* No other part counts these steps: a delivery counts as one pick-up, one
+walk and one putting down, however often it is interrupted. A stop on an item costs 4 steps, one on
+a container perhaps 3: whoever adds something to it stands there already, and need not come back. A
+cycle counts with the cheapest of its objects, and cycles that share no object share no stop.
 
 *Which cycles.* The shortest first, the lowest numbers first among them, until none is left: more
 cycles fit in if they are short. Any choice is a lower bound.

@@ -23,9 +23,9 @@ is placed later. So no sooner than the longest such chain of events can the goal
 path, like h-max: Bonet and Geffner 2001). Delays count here and not as work, since other work can
 be done meanwhile.
 
-The larger of two lower bounds is one. Tests compare it with exact distances in every state that can
-be reached in thousands of small kitchens. It is not consistent by itself: a delay that begins can
-raise it by more than the step costs. The search makes it so (`kitchen_search.py`).
+The larger of two lower bounds is one. Tests compare it with the exact distances of all states that
+can be reached in small kitchens. It need not be consistent: what lies in the way counts only once
+something is known to leave. The search sees to that (`search/nodes.py`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A* over compact states (Hart, Nilsson and Raphael 1968), on arrays that only grow.
+"""The nodes of a search: states that were reached, which of them are open, and how.
 
 A node is a state with `g`, the steps it took to get there, and `h`, what the heuristic says is
 left; f is their sum. Open nodes wait in stacks, one for each pair of f and h: the lowest f comes
@@ -6,7 +6,7 @@ first, and of those the lowest h, the last in first out. A state reached again i
 new node; the old one is marked as a dead end, and skipped. A node's f is not less than its parent's
 (pathmax, Mérő 1984), so f never falls along a path.
 
-With a weight above 1 (weighted A*, Pohl 1970) plans come sooner and are no longer proven shortest.
+With a weight above 1 an open node's f is g + weight * h (weighted A*, Pohl 1970).
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from robotouille.planners.kitchen.compact_state import (
     copy_state,
     empty_state,
     pack_state,
-    unpack_state,
 )
 from robotouille.planners.kitchen.heuristic.lower_bound import heuristic
 from robotouille.planners.kitchen.heuristic.scratch import DEAD_END, Scratch, new_scratch
@@ -38,44 +37,28 @@ from robotouille.planners.kitchen.kernels import (
     kernel,
     zeros,
 )
-from robotouille.planners.kitchen.transitions import (
-    advance_timers,
-    applicable_actions,
-    applicable_moves,
-    apply_action,
-    is_any_timer_running,
-    place_of_action,
-    sort_players,
-)
 
 __all__ = [
     "BEST",
     "COUNT",
     "CUT",
-    "EMPTY",
     "EXPANDED",
-    "FULL",
     "GOAL",
-    "GROW",
     "LOWEST_F",
     "MAX_F",
-    "PAUSED",
-    "PROVEN",
     "UNIT",
+    "UNKNOWN",
     "Nodes",
-    "best_successor",
+    "Turn",
+    "encode_turn",
     "grown_nodes",
+    "insert",
     "insert_starts",
     "max_successors",
     "new_nodes",
     "path_to_goal",
     "pop",
-    "search",
 ]
-
-PAUSED, GROW, PROVEN, EMPTY, FULL = range(5)
-"""Why `search` returned: enough expansions, no room, no better plan exists, nothing is left, or
-nothing more can be proven since some states had no room."""
 
 MAX_F, MAX_H = 512, 256
 """There are stacks for what is below; longer plans are out of reach."""
@@ -307,243 +290,11 @@ def insert_starts(
 
 
 @kernel
-def search(
-    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, weight: int, expansions: int
-) -> int:
-    """Go on with a search for so many expansions; returns why it stopped."""
-    status = nodes.status
-    until = status[EXPANDED] + expansions
-    while status[EXPANDED] < until:
-        if status[COUNT] + max_successors(kitchen.players) > len(nodes.g):
-            return GROW
-        if status[CUT] < MAX_F and status[LOWEST_F] >= status[CUT]:
-            return FULL
-        if weight == UNIT and status[LOWEST_F] >= status[BEST]:
-            return PROVEN
-        node = pop(nodes)
-        if node < 0:
-            if status[CUT] < MAX_F:
-                return FULL
-            return PROVEN if status[BEST] < UNKNOWN else EMPTY
-        status[EXPANDED] += 1
-        unpack_state(kitchen, nodes.keys, node * kitchen.words, nodes.states[0])
-        if kitchen.players == 1:
-            expand_alone(kitchen, goals, nodes, node, weight)
-        else:
-            expand_together(kitchen, goals, nodes, node, weight)
-    return PAUSED
-
-
-@kernel
 def max_successors(players: int) -> int:
     """Room for the successors of one state; those beyond it are counted in `status[CUT]`."""
     if players == 1:
         return 2 * MAX_ACTIONS
     return 1 << 3 + 4 * min(players, 4)
-
-
-# One player
-
-
-@kernel
-def expand_alone(
-    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int
-) -> None:
-    """The successors of one player's state: what can be done here, elsewhere, or by waiting.
-
-    Walks are not states of their own: who walks somewhere does something there. Walking takes a
-    step, in which time passes.
-    """
-    now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
-    goal, actions, g = goals[now.assignment], nodes.turns[0].actions, nodes.g[node]
-    for i in range(applicable_actions(kitchen, goal, now, 0, True, actions, 0)):
-        do_here(kitchen, now, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 1, weight)
-    pass_time(kitchen, now, later)
-    if is_any_timer_running(kitchen, now):
-        insert(kitchen, goals, nodes, later, node, WAIT, g + 1, weight)
-    for i in range(applicable_actions(kitchen, goal, later, 0, False, actions, 0)):
-        do_elsewhere(kitchen, later, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 2, weight)
-
-
-@kernel
-def pass_time(kitchen: Kitchen, state: CompactState, after: CompactState) -> None:
-    """The state after a step in which nothing is done."""
-    copy_state(kitchen, state, after)
-    advance_timers(kitchen, after)
-
-
-@kernel
-def do_here(kitchen: Kitchen, state: CompactState, action: int, after: CompactState) -> None:
-    """The state after an action of the only player at its place."""
-    copy_state(kitchen, state, after)
-    apply_action(kitchen, after, 0, action)
-    advance_timers(kitchen, after)
-
-
-@kernel
-def do_elsewhere(kitchen: Kitchen, state: CompactState, action: int, after: CompactState) -> None:
-    """The state after an action to which the only player has walked for a step."""
-    copy_state(kitchen, state, after)
-    after.place[0] = place_of_action(kitchen, after, action)
-    apply_action(kitchen, after, 0, action)
-    advance_timers(kitchen, after)
-
-
-@kernel
-def best_successor(kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int) -> int:
-    """Of the new successors of one player's state that with the lowest f, then the lowest h, for
-    greedy search; -1 if none is new.
-
-    No others are made once one has the f of the state itself. Waiting comes last.
-    """
-    now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
-    unpack_state(kitchen, nodes.keys, node * kitchen.words, now)
-    goal, actions, g = goals[now.assignment], nodes.turns[0].actions, nodes.g[node]
-    first = nodes.status[COUNT]
-    for i in range(applicable_actions(kitchen, goal, now, 0, True, actions, 0)):
-        do_here(kitchen, now, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 1, UNIT)
-        if is_good_enough(nodes, node, first):
-            return lowest_f(nodes, first)
-    pass_time(kitchen, now, later)
-    for i in range(applicable_actions(kitchen, goal, later, 0, False, actions, 0)):
-        do_elsewhere(kitchen, later, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 2, UNIT)
-        if is_good_enough(nodes, node, first):
-            return lowest_f(nodes, first)
-    if is_any_timer_running(kitchen, now):
-        insert(kitchen, goals, nodes, later, node, WAIT, g + 1, UNIT)
-    return lowest_f(nodes, first)
-
-
-@kernel
-def is_good_enough(nodes: Nodes, node: int, first: int) -> bool:
-    """Whether the goal is reached, or the newest of a node's successors has the f of the node."""
-    if nodes.status[GOAL] >= 0:
-        return True
-    newest = nodes.status[COUNT] - 1
-    return newest >= first and nodes.g[newest] + nodes.h[newest] <= nodes.g[node] + nodes.h[node]
-
-
-@kernel
-def lowest_f(nodes: Nodes, first: int) -> int:
-    """Of the nodes from `first` on the one with the lowest f, then the lowest h; -1 for none."""
-    best = -1
-    for node in range(first, nodes.status[COUNT]):
-        f, h = nodes.g[node] + nodes.h[node], nodes.h[node]
-        if (
-            best < 0
-            or f < nodes.g[best] + nodes.h[best]
-            or (f == nodes.g[best] + nodes.h[best] and h < nodes.h[best])
-        ):
-            best = node
-    return best
-
-
-# Several players
-
-
-@kernel
-def expand_together(
-    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int
-) -> None:
-    """The successors of several players' state: everything all can do in one step.
-
-    One acts after the other, in every order. Where two act against the order of their numbers,
-    only what the first makes possible is new. `nodes.states[i]` is the state after i turns.
-    """
-    goal = goals[nodes.states[0].assignment]
-    after = nodes.states[5]
-    number = 0
-    begin_turn(nodes.turns[0], 0)
-    while number >= 0:
-        if number == kitchen.players:
-            pass_time(kitchen, nodes.states[number], after)
-            sort_players(kitchen, after, nodes.order)
-            joint = nodes.turns[number].joint
-            insert(kitchen, goals, nodes, after, node, joint, nodes.g[node] + 1, weight)
-            number -= 1
-        elif take_turn(kitchen, goal, nodes, number):
-            number += 1
-        else:
-            number -= 1
-
-
-@kernel
-def begin_turn(turn: Turn, joint: int) -> None:
-    """Let the next player choose; `joint` is what those before it do."""
-    turn.actor = -1
-    turn.next_choice = 0
-    turn.choices = 0
-    turn.joint = joint
-
-
-@kernel
-def take_turn(kitchen: Kitchen, goal: Goal, nodes: Nodes, number: int) -> bool:
-    """Take the next action of this turn; False if no player has any left."""
-    turn = nodes.turns[number]
-    while True:
-        while turn.next_choice == turn.choices:
-            if not next_actor(kitchen, goal, nodes, number):
-                return False
-        action = turn.actions[turn.next_choice]
-        turn.next_choice += 1
-        if contains(turn.known_actions, turn.known, action):
-            continue
-        after = nodes.states[number + 1]
-        copy_state(kitchen, nodes.states[number], after)
-        apply_action(kitchen, after, turn.actor, action)
-        joint = turn.joint | encode_turn(number, turn.actor, action)
-        begin_turn(nodes.turns[number + 1], joint)
-        return True
-
-
-@kernel
-def next_actor(kitchen: Kitchen, goal: Goal, nodes: Nodes, number: int) -> bool:
-    """Go on to the next player who has not acted; False if there is none."""
-    turn = nodes.turns[number]
-    p = turn.actor + 1
-    while p < kitchen.players and has_acted(nodes, number, p):
-        p += 1
-    turn.actor = p
-    if p == kitchen.players:
-        return False
-    turn.next_choice = 0
-    turn.choices = choices(kitchen, goal, nodes.states[number], p, turn.actions)
-    turn.known = 0
-    if number > 0 and p < nodes.turns[number - 1].actor:
-        turn.known = choices(kitchen, goal, nodes.states[number - 1], p, turn.known_actions)
-    return True
-
-
-@kernel
-def has_acted(nodes: Nodes, number: int, p: int) -> bool:
-    """Whether a player had an earlier turn in this step."""
-    for earlier in range(number):
-        if nodes.turns[earlier].actor == p:
-            return True
-    return False
-
-
-@kernel
-def choices(kitchen: Kitchen, goal: Goal, state: CompactState, p: int, found: Ints) -> int:
-    """Write what one of several players can do in a step: act, walk, or nothing; returns how many
-    choices there are."""
-    count = applicable_actions(kitchen, goal, state, p, True, found, 0)
-    count = applicable_moves(kitchen, state, p, found, count)
-    found[count] = WAIT
-    return count + 1
-
-
-@kernel
-def contains(actions: Ints, count: int, action: int) -> bool:
-    """Whether an action is among the first of some others."""
-    for i in range(count):
-        if actions[i] == action:
-            return True
-    return False
 
 
 @kernel
