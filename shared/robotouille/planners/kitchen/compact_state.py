@@ -68,9 +68,9 @@ MAX_NUMBERED = 63
 MAX_MEALS = MAX_PROCESSES = 7
 """An action has three bits for one of them."""
 
-MAX_TIMERS = 8192
-"""A station is for one process at most, and there are at most seven meals to boil in a pot: so of
-objects and stations, 63 together, no more pairs and triples than 8 · 32 · 31 have timers."""
+MAX_TIMERS = MAX_MEALS * MAX_OBJECTS * (MAX_NUMBERED - MAX_OBJECTS)
+"""A station is of one class, so there is a timer for an item on a station, or one for a pot, or one
+for each meal in a pot; and objects and stations are 63 together."""
 
 MAX_COUNTERS = MAX_TIMERS + MAX_PROCESSES * MAX_OBJECTS
 

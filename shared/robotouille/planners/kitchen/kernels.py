@@ -121,10 +121,8 @@ def records(kind: type[R], values: Sequence[R]) -> Sequence[R]:
     array: Any = _numpy.zeros(len(values), dtype=_structure(cast("Any", kind)))
     for name in array.dtype.names if values else ():
         content = [getattr(value, name) for value in values]
-        if isinstance(content[0], int):
-            array[name] = content
-        elif content[0]:
-            rows = _numpy.array(content)
+        rows = _numpy.array(content)
+        if rows.size:
             array[name][tuple(map(slice, rows.shape))] = rows
     return cast("Sequence[R]", array)
 

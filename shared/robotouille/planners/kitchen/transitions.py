@@ -26,12 +26,9 @@ from robotouille.planners.kitchen.kernels import Ints, kernel
 
 __all__ = [
     "advance_timers",
-    "applicable_actions",
-    "applicable_moves",
     "apply_action",
     "is_any_timer_running",
     "is_done",
-    "is_empty",
     "pass_time",
     "place_of_action",
     "place_of_object",
