@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robotouille.planners.kitchen.compact_state import Goal, Kitchen, unpack_state
+from robotouille.planners.kitchen.compact_state import Goal, Kitchen
 from robotouille.planners.kitchen.kernels import kernel
 from robotouille.planners.kitchen.search.nodes import (
     BEST,
@@ -52,9 +52,8 @@ def astar(
                 return FULL
             return PROVEN if status[BEST] < UNKNOWN else EMPTY
         status[EXPANDED] += 1
-        unpack_state(kitchen, nodes.keys, node * kitchen.words, nodes.states[0])
         if kitchen.players == 1:
-            expand_alone(kitchen, goals, nodes, node, weight)
+            expand_alone(kitchen, goals, nodes, node, weight, False)
         else:
             expand_together(kitchen, goals, nodes, node, weight)
     return PAUSED

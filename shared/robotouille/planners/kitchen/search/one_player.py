@@ -28,67 +28,65 @@ __all__ = ["best_successor", "expand_alone"]
 
 @kernel
 def expand_alone(
-    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int
+    kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int, greedy: bool
 ) -> None:
     """The successors of one player's state: what can be done here, elsewhere, or by waiting.
 
     Walks are not states of their own: who walks somewhere does something there. Walking takes a
-    step, in which time passes.
+    step, in which time passes. Greedily, waiting comes last, and no other successors are made once
+    one is good enough.
     """
     now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
-    goal, actions, g = goals[now.assignment], nodes.turns[0].actions, nodes.g[node]
-    for i in range(applicable_actions(kitchen, goal, now, 0, True, actions, 0)):
-        do_here(kitchen, now, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 1, weight)
+    unpack_state(kitchen, nodes.keys, node * kitchen.words, now)
     pass_time(kitchen, now, later)
-    if is_any_timer_running(kitchen, now):
-        insert(kitchen, goals, nodes, later, node, WAIT, g + 1, weight)
-    for i in range(applicable_actions(kitchen, goal, later, 0, False, actions, 0)):
-        do_elsewhere(kitchen, later, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 2, weight)
+    goal, actions = goals[now.assignment], nodes.turns[0].actions
+    waits = is_any_timer_running(kitchen, now)
+    here = applicable_actions(kitchen, goal, now, 0, True, actions, 0)
+    count = here
+    if waits and not greedy:
+        actions[count] = WAIT
+        count += 1
+    count = applicable_actions(kitchen, goal, later, 0, False, actions, count)
+    if waits and greedy:
+        actions[count] = WAIT
+        count += 1
+    first = nodes.status[COUNT]
+    for i in range(count):
+        steps = follow(kitchen, now, later, actions[i], i < here, after)
+        insert(kitchen, goals, nodes, after, node, actions[i], nodes.g[node] + steps, weight)
+        if greedy and is_good_enough(nodes, node, first):
+            return
 
 
 @kernel
-def do_here(kitchen: Kitchen, state: CompactState, action: int, after: CompactState) -> None:
-    """The state after an action of the only player at its place."""
-    copy_state(kitchen, state, after)
+def follow(
+    kitchen: Kitchen,
+    now: CompactState,
+    later: CompactState,
+    action: int,
+    here: bool,
+    after: CompactState,
+) -> int:
+    """Make `after` the state after an action here, after waiting, or after an action elsewhere, to
+    which the player has walked; returns the steps it takes. `later` is a step after `now`."""
+    if here:
+        copy_state(kitchen, now, after)
+    else:
+        copy_state(kitchen, later, after)
+        if action == WAIT:
+            return 1
+        after.place[0] = place_of_action(kitchen, after, action)
     apply_action(kitchen, after, 0, action)
     advance_timers(kitchen, after)
-
-
-@kernel
-def do_elsewhere(kitchen: Kitchen, state: CompactState, action: int, after: CompactState) -> None:
-    """The state after an action to which the only player has walked for a step."""
-    copy_state(kitchen, state, after)
-    after.place[0] = place_of_action(kitchen, after, action)
-    apply_action(kitchen, after, 0, action)
-    advance_timers(kitchen, after)
+    return 1 if here else 2
 
 
 @kernel
 def best_successor(kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int) -> int:
     """Of the new successors of one player's state that with the lowest f, then the lowest h, for
-    greedy search; -1 if none is new.
-
-    No others are made once one has the f of the state itself. Waiting comes last.
-    """
-    now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
-    unpack_state(kitchen, nodes.keys, node * kitchen.words, now)
-    goal, actions, g = goals[now.assignment], nodes.turns[0].actions, nodes.g[node]
+    greedy search; -1 if none is new."""
     first = nodes.status[COUNT]
-    for i in range(applicable_actions(kitchen, goal, now, 0, True, actions, 0)):
-        do_here(kitchen, now, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 1, UNIT)
-        if is_good_enough(nodes, node, first):
-            return lowest_f(nodes, first)
-    pass_time(kitchen, now, later)
-    for i in range(applicable_actions(kitchen, goal, later, 0, False, actions, 0)):
-        do_elsewhere(kitchen, later, actions[i], after)
-        insert(kitchen, goals, nodes, after, node, actions[i], g + 2, UNIT)
-        if is_good_enough(nodes, node, first):
-            return lowest_f(nodes, first)
-    if is_any_timer_running(kitchen, now):
-        insert(kitchen, goals, nodes, later, node, WAIT, g + 1, UNIT)
+    expand_alone(kitchen, goals, nodes, node, UNIT, True)
     return lowest_f(nodes, first)
 
 

@@ -11,6 +11,7 @@ from robotouille.planners.kitchen.compact_state import (
     Goal,
     Kitchen,
     copy_state,
+    unpack_state,
 )
 from robotouille.planners.kitchen.kernels import Ints, kernel
 from robotouille.planners.kitchen.search.nodes import Nodes, Turn, encode_turn, insert
@@ -32,6 +33,7 @@ def expand_together(
     One acts after the other, in every order. Where two act against the order of their numbers,
     only what the first makes possible is new. `nodes.states[i]` is the state after i turns.
     """
+    unpack_state(kitchen, nodes.keys, node * kitchen.words, nodes.states[0])
     goal = goals[nodes.states[0].assignment]
     after = nodes.states[5]
     number = 0
