@@ -7,16 +7,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from robotouille import State, World
-from robotouille.planners.kitchen.compact_state import ROOT, ROWS
-from robotouille.planners.kitchen.heuristic.lower_bound import estimate
-from robotouille.planners.kitchen.heuristic.scratch_rows import SCRATCH
-from robotouille.planners.kitchen.kernels import ints, zeros
+from robotouille.planners.kitchen.heuristic.lower_bound import heuristic
+from robotouille.planners.kitchen.heuristic.scratch import new_scratch
+from robotouille.planners.kitchen.kernels import record
 from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
 from robotouille.world.grounding.actions import GroundAction
 
-__all__ = ["Explored", "check_answer", "check_estimate", "explored"]
+__all__ = ["Explored", "check_answer", "check_heuristic", "explored"]
 
 Successors = Callable[[State], Iterator[State]]
 
@@ -91,24 +90,21 @@ def told(state: State, distance: int | None) -> str:
     return f"{task.name}: distance {distance}\n{facts}\n{state.timer_rows()}\n{goal}"
 
 
-def check_estimate(state: State, distance: int | None) -> bool:
-    """No estimate exceeds the distance; False if this is nothing for the kitchen planner."""
+def check_heuristic(state: State, distance: int | None) -> bool:
+    """No heuristic exceeds the distance; False if this is nothing for the kitchen planner."""
     search = kitchen_search(state.world, state)
     if search is None:
         return False
     if distance is not None:
-        assert least_estimate(search) <= distance, told(state, distance)
+        assert least_heuristic(search) <= distance, told(state, distance)
     return True
 
 
-def least_estimate(search: KitchenSearch) -> int:
-    """The estimate of a search's start: the least of all choices of objects."""
-    scratch, code = zeros(SCRATCH), list(search.code)
-    least = 1 << 30
-    for row in range(search.goals[ROWS]):
-        code[ROOT] = row
-        least = min(least, estimate(search.model.kitchen, search.goals, ints(code), scratch))
-    return least
+def least_heuristic(search: KitchenSearch) -> int:
+    """The heuristic of a search's start: the least of all goal assignments."""
+    scratch = record(new_scratch())
+    found = [heuristic(search.model.record, goal, search.compact, scratch) for goal in search.goals]
+    return min(found, default=1 << 30)
 
 
 def check_answer(state: State, distance: int | None) -> None:

@@ -52,8 +52,8 @@ def test_small_tasks(strategy: st.SearchStrategy[Task], cap: int, examples: int)
         oracle = explore(task, world, cap)
         check_answers(world, oracle, 4 * cap)
         if oracle.complete:
-            check_estimates(oracle, LandmarkCut(world))
-            check_estimates(oracle, CriticalPath(world))
+            check_heuristics(oracle, LandmarkCut(world))
+            check_heuristics(oracle, CriticalPath(world))
 
     agree()
 
@@ -81,7 +81,7 @@ def check_answers(world: World, oracle: Oracle, states: int) -> None:
                 assert len(answer.plan) == oracle.depth
 
 
-def check_estimates(oracle: Oracle, estimate: Heuristic) -> None:
+def check_heuristics(oracle: Oracle, estimate: Heuristic) -> None:
     """No estimate exceeds the distance, and only of a dead end is it infinite."""
     distances = oracle.distances()
     for key, state in oracle.states.items():

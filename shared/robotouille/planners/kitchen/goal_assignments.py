@@ -1,4 +1,4 @@
-"""Every choice of objects that could meet the goal, one row each."""
+"""Which objects the goal's variables may stand for: every assignment that could meet the goal."""
 
 from __future__ import annotations
 
@@ -6,34 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from robotouille.domain.schema import GoalTerm
-from robotouille.planners.kitchen.compact_state import (
-    ABLE,
-    AFTER,
-    BELOW,
-    DONE,
-    ITEMS,
-    MEALS,
-    OBJECTS,
-    PLACE,
-    PLAYERS,
-    PROCESSES,
-    ROLE,
-    ROWS,
-    STATIONS,
-    TABLE,
-    TIMER,
-    TOTAL,
-    laid_out,
-)
-from robotouille.planners.kitchen.kernels import Ints
+from robotouille.planners.kitchen.compact_state import NONE, CompactState, Goal
 from robotouille.planners.kitchen.model import KitchenModel
 
-__all__ = ["TooManyChoicesError", "goals_of"]
+__all__ = ["TooManyChoicesError", "goal_assignments"]
 
-MOST = 4_000
-"""More choices than that are left to other planners."""
+MAX_ASSIGNMENTS = 4_000
+"""More than that are left to other planners."""
 
-Choice = dict[int | str, int]
+Variable = int | str
+Assignment = dict[Variable, int]
+"""The number of an object, or of a meal, for each variable that is not a station."""
 
 
 class TooManyChoicesError(ValueError):
@@ -44,34 +27,34 @@ class TooManyChoicesError(ValueError):
 class _Wants:
     """What the goal says of each variable."""
 
-    processes: list[tuple[int | str, int]] = field(default_factory=list)
-    lowest: dict[int | str, int | str] = field(default_factory=dict)
-    there: list[tuple[int | str, int | str]] = field(default_factory=list)
-    served: dict[int | str, int | str] = field(default_factory=dict)
-    clear: list[int | str] = field(default_factory=list)
-    atop: list[tuple[int | str, int | str]] = field(default_factory=list)
-    added: list[tuple[int | str, int | str]] = field(default_factory=list)
-    inside: list[tuple[int | str, int | str]] = field(default_factory=list)
-    hot: list[int | str] = field(default_factory=list)
+    processes: list[tuple[Variable, int]] = field(default_factory=list)
+    lowest: dict[Variable, Variable] = field(default_factory=dict)
+    there: list[tuple[Variable, Variable]] = field(default_factory=list)
+    served: dict[Variable, Variable] = field(default_factory=dict)
+    clear: list[Variable] = field(default_factory=list)
+    atop: list[tuple[Variable, Variable]] = field(default_factory=list)
+    added: list[tuple[Variable, Variable]] = field(default_factory=list)
+    inside: list[tuple[Variable, Variable]] = field(default_factory=list)
+    hot: list[Variable] = field(default_factory=list)
 
 
-def goals_of(model: KitchenModel, start: list[int]) -> Ints | None:
-    """The rows for a start; None if the goal says something that a compact state does not.
+def goal_assignments(model: KitchenModel, start: CompactState) -> list[Goal] | None:
+    """The goals of a start; None if the goal says something that a compact state does not.
 
-    Objects that are alike at the start are interchangeable: of choices that differ only in them
-    one is enough. Raises TooManyChoicesError.
+    Objects that are alike at the start are interchangeable: of assignments that differ only in
+    them one is enough. Raises TooManyChoicesError.
     """
     wants = _read(model)
     if wants is None:
         return None
-    rows: list[Choice] = []
+    goals: list[Goal] = []
     if _lacks_something(model):
-        return _table(model, wants, rows)
-    for choice in _choices(model, start):
-        if len(rows) == MOST:
-            raise TooManyChoicesError(f"more than {MOST} choices of objects")
-        rows.append(choice)
-    return _table(model, wants, rows)
+        return goals
+    for assignment in _assignments(model, start):
+        if len(goals) == MAX_ASSIGNMENTS:
+            raise TooManyChoicesError(f"more than {MAX_ASSIGNMENTS} choices of objects")
+        goals.append(_goal(model, wants, assignment))
+    return goals
 
 
 def _read(model: KitchenModel) -> _Wants | None:
@@ -115,7 +98,7 @@ def _lacks_something(model: KitchenModel) -> bool:
     return any(v.kind != "water" and not goal.candidates(v.id) for v in goal.variables.values())
 
 
-def _stations(model: KitchenModel) -> list[int | str]:
+def _stations(model: KitchenModel) -> list[Variable]:
     goal = model.world.goal
     stations = {*model.tables, *model.stations}
     return [i for i in goal.variables if stations.issuperset(goal.candidates(i))]
@@ -154,100 +137,106 @@ def _note(model: KitchenModel, term: GoalTerm, wants: _Wants) -> bool:
     return True
 
 
-def _choices(model: KitchenModel, start: list[int]) -> Iterator[Choice]:
-    """Assignments of objects (or meals) to the variables that are not stations."""
+def _assignments(model: KitchenModel, start: CompactState) -> Iterator[Assignment]:
+    """Objects (or meals) for the variables that are not stations."""
     stations = set(_stations(model))
     variables = [v for v in model.world.goal.variables.values() if v.id not in stations]
     kinds = _kinds_of_alike(model, start)
 
-    def extend(number: int, choice: Choice, taken: set[tuple[str, int]]) -> Iterator[Choice]:
+    def extend(
+        number: int, assignment: Assignment, taken: set[tuple[str, int]]
+    ) -> Iterator[Assignment]:
         if number == len(variables):
             if _made_in_turn(model, taken):
-                yield dict(choice)
+                yield dict(assignment)
             return
         variable = variables[number]
         tried: set[object] = set()
-        for o in _candidates(model, variable.id, taken):
+        for o in _candidates(model, variable.id):
             sort = "meal" if variable.kind == "water" else "object"
             alike = (sort, kinds.get(o, o) if sort == "object" else o)
             if (sort, o) in taken or alike in tried:
                 continue
             tried.add(alike)
-            yield from extend(number + 1, {**choice, variable.id: o}, taken | {(sort, o)})
+            yield from extend(number + 1, {**assignment, variable.id: o}, taken | {(sort, o)})
 
     return extend(0, {}, set())
 
 
 def _made_in_turn(model: KitchenModel, taken: set[tuple[str, int]]) -> bool:
-    """Whether of the meals yet to be made the first ones are chosen."""
+    """Whether of the meals yet to be made the first ones are assigned."""
     unmade = sorted(o for sort, o in taken if sort == "meal" and o >= len(model.meals))
     return unmade == list(range(len(model.meals), len(model.meals) + len(unmade)))
 
 
-def _candidates(
-    model: KitchenModel, identifier: int | str, taken: set[tuple[str, int]]
-) -> list[int]:
-    """The objects that may stand for a variable; of meals yet to be made, those in turn."""
+def _candidates(model: KitchenModel, identifier: Variable) -> list[int]:
+    """The objects (or meals, also those yet to be made) that may stand for a variable."""
     variable = model.world.goal.variables[identifier]
     if variable.kind == "water":
-        return list(range(model.kitchen[MEALS]))
+        return list(range(model.kitchen.meals))
     names = set(model.world.goal.candidates(identifier))
     return [o for o, name in enumerate(model.objects) if name in names]
 
 
-def _kinds_of_alike(model: KitchenModel, start: list[int]) -> dict[int, tuple[object, ...]]:
+def _kinds_of_alike(model: KitchenModel, start: CompactState) -> dict[int, tuple[object, ...]]:
     """Items that lie alone on plain tables, by what there is to tell them apart."""
-    k = model.kitchen
-    covered = {start[k[BELOW] + o] for o in range(k[ITEMS])}
+    kitchen = model.kitchen
+    covered = set(start.below[: kitchen.items])
     found: dict[int, tuple[object, ...]] = {}
-    for o in range(k[ITEMS]):
-        if start[k[BELOW] + o] != k[TABLE] or o in covered:
+    for o in range(kitchen.items):
+        if start.below[o] != kitchen.table_code or o in covered:
             continue
-        counters = []
-        for q in range(k[PROCESSES]):
-            at = q * k[ITEMS] + o
-            slots = [k[k[DONE] + at]] + [
-                k[k[TIMER] + at * k[STATIONS] + i] for i in range(k[STATIONS])
-            ]
-            facts = (k[k[ABLE] + at], k[k[AFTER] + at], k[k[TOTAL] + at])
-            counters.append((*facts, *(start[slot] if slot >= 0 else -1 for slot in slots)))
-        here = tuple(start[k[PLACE] + p] == o for p in range(k[PLAYERS]))
+        processes = []
+        for q in range(kitchen.processes):
+            counters = [kitchen.progress[q][o], *kitchen.process_timer[q][o]]
+            progress = [start.counters[c] if c != NONE else NONE for c in counters]
+            facts = (kitchen.possible[q][o], kitchen.prerequisite[q][o], kitchen.total[q][o])
+            processes.append((*facts, *progress))
+        is_here = tuple(place == o for place in start.place)
         kind = model.world.thing(model.objects[o]).kind
-        found[o] = (kind, here, *counters)
+        found[o] = (kind, is_here, *processes)
     return found
 
 
-def _table(model: KitchenModel, wants: _Wants, rows: list[Choice]) -> Ints:
-    k = model.kitchen
-    role, base, pile, top, atop, into = ([0] * (len(rows) * k[OBJECTS]) for _ in range(6))
-    need = [0] * (len(rows) * k[PROCESSES] * k[ITEMS])
-    wanted, vessel, hot = ([0] * (len(rows) * k[MEALS]) for _ in range(3))
-    meals = {v.id for v in model.world.goal.variables.values() if v.kind == "water"}
-    for r, choice in enumerate(rows):
-        for variable, o in choice.items():
-            if variable in meals:
-                wanted[r * k[MEALS] + o] = 1
-            else:
-                role[r * k[OBJECTS] + o] = 1
-        for variable, q in wants.processes:
-            first = k[k[AFTER] + q * k[ITEMS] + choice[variable]] - 1
-            for needed in (q, first) if first >= 0 else (q,):
-                need[(r * k[PROCESSES] + needed) * k[ITEMS] + choice[variable]] = 1
-        for variable in (*wants.lowest.values(), *wants.served.values()):
-            base[r * k[OBJECTS] + choice[variable]] = 1
-        for variable, station in wants.there:
-            lowest = choice[wants.lowest[station]]
-            if choice[variable] != lowest:
-                pile[r * k[OBJECTS] + choice[variable]] = lowest + 1
-        for variable in wants.clear:
-            top[r * k[OBJECTS] + choice[variable]] = 1
-        for upper, lower in wants.atop:
-            atop[r * k[OBJECTS] + choice[upper]] = choice[lower] + 1
-        for variable, meal in wants.added:
-            into[r * k[OBJECTS] + choice[variable]] = choice[meal] + 1
-        for meal, variable in wants.inside:
-            vessel[r * k[MEALS] + choice[meal]] = choice[variable] + 1
-        for meal in wants.hot:
-            hot[r * k[MEALS] + choice[meal]] = 1
-    tables = dict(enumerate((role, need, base, pile, top, atop, into, wanted, vessel, hot), ROLE))
-    return laid_out({ROWS: len(rows)}, tables)
+def _goal(model: KitchenModel, wants: _Wants, assignment: Assignment) -> Goal:
+    """What the goal says of the objects of an assignment."""
+    kitchen = model.kitchen
+    goal = Goal(
+        about=[0] * kitchen.objects,
+        wanted_process=[[0] * kitchen.items for _ in range(kitchen.processes)],
+        on_table=[0] * kitchen.objects,
+        pile=[NONE] * kitchen.objects,
+        clear=[0] * kitchen.objects,
+        atop=[NONE] * kitchen.objects,
+        added_to=[NONE] * kitchen.objects,
+        wanted_meal=[0] * kitchen.meals,
+        vessel=[NONE] * kitchen.meals,
+        boiling=[0] * kitchen.meals,
+    )
+    for variable, o in assignment.items():
+        if model.world.goal.variables[variable].kind == "water":
+            goal.wanted_meal[o] = 1
+        else:
+            goal.about[o] = 1
+    for variable, q in wants.processes:
+        item = assignment[variable]
+        goal.wanted_process[q][item] = 1
+        if kitchen.prerequisite[q][item] != NONE:
+            goal.wanted_process[kitchen.prerequisite[q][item]][item] = 1
+    for variable in (*wants.lowest.values(), *wants.served.values()):
+        goal.on_table[assignment[variable]] = 1
+    for variable, station in wants.there:
+        lowest = assignment[wants.lowest[station]]
+        if assignment[variable] != lowest:
+            goal.pile[assignment[variable]] = lowest
+    for variable in wants.clear:
+        goal.clear[assignment[variable]] = 1
+    for upper, lower in wants.atop:
+        goal.atop[assignment[upper]] = assignment[lower]
+    for variable, meal in wants.added:
+        goal.added_to[assignment[variable]] = assignment[meal]
+    for meal, variable in wants.inside:
+        goal.vessel[assignment[meal]] = assignment[variable]
+    for meal in wants.hot:
+        goal.boiling[assignment[meal]] = 1
+    return goal

@@ -1,23 +1,50 @@
 """Kernels: functions that are compiled where the extra `fast` is installed, and plain Python else.
 
-A kernel works on sequences of integers (`Ints`): arrays of 64-bit integers if compiled, lists if
-not. Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
+A kernel works on integers, on rows of them (`Ints`), and on records: objects of a dataclass all
+fields of which are integers or rows, tables or cubes of integers. In plain Python rows are lists
+and a record is the object itself. If compiled, rows are arrays of 64-bit integers and a record is a
+structure of fixed size, which a kernel gets as one pointer. So the annotation of a row says how
+long it may get: `Annotated[Table, 7, 32]`, or `Annotated[Table, SMALL, 7, 32]` if 16 bits are
+enough. Kernels read both in the same words: `kitchen.total[process][item]`.
+
+Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable, MutableSequence
+from collections.abc import Callable, Iterable, MutableSequence, Sequence
+from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import Any, TypeAlias, TypeVar, cast, get_type_hints
 
-__all__ = ["COMPILED", "Ints", "grown", "ints", "kernel", "zeros"]
+__all__ = [
+    "COMPILED",
+    "SMALL",
+    "Cube",
+    "Ints",
+    "Table",
+    "blank_records",
+    "grown",
+    "ints",
+    "kernel",
+    "plain",
+    "record",
+    "records",
+    "zeros",
+]
 
 F = TypeVar("F", bound=Callable[..., Any])
-Ints: TypeAlias = "MutableSequence[int]"
+R = TypeVar("R")
+Ints: TypeAlias = MutableSequence[int]
+Table: TypeAlias = Sequence[Ints]
+Cube: TypeAlias = Sequence[Table]
+
+SMALL = "16 bits"
+"""Says in an annotation that a row's integers are below 2¹⁵."""
 
 
 def _module(name: str) -> Any:
@@ -80,3 +107,47 @@ def grown(values: Ints, size: int) -> Ints:
     array: Any = _numpy.zeros(size, dtype=_numpy.int64)
     array[: len(values)] = values
     return cast("Ints", array)
+
+
+def record(value: R) -> R:
+    """A dataclass object for kernels; may be the same object."""
+    return records(type(value), [value])[0]
+
+
+def records(kind: type[R], values: Sequence[R]) -> Sequence[R]:
+    """Dataclass objects for kernels; their rows are as long in each as in the others."""
+    if not COMPILED:
+        return list(values)
+    array: Any = _numpy.zeros(len(values), dtype=_structure(cast("Any", kind)))
+    for name in array.dtype.names if values else ():
+        content = [getattr(value, name) for value in values]
+        rows = _numpy.array(content)
+        if rows.size:
+            array[name][tuple(map(slice, rows.shape))] = rows
+    return cast("Sequence[R]", array)
+
+
+def blank_records(make: Callable[[], R], count: int) -> Sequence[R]:
+    """So many dataclass objects for kernels, all zeros; `make` makes one."""
+    if not COMPILED:
+        return [make() for _ in range(count)]
+    return cast("Sequence[R]", _numpy.zeros(count, dtype=_structure(cast("Any", type(make())))))
+
+
+def plain(kind: type[R], values: Sequence[R]) -> Sequence[R]:
+    """Dataclass objects with what kernels left in records, all fields of which are integers."""
+    if not COMPILED:
+        return values
+    return [kind(*row) for row in cast("Any", values).tolist()]
+
+
+@cache
+def _structure(kind: Any) -> Any:
+    """The numpy type of a dataclass."""
+    hints = get_type_hints(kind, include_extras=True)
+    described = []
+    for name in (f.name for f in fields(kind)):
+        size = getattr(hints[name], "__metadata__", ())
+        bits = _numpy.int16 if SMALL in size else _numpy.int64
+        described.append((name, bits, tuple(most for most in size if most != SMALL)))
+    return _numpy.dtype((_numpy.record, described))

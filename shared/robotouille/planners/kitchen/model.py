@@ -1,105 +1,62 @@
-"""A world's kitchen in the compact layout, and its states to and fro."""
+"""A world's kitchen: its names by number, and what never changes, for kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robotouille.planners.kitchen.compact_state import (
-    ABLE,
-    AFTER,
-    BELOW,
-    BOIL_TOTAL,
-    BOILED,
     BOILING,
-    CLASSES,
-    DONE,
-    FILL_TOTAL,
+    BOWL,
     FILLING,
-    HAND,
-    HELD,
-    INSIDE,
-    IS_POT,
-    ITEMS,
-    LOOSE,
-    MEAL,
-    MEALS,
-    OBJECTS,
-    PLACE,
-    PLAYERS,
-    PROCESS_CLASS,
-    PROCESSES,
-    SHIFT,
-    SINK_CLASS,
-    SIZE,
-    STATION_CLASS,
-    STATIONS,
-    STOVE_CLASS,
-    TABLE,
-    TABLES,
-    TIMED,
-    TIMER,
-    TIMER_EFFECT,
-    TIMER_KIND,
-    TIMER_OBJECT,
-    TIMER_SLOT,
-    TIMER_STATION,
-    TIMER_TOTAL,
-    TIMERS,
-    TOTAL,
-    WORD,
-    WORDS,
-    laid_out,
+    MAX_MEALS,
+    MAX_NUMBERED,
+    MAX_OBJECTS,
+    MAX_PLAYERS,
+    MAX_PROCESSES,
+    NONE,
+    POT,
+    PROCESSING,
+    Kitchen,
 )
-from robotouille.planners.kitchen.kernels import Ints
+from robotouille.planners.kitchen.kernels import Cube, Table, record
 from robotouille.planners.kitchen.recognition import KitchenRules, Process, recognise
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.state import State
 from robotouille.world.world import World
 
-__all__ = ["KitchenModel", "model_of"]
+__all__ = ["KitchenModel", "bound_action", "model_of"]
 
-MAX_OBJECTS = 32
-"""Rows of the scratch space have room for no more."""
-
-LONGEST = 60
+MAX_DELAY = 60
 """Longer delays make plans that are longer than the search has room for."""
 
-CODE = 6
-"""Bits of an action's object, station or meal."""
+WORD_BITS = 62
+"""Bits of a word of a key that are used."""
 
-MAX_SECOND = 7
-"""How many meals and processes an action may be about besides."""
+MAX_ASSIGNMENT = 1 << 12
+"""The greatest number of a goal assignment that a key has room for."""
 
-MAX_PLAYERS = 4
-"""A joint action of more does not fit into one integer."""
-
-BITS = 62
-
-Rows = dict[tuple[str, int, tuple[str, ...]], tuple[int, ...]]
+NO_CLASS = -2
+"""The class of a purpose that no station has."""
 
 
 @dataclass
 class KitchenModel:
-    """A kitchen's names by number, and the sequence for its kernels.
+    """A kitchen's names by number.
 
     `stations` have a purpose; `tables` are the plain stations. `meals` exist; there is room for
-    `kitchen[MEALS]`.
+    `kitchen.meals`. `record` is `kitchen` for kernels.
     """
 
     world: World
     rules: KitchenRules
     players: list[str]
     objects: list[str]
-    items: int
     stations: list[str]
     tables: list[str]
     meals: list[str]
-    kitchen: Ints
-
-    def encode(self, state: State) -> list[int]:
-        """The compact state, for no particular choice of objects (row 0)."""
-        return _Encoder(self, state).encode()
+    kitchen: Kitchen
+    record: Kitchen
 
 
 def model_of(world: World, state: State) -> KitchenModel | None:
@@ -111,32 +68,33 @@ def model_of(world: World, state: State) -> KitchenModel | None:
     tables = _tables(world)
     by_type = {kind: [o.name for o in state.objects if o.type == kind] for kind in _TYPES}
     items, containers, meals = (by_type[kind] for kind in ("item", "container", "meal"))
-    if tables is None or len(items) + len(containers) > MAX_OBJECTS:
-        return None
-    if len(world.players) > MAX_PLAYERS:
-        return None
-    if any(world.thing(m).kind != "water" for m in meals):
+    if tables is None or any(world.thing(m).kind != "water" for m in meals):
         return None
     flags = {p.station for p in rules.processes} | {"issink", "isstove"}
     known = flags & world.table.types.keys()
     if any(state.holds(flag, table) for flag in sorted(known) for table in tables):
         return None
     stations = [s for s in by_type["station"] if s not in tables]
-    room = max(len(meals) + _wanted_meals(world), len(rules.processes))
-    if len(items) + len(containers) + len(stations) >= 1 << CODE or room > MAX_SECOND:
+    room_for_meals = len(meals) + _wanted_meals(world)
+    if (
+        len(world.players) > MAX_PLAYERS
+        or len(items) + len(containers) > MAX_OBJECTS
+        or len(items) + len(containers) + len(stations) > MAX_NUMBERED
+        or room_for_meals > MAX_MEALS
+        or len(rules.processes) > MAX_PROCESSES
+    ):
         return None
     if any(
         _is_enabled_too_late(state, process, item) for process in rules.processes for item in items
     ):
         return None
     draft = _Draft(world, state, rules, items, containers, stations)
-    kitchen = draft.kitchen(len(tables), len(meals) + _wanted_meals(world))
-    if kitchen is None or draft.longest > LONGEST or draft.uneven:
+    kitchen = draft.kitchen(len(tables), room_for_meals)
+    if kitchen is None or draft.longest_delay > MAX_DELAY or draft.uneven:
         return None
-    players = list(world.players)
-    objects = items + containers
+    players, objects = list(world.players), items + containers
     return KitchenModel(
-        world, rules, players, objects, len(items), stations, tables, meals, kitchen
+        world, rules, players, objects, stations, tables, meals, kitchen, record(kitchen)
     )
 
 
@@ -185,151 +143,150 @@ class _Draft:
     ) -> None:
         self.world, self.state, self.rules = world, state, rules
         self.items, self.containers, self.stations = items, containers, stations
-        self.size = 0
-        self.longest = 0
+        self.objects = items + containers
+        self.longest_delay = 0
         self.uneven = False
-        self.widths: list[int] = []
+        """Whether one pot fills or boils slower than another."""
+        self.flags: list[str] = []
+        """The fact that gives the stations of a class their purpose."""
+        self.station_class: list[int] = []
+        self.counter_widths: list[int] = []
         self.timers: list[tuple[int, int, int, int, int, int]] = []
 
-    def field(self, most: int) -> int:
-        """The position of a new integer of a state that is at most so large."""
-        self.size += 1
-        self.widths.append(max(1, most.bit_length()))
-        return self.size - 1
-
-    def fields(self, count: int, most: int) -> int:
-        first = self.size
-        for _ in range(count):
-            self.field(most)
-        return first
-
-    def kitchen(self, tables: int, meals: int) -> Ints | None:
-        classes = self._classes()
-        if classes is None:
+    def kitchen(self, tables: int, meals: int) -> Kitchen | None:
+        """The kitchen with so many plain tables and so much room for meals; None if a station has
+        two purposes."""
+        if not self._classify_stations():
             return None
-        flags, station_class = classes
-        players, items, n = len(self.world.players), len(self.items), 0
-        n = items + len(self.containers)
-        table = n + len(self.stations)
-        hand, meal = table + 1, table + 1 + players
-        self.fields(1, 1 << 12)
-        self.fields(1, 1)
-        place = self.fields(players, table)
-        held = self.fields(players, n)
-        below = self.fields(n, meal + meals)
-        inside = self.fields(meals, n)
-        boiled = self.fields(meals, 1)
-        able, after, done, timer, total = self._processes(station_class, flags, n)
-        fill, boil, fill_total, boil_total = self._meals(station_class, flags, meals, n, boiled)
-        self.longest = max(self.longest, fill_total, boil_total)
-        words, word, shift = self._packing()
-        rows = list(zip(*self.timers, strict=True)) or [()] * 6
-        numbers = {
-            PLAYERS: players,
-            OBJECTS: n,
-            ITEMS: items,
-            STATIONS: len(self.stations),
-            TABLES: tables,
-            MEALS: meals,
-            PROCESSES: len(self.rules.processes),
-            CLASSES: len(flags),
-            SIZE: self.size,
-            WORDS: words,
-            TIMERS: len(self.timers),
-            TABLE: table,
-            HAND: hand,
-            MEAL: meal,
-            PLACE: place,
-            HELD: held,
-            BELOW: below,
-            INSIDE: inside,
-            BOILED: boiled,
-            SINK_CLASS: flags.index("issink") if "issink" in flags else -2,
-            STOVE_CLASS: flags.index("isstove") if "isstove" in flags else -2,
-            FILL_TOTAL: fill_total,
-            BOIL_TOTAL: boil_total,
-        }
-        arrays: dict[int, Sequence[int]] = {
-            STATION_CLASS: station_class,
-            PROCESS_CLASS: [flags.index(p.station) for p in self.rules.processes],
-            TIMED: [int(p.timed) for p in self.rules.processes],
-            TOTAL: total,
-            ABLE: able,
-            AFTER: after,
-            DONE: done,
-            TIMER: timer,
-            FILLING: fill,
-            BOILING: boil,
-            IS_POT: self._pots(),
-            TIMER_SLOT: rows[0],
-            TIMER_KIND: rows[1],
-            TIMER_OBJECT: rows[2],
-            TIMER_STATION: rows[3],
-            TIMER_TOTAL: rows[4],
-            TIMER_EFFECT: rows[5],
-            WORD: word,
-            SHIFT: shift,
-        }
-        return laid_out(numbers, arrays)
+        players, objects = len(self.world.players), len(self.objects)
+        table_code = objects + len(self.stations)
+        hand_code, meal_code = table_code + 1, table_code + 1 + players
+        possible, prerequisite, total, progress, process_timer = self._processes()
+        fill_timer, fill_total = self._filling(meals)
+        boil_timer, boil_total = self._boiling(meals)
+        self.longest_delay = max(self.longest_delay, fill_total, boil_total)
+        widths = [_bits(MAX_ASSIGNMENT), _bits(1)]
+        widths += [_bits(table_code)] * players + [_bits(objects)] * players
+        widths += [_bits(meal_code + meals)] * objects
+        widths += [_bits(objects)] * meals + [_bits(1)] * meals + self.counter_widths
+        words, shifts = _packed(widths)
+        timers = [list(column) for column in zip(*self.timers, strict=True)] or [[]] * 6
+        return Kitchen(
+            players=players,
+            objects=objects,
+            items=len(self.items),
+            stations=len(self.stations),
+            tables=tables,
+            meals=meals,
+            processes=len(self.rules.processes),
+            classes=len(self.flags),
+            timers=len(self.timers),
+            counters=len(self.counter_widths),
+            words=words[-1] + 1,
+            table_code=table_code,
+            hand_code=hand_code,
+            meal_code=meal_code,
+            sink_class=self._class_of("issink"),
+            stove_class=self._class_of("isstove"),
+            fill_total=fill_total,
+            boil_total=boil_total,
+            station_class=self.station_class,
+            process_class=[self.flags.index(p.station) for p in self.rules.processes],
+            timed=[int(p.timed) for p in self.rules.processes],
+            possible=possible,
+            prerequisite=prerequisite,
+            total=total,
+            progress=progress,
+            process_timer=process_timer,
+            fill_timer=fill_timer,
+            boil_timer=boil_timer,
+            container_kind=self._container_kinds(),
+            timer_counter=timers[0],
+            timer_kind=timers[1],
+            timer_object=timers[2],
+            timer_station=timers[3],
+            timer_total=timers[4],
+            timer_effect=timers[5],
+            key_word=words,
+            key_shift=shifts,
+            key_mask=[(1 << width) - 1 for width in widths],
+        )
 
-    def _classes(self) -> tuple[list[str], list[int]] | None:
-        """The facts that give a station its purpose, and which of them each station has."""
-        flags = [p.station for p in self.rules.processes]
+    def _counter(self, most: int) -> int:
+        """The number of a new counter that is at most so large."""
+        self.counter_widths.append(_bits(most))
+        return len(self.counter_widths) - 1
+
+    def _timer(self, kind: int, o: int, station: int, total: int, effect: int) -> int:
+        """The counter of a new timer; it is at most one more than its total."""
+        counter = self._counter(total + 1)
+        self.timers.append((counter, kind, o, len(self.objects) + station, total, effect))
+        return counter
+
+    def _classify_stations(self) -> bool:
+        """Note the class of each station; False if one has several."""
+        self.flags = [p.station for p in self.rules.processes]
         for action, flag in (("fill", "issink"), ("boil", "isstove")):
-            if action in self.rules.actions and flag not in flags:
-                flags.append(flag)
-        found = []
+            if action in self.rules.actions and flag not in self.flags:
+                self.flags.append(flag)
         for station in self.stations:
-            has = [i for i, flag in enumerate(flags) if self._holds(flag, station)]
+            has = [i for i, flag in enumerate(self.flags) if self._holds(flag, station)]
             if len(has) > 1:
-                return None
-            found.append(has[0] if has else -1)
-        return flags, found
+                return False
+            self.station_class.append(has[0] if has else NONE)
+        return True
+
+    def _class_of(self, flag: str) -> int:
+        """The class of stations with a fact; a number that no station has where there is none."""
+        return self.flags.index(flag) if flag in self.flags else NO_CLASS
 
     def _holds(self, predicate: str, *names: str) -> bool:
         types = self.world.table.types
         return predicate in types and self.state.holds(predicate, *names)
 
-    def _pots(self) -> list[int]:
-        kinds = {c: 1 if self._holds("ispot", c) else 0 for c in self.containers}
-        bowls = {c: 2 for c in self.containers if self._holds("isbowl", c)}
-        return [0] * len(self.items) + [{**kinds, **bowls}[c] for c in self.containers]
+    def _container_kinds(self) -> list[int]:
+        kinds = []
+        for name in self.containers:
+            kind = POT if self._holds("ispot", name) else 0
+            kinds.append(BOWL if self._holds("isbowl", name) else kind)
+        return [0] * len(self.items) + kinds
 
-    def _processes(
-        self, station_class: list[int], flags: list[str], n: int
-    ) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
-        able, after, done, timer, total = [], [], [], [], []
-        for process in self.rules.processes:
+    def _processes(self) -> tuple[Table, Table, Table, Table, Cube]:
+        """For every process and item: whether it is possible, what comes before it, how long it
+        takes, what says that it is done, and its counter on each station."""
+        count = len(self.rules.processes)
+        possible: list[list[int]] = [[] for _ in range(count)]
+        before: list[list[int]] = [[] for _ in range(count)]
+        totals: list[list[int]] = [[] for _ in range(count)]
+        progress: list[list[int]] = [[] for _ in range(count)]
+        timers: list[list[list[int]]] = [[] for _ in range(count)]
+        for q, process in enumerate(self.rules.processes):
+            only = self.flags.index(process.station)
+            places = [i for i, c in enumerate(self.station_class) if c == only]
             for o, item in enumerate(self.items):
                 first = self._enabled_by(process, item)
-                places = [
-                    i for i, c in enumerate(station_class) if c == flags.index(process.station)
-                ]
-                possible = first is not None and bool(places)
-                count = self._total(process, item, places) if possible else 0
-                able.append(int(possible))
-                after.append(first or 0)
-                total.append(count)
-                self.longest = max(self.longest, count)
-                if possible or self._holds(process.result, item):
-                    done.append(self.field(1 if process.timed else max(count, 1)))
-                else:
-                    done.append(-1)
-                for i in range(len(self.stations)):
-                    if possible and process.timed and i in places:
-                        timer.append(self.field(count + 1))
-                        row = (timer[-1], 0, o, n + i, count, done[-1])
-                        self.timers.append(row)
-                    else:
-                        timer.append(-1)
-        return able, after, done, timer, total
+                ever = first is not None and bool(places)
+                total = self._total(process, item, places) if ever else 0
+                possible[q].append(int(ever))
+                before[q].append(NONE if first is None else first)
+                totals[q].append(total)
+                self.longest_delay = max(self.longest_delay, total)
+                flag = NONE
+                if ever or self._holds(process.result, item):
+                    flag = self._counter(1 if process.timed else max(total, 1))
+                progress[q].append(flag)
+                row = [NONE] * len(self.stations)
+                for station in places if ever and process.timed else ():
+                    row[station] = self._timer(PROCESSING, o, station, total, flag)
+                timers[q].append(row)
+        return possible, before, totals, progress, timers
 
     def _enabled_by(self, process: Process, item: str) -> int | None:
-        """0 if the process can be performed on an item; else the number of the process (from 1)
-        that makes it possible; None if nothing does."""
+        """NONE if the process can be performed on an item; else the number of the process that
+        makes it possible; None if nothing does."""
         if self._holds(process.requires, item):
-            return 0
-        for number, other in enumerate(self.rules.processes, start=1):
+            return NONE
+        for number, other in enumerate(self.rules.processes):
             for condition, gained in other.enables:
                 if gained == process.requires and self._holds(condition, item):
                     return number
@@ -339,39 +296,38 @@ class _Draft:
         station = self.stations[places[0]]
         return _count(self.world, process.action, i1=item, s1=station)
 
-    def _meals(
-        self, station_class: list[int], flags: list[str], meals: int, n: int, boiled: int
-    ) -> tuple[list[int], list[int], int, int]:
-        fill, boil = [], []
-        fill_total = boil_total = 0
-        items = len(self.items)
-        for c, container in enumerate(self.containers):
-            for i, station in enumerate(self.stations):
-                fill.append(-1)
-                if not meals or not self._holds("ispot", container):
-                    continue
-                if station_class[i] >= 0 and flags[station_class[i]] == "issink":
-                    name = self.rules.actions["fill"]
-                    total = _count(self.world, name, c1=container, s1=station)
-                    self.uneven |= fill_total not in (0, total)
-                    fill_total = total
-                    fill[-1] = self.field(fill_total + 1)
-                    row = (fill[-1], 1, items + c, n + i, fill_total, items + c)
-                    self.timers.append(row)
+    def _places(self, container: str, flag: str) -> list[int]:
+        """The stations with a fact, if the container is a pot."""
+        if not self._holds("ispot", container):
+            return []
+        only = self._class_of(flag)
+        return [i for i, c in enumerate(self.station_class) if c == only]
+
+    def _filling(self, meals: int) -> tuple[Table, int]:
+        """For every object the counter on each station while it is being filled; the delay."""
+        rows, total = [[NONE] * len(self.stations) for _ in self.objects], 0
+        for c, container in enumerate(self.containers, len(self.items)):
+            for station in self._places(container, "issink") if meals else ():
+                names = {"c1": container, "s1": self.stations[station]}
+                count = _count(self.world, self.rules.actions["fill"], **names)
+                self.uneven |= total not in (0, count)
+                total = count
+                rows[c][station] = self._timer(FILLING, c, station, total, c)
+        return rows, total
+
+    def _boiling(self, meals: int) -> tuple[Cube, int]:
+        """For every meal and object the counter on each station while it comes to the boil; the
+        delay."""
+        rows = [[[NONE] * len(self.stations) for _ in self.objects] for _ in range(meals)]
+        total = 0
         for m in range(meals):
-            for c, container in enumerate(self.containers):
-                for i, station in enumerate(self.stations):
-                    boil.append(-1)
-                    if not self._holds("ispot", container):
-                        continue
-                    if station_class[i] >= 0 and flags[station_class[i]] == "isstove":
-                        total = self._boil_total(container, station)
-                        self.uneven |= boil_total not in (0, total)
-                        boil_total = total
-                        boil[-1] = self.field(boil_total + 1)
-                        row = (boil[-1], 2, items + c, n + i, boil_total, boiled + m)
-                        self.timers.append(row)
-        return fill, boil, fill_total, boil_total
+            for c, container in enumerate(self.containers, len(self.items)):
+                for station in self._places(container, "isstove"):
+                    count = self._boil_total(container, self.stations[station])
+                    self.uneven |= total not in (0, count)
+                    total = count
+                    rows[m][c][station] = self._timer(BOILING, c, station, total, m)
+        return rows, total
 
     def _boil_total(self, container: str, station: str) -> int:
         name = self.rules.actions["boil"]
@@ -379,16 +335,23 @@ class _Draft:
         self.world.admit([water])
         return _count(self.world, name, c1=container, s1=station, m1=water)
 
-    def _packing(self) -> tuple[int, list[int], list[int]]:
-        word, shift = [], []
-        number = used = 0
-        for width in self.widths:
-            if used + width > BITS:
-                number, used = number + 1, 0
-            word.append(number)
-            shift.append(used)
-            used += width
-        return number + 1, word, shift
+
+def _bits(most: int) -> int:
+    """The width of an integer that is at most so large."""
+    return max(1, most.bit_length())
+
+
+def _packed(widths: Iterable[int]) -> tuple[list[int], list[int]]:
+    """For integers of such widths the words they are packed into, and where in them."""
+    words, shifts = [], []
+    word = used = 0
+    for width in widths:
+        if used + width > WORD_BITS:
+            word, used = word + 1, 0
+        words.append(word)
+        shifts.append(used)
+        used += width
+    return words, shifts
 
 
 def _count(world: World, action: str, **binding: str) -> int:
@@ -401,74 +364,3 @@ def bound_action(world: World, name: str, binding: dict[str, str]) -> GroundActi
     """The ground action with its parameters bound to objects."""
     schema = next(s for s in world.schemas if s.name == name)
     return world.action(name, *(binding[parameter] for parameter, _ in schema.parameters))
-
-
-class _Encoder:
-    def __init__(self, model: KitchenModel, state: State) -> None:
-        self.model, self.k = model, model.kitchen
-        self.codes = {name: i for i, name in enumerate(model.objects)}
-        self.codes |= {name: self.k[OBJECTS] + i for i, name in enumerate(model.stations)}
-        self.codes |= dict.fromkeys(model.tables, self.k[TABLE])
-        self.numbers = {name: i for i, name in enumerate(model.meals)}
-        self.s = [0] * self.k[SIZE]
-        self.atoms = state.atoms()
-        self.rows: Rows = {(a, i, args): c for a, i, args, c in state.timer_rows()}
-
-    def encode(self) -> list[int]:
-        k, s = self.k, self.s
-        lowest: dict[str, int] = {}
-        for atom in self.atoms:
-            match atom:
-                case ("item_on" | "container_at" | "atop", name, under):
-                    s[k[BELOW] + self.codes[name]] = self.codes[under]
-                    if atom[0] != "atop" and under in self.model.tables:
-                        lowest[under] = self.codes[name]
-                case ("has_item" | "has_container", player, name):
-                    p = self.model.players.index(player)
-                    s[k[BELOW] + self.codes[name]] = k[HAND] + p
-                    s[k[HELD] + p] = self.codes[name] + 1
-                case ("addedto", name, meal):
-                    s[k[BELOW] + self.codes[name]] = k[MEAL] + self.numbers[meal]
-                case ("in", meal, name):
-                    s[k[INSIDE] + self.numbers[meal]] = self.codes[name] + 1
-                case ("isboiling", meal):
-                    s[k[BOILED] + self.numbers[meal]] = 1
-        for atom in self.atoms:
-            if atom[0] == "loc":
-                p = self.model.players.index(atom[1])
-                s[k[PLACE] + p] = lowest.get(atom[2], self.codes[atom[2]])
-        if k[PLAYERS] == 1 and s[k[HELD]]:
-            s[LOOSE] = 1
-        self._counters(set(self.atoms))
-        return s
-
-    def _counters(self, atoms: Iterable[tuple[str, ...]]) -> None:
-        k, s, model = self.k, self.s, self.model
-        for q, process in enumerate(model.rules.processes):
-            for o, item in enumerate(model.objects[: k[ITEMS]]):
-                at = q * k[ITEMS] + o
-                if k[k[DONE] + at] < 0:
-                    continue
-                if (process.result, item) in atoms:
-                    s[k[k[DONE] + at]] = 1 if process.timed else k[k[TOTAL] + at]
-                elif not process.timed:
-                    s[k[k[DONE] + at]] = self.rows.get((process.action, 0, (item,)), (0,))[0]
-                else:
-                    self._timers(process.action, (item,), TIMER, at)
-        names = model.rules.actions
-        for c, container in enumerate(model.objects[k[ITEMS] :]):
-            if k[MEALS]:
-                self._timers(names.get("fill", ""), (container,), FILLING, c)
-            for meal, m in self.numbers.items():
-                if not s[k[BOILED] + m]:
-                    row = m * (k[OBJECTS] - k[ITEMS]) + c
-                    self._timers(names.get("boil", ""), (meal, container), BOILING, row)
-
-    def _timers(self, action: str, about: tuple[str, ...], table: int, row: int) -> None:
-        for i, station in enumerate(self.model.stations):
-            slot = self.k[self.k[table] + row * self.k[STATIONS] + i]
-            if slot < 0:
-                continue
-            for (name, _, arguments), counters in self.rows.items():
-                if name == action and set(arguments) == {*about, station}:
-                    self.s[slot] = counters[1] + 1

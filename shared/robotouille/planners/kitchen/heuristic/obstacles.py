@@ -1,164 +1,152 @@
-"""What lies in the way; part of the estimate."""
+"""What lies in the way: objects that have to leave their place though nothing needs them elsewhere.
+
+*What is relaxed.* As for items, each object is alone. It has to leave its place if
+
+* what is below it has to leave too, or is to be worked on;
+* the goal wants nothing on what is below it, or something else;
+* it is the top of a pile, in place, while something that goes below it is not;
+* it stands on a station that something has to be brought to, and there is no other of the class.
+
+That takes 3 steps, and 1 to walk to it. If it lies where it belongs, one player has to bring it
+back from wherever it lay meanwhile: 4 more.
+
+*Why it is a lower bound.* Each such object is picked up, walked with and put down, and these steps
+are about it alone. Of a class with several stations only the one that is cleared with least
+counts. Two things that cost less are taken off again by the caller: what is in the way may be
+added to a pot, and is then not put down on a place of its own (`Scratch.maybe_added`); and what was
+only taken off something may stay in a hand (`Scratch.free_hands`).
+
+The sets are the least fixed point of these rules, as in a relaxed reachability analysis: an object
+that leaves can only make more leave.
+
+*Cost.* At most as many rounds as a pile is high, each a loop over items.
+"""
 
 from __future__ import annotations
 
 from robotouille.planners.kitchen.compact_state import (
-    ATOP,
-    BASE,
-    BELOW,
-    CLASSES,
-    INTO,
-    ITEMS,
-    OBJECTS,
-    PILE,
-    PLAYERS,
-    ROLE,
-    STATION_CLASS,
-    STATIONS,
-    TABLE,
-    TOP,
+    NONE,
+    CompactState,
+    Goal,
+    Kitchen,
 )
-from robotouille.planners.kitchen.heuristic.scratch_rows import (
-    ABOVE,
-    CHAIN,
-    CLEAR_ONLY,
-    DEAD,
-    HERE,
-    JOINED,
-    LEAVES,
-    LEGS,
-    NEEDS,
-    WORK,
-)
+from robotouille.planners.kitchen.heuristic.items import has_place
+from robotouille.planners.kitchen.heuristic.scratch import DEAD_END, Scratch
 from robotouille.planners.kitchen.heuristic.walks import walk_to
-from robotouille.planners.kitchen.kernels import Ints, kernel
+from robotouille.planners.kitchen.kernels import kernel
 
-__all__ = ["crowded_stations", "obstacles"]
+__all__ = ["add_obstacles", "clearing_work"]
 
 
 @kernel
-def obstacles(k: Ints, g: Ints, s: Ints, row: int, w: Ints) -> None:
+def add_obstacles(kitchen: Kitchen, goal: Goal, state: CompactState, scratch: Scratch) -> None:
     """Note what has to be taken off what, until nothing more follows from it."""
     changed = True
     while changed:
         changed = False
-        for o in range(k[ITEMS]):
-            if w[LEAVES + o] or s[k[BELOW] + o] >= k[TABLE]:
+        for o in range(kitchen.items):
+            under = state.below[o]
+            if scratch.leaves[o] or under >= kitchen.table_code:
                 continue
-            under = s[k[BELOW] + o]
-            if under < k[OBJECTS] and w[LEAVES + under] + w[HERE + under] > 0:
-                remove(k, g, s, row, o, w)
+            is_on_object = under < kitchen.objects
+            if is_on_object and scratch.leaves[under] + scratch.works_here[under] > 0:
+                remove(kitchen, goal, state, o, scratch)
                 changed = True
-            elif under < k[OBJECTS] and must_be_clear(k, g, row, under, o, w):
-                w[CLEAR_ONLY] += 0 if has_place(k, g, row * k[OBJECTS] + o) else 1
-                remove(k, g, s, row, o, w)
+            elif is_on_object and must_be_clear(kitchen, goal, under, o, scratch):
+                scratch.free_hands += 0 if has_place(goal, o) else 1
+                remove(kitchen, goal, state, o, scratch)
                 changed = True
-            elif is_finished_too_soon(k, g, row, o, w):
-                remove(k, g, s, row, o, w)
+            elif is_top_too_soon(kitchen, goal, o, scratch):
+                remove(kitchen, goal, state, o, scratch)
                 changed = True
-        for o in range(k[ITEMS]):
-            on_table = s[k[BELOW] + o] == k[TABLE]
-            if on_table and not w[LEAVES + o] and is_finished_too_soon(k, g, row, o, w):
-                remove(k, g, s, row, o, w)
+        for o in range(kitchen.items):
+            on_table = state.below[o] == kitchen.table_code
+            if on_table and not scratch.leaves[o] and is_top_too_soon(kitchen, goal, o, scratch):
+                remove(kitchen, goal, state, o, scratch)
                 changed = True
 
 
 @kernel
-def remove(k: Ints, g: Ints, s: Ints, row: int, o: int, w: Ints) -> None:
+def remove(kitchen: Kitchen, goal: Goal, state: CompactState, o: int, scratch: Scratch) -> None:
     """An object has to leave its place, where nothing else would have made it leave.
 
     If that is where it belongs it has to come back, and with one player to lie elsewhere meanwhile.
     """
-    w[LEAVES + o] = 1
-    if w[LEGS + o] > 0:
+    scratch.leaves[o] = 1
+    if scratch.deliveries[o] > 0:
         return
-    at = row * k[OBJECTS] + o
-    placed = has_place(k, g, at)
-    walk = walk_to(k, s, o, w) if w[HERE + o] == 0 else 0
+    walk = 0 if scratch.works_here[o] else walk_to(kitchen, state, o, scratch)
     work = 3 + walk
-    if not g[g[ROLE] + at]:
-        w[JOINED] += 1
-    elif k[PLAYERS] == 1 and placed:
-        w[LEGS + o] = 2
+    if not goal.about[o]:
+        scratch.maybe_added += 1
+    elif kitchen.players == 1 and has_place(goal, o):
+        scratch.deliveries[o] = 2
         work += 4
     else:
-        w[LEGS + o] = 1
-    w[WORK + o] += work
-    if placed and w[CHAIN + o] == 0:
-        w[CHAIN + o] = work
+        scratch.deliveries[o] = 1
+    scratch.work[o] += work
+    if has_place(goal, o) and scratch.chain[o] == 0:
+        scratch.chain[o] = work
 
 
 @kernel
-def has_place(k: Ints, g: Ints, at: int) -> bool:
-    """Whether the goal says where an object has to be in the end (`at` is its entry)."""
-    if g[g[BASE] + at] or g[g[ATOP] + at]:
-        return True
-    return bool(g[g[PILE] + at] or g[g[INTO] + at])
-
-
-@kernel
-def must_be_clear(k: Ints, g: Ints, row: int, under: int, upper: int, w: Ints) -> bool:
+def must_be_clear(kitchen: Kitchen, goal: Goal, under: int, upper: int, scratch: Scratch) -> bool:
     """Whether the goal wants nothing on an item, or something else than what is there."""
-    if g[g[TOP] + row * k[OBJECTS] + under]:
+    if goal.clear[under]:
         return True
-    for o in range(k[ITEMS]):
-        if o != upper and g[g[ATOP] + row * k[OBJECTS] + o] == under + 1 and w[LEGS + o] > 0:
+    for o in range(kitchen.items):
+        if o != upper and goal.atop[o] == under and scratch.deliveries[o] > 0:
             return True
     return False
 
 
 @kernel
-def is_finished_too_soon(k: Ints, g: Ints, row: int, o: int, w: Ints) -> bool:
+def is_top_too_soon(kitchen: Kitchen, goal: Goal, o: int, scratch: Scratch) -> bool:
     """Whether the top of a pile is in place while something that goes below it is not."""
-    at = row * k[OBJECTS] + o
-    if not g[g[TOP] + at] or not g[g[PILE] + at]:
+    if not goal.clear[o] or goal.pile[o] == NONE:
         return False
-    for other in range(k[ITEMS]):
-        if (
-            other != o
-            and g[g[PILE] + row * k[OBJECTS] + other] == g[g[PILE] + at]
-            and w[LEGS + other] > 0
-        ):
+    for other in range(kitchen.items):
+        if other != o and goal.pile[other] == goal.pile[o] and scratch.deliveries[other] > 0:
             return True
-    return w[LEGS + g[g[PILE] + at] - 1] > 0
+    return scratch.deliveries[goal.pile[o]] > 0
 
 
 @kernel
-def crowded_stations(k: Ints, s: Ints, w: Ints) -> int:
+def clearing_work(kitchen: Kitchen, state: CompactState, scratch: Scratch) -> int:
     """The work of clearing stations that are needed and taken by what would stay there."""
     needed = 0
-    for o in range(k[OBJECTS]):
-        needed |= w[NEEDS + o]
+    for o in range(kitchen.objects):
+        needed |= scratch.stops[o]
     work = 0
-    for c in range(k[CLASSES]):
+    for c in range(kitchen.classes):
         if not needed >> c & 1:
             continue
-        least = DEAD
-        for station in range(k[STATIONS]):
-            if k[k[STATION_CLASS] + station] == c:
-                least = min(least, clearing(k, s, station, w))
-        if least == DEAD:
-            return DEAD
+        least = DEAD_END
+        for station in range(kitchen.stations):
+            if kitchen.station_class[station] == c:
+                least = min(least, clearing_work_of(kitchen, state, station, scratch))
+        if least == DEAD_END:
+            return DEAD_END
         work += least
     return work
 
 
 @kernel
-def clearing(k: Ints, s: Ints, station: int, w: Ints) -> int:
+def clearing_work_of(kitchen: Kitchen, state: CompactState, station: int, scratch: Scratch) -> int:
     """The work of clearing a station, besides that of what leaves it anyway."""
-    foot = -1
-    for o in range(k[OBJECTS]):
-        if s[k[BELOW] + o] == k[OBJECTS] + station:
-            foot = o
-    if foot < 0 or w[LEAVES + foot]:
+    lowest = NONE
+    for o in range(kitchen.objects):
+        if state.below[o] == kitchen.objects + station:
+            lowest = o
+    if lowest == NONE or scratch.leaves[lowest]:
         return 0
     work = 0
-    o = foot
-    for _ in range(k[OBJECTS]):
-        if not w[LEAVES + o]:
-            work += 3 + (walk_to(k, s, o, w) if w[HERE + o] == 0 else 0)
-            w[JOINED] += 1
-        o = w[ABOVE + o]
-        if o < 0:
-            break
+    o = lowest
+    while o != NONE:
+        if not scratch.leaves[o]:
+            work += 3
+            if scratch.works_here[o] == 0:
+                work += walk_to(kitchen, state, o, scratch)
+            scratch.maybe_added += 1
+        o = scratch.above[o]
     return work

@@ -1,64 +1,14 @@
-"""Situations in which an estimate is easily too high, or a shortest plan easily missed."""
+"""Situations in which the heuristic is easily too high, or a shortest plan easily missed."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
-from robotouille import State, World
+from robotouille import State
 from robotouille.planning.solvers import solve
-from tests.planning.kitchen.exact import check_answer, check_estimate, explored
+from tests.planning.kitchen.exact import check_answer, check_heuristic, explored
+from tests.planning.kitchen.rows import FACTS, placed, row, term
 from tests.world.kitchens import act, kitchen, waiting
-
-Json = dict[str, Any]
-
-FACTS = {
-    "patty": ["iscookable"],
-    "chicken": ["iscookable", "isfryable"],
-    "lettuce": ["iscuttable"],
-    "onion": ["iscuttable", "isfryableifcut"],
-}
-
-
-def row(
-    stations: str, *goal: tuple[str, str], things: str = "", at: int = 0, **delays: int
-) -> World:
-    """A cook at one of the stations in a row; things are `kind@station`, piles from below.
-
-    A goal is a predicate and `kind+number` for each argument.
-    """
-    kinds = stations.split()
-    named = [thing.split("@") for thing in things.split()]
-    items: list[Json] = []
-    for kind, x in named:
-        if kind not in ("pot", "bowl", "water"):
-            level = sum(item["x"] == int(x) for item in items)
-            items.append({"name": kind, "x": int(x), "y": 0, "stack-level": level,
-                          "predicates": FACTS.get(kind, [])})  # fmt: skip
-    return kitchen(
-        width=len(kinds),
-        stations=_placed((kind, x) for x, kind in enumerate(kinds)),
-        items=items,
-        containers=_placed((k, int(x)) for k, x in named if k in ("pot", "bowl")),
-        meals=_placed((k, int(x)) for k, x in named if k == "water"),
-        players=[{"name": "robot", "x": at, "y": 1, "direction": [0, -1]}],
-        config={name: {"default": steps} for name, steps in delays.items()},
-        goal=[_term(predicate, arguments) for predicate, arguments in goal],
-    )
-
-
-def _placed(things: Any) -> list[Json]:
-    return [{"name": kind, "x": x, "y": 0} for kind, x in things]
-
-
-def _term(predicate: str, arguments: str) -> Json:
-    pairs = [argument.split("+") for argument in arguments.split()]
-    return {
-        "predicate": predicate,
-        "args": [k for k, _ in pairs],
-        "ids": [int(n) for _, n in pairs],
-    }
 
 
 def check(state: State, steps: int | None, cap: int = 4000) -> list[str]:
@@ -67,7 +17,7 @@ def check(state: State, steps: int | None, cap: int = 4000) -> list[str]:
     assert found is not None
     assert found.distances[0] == steps
     for later, distance in zip(found.states, found.distances, strict=True):
-        check_estimate(later, distance)
+        check_heuristic(later, distance)
     every = max(1, len(found.states) // 40)
     for later, distance in list(zip(found.states, found.distances, strict=True))[::every]:
         check_answer(later, distance)
@@ -186,10 +136,10 @@ def test_fried_without_a_word_of_cutting() -> None:
 def test_cut_from_the_start_but_not_yet_fit_for_frying() -> None:
     """What a cut brings about besides needs another cut."""
     world = kitchen(
-        stations=_placed([("board", 0), ("fryer", 1)]),
+        stations=placed([("board", 0), ("fryer", 1)]),
         items=[{"name": "onion", "x": 0, "y": 0, "predicates": [*FACTS["onion"], "iscut"]}],
         config={"num_cuts": {"default": 2}, "fry_time": {"default": 0}},
-        goal=[_term("iscut", "onion+1"), _term("isfried", "onion+1")],
+        goal=[term("iscut", "onion+1"), term("isfried", "onion+1")],
     )
     assert check(world.initial, 5) == ["cut", "pick-up-item", "move", "place-item", "fry"]
 

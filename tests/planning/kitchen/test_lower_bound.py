@@ -1,4 +1,4 @@
-"""Brute force agrees: estimates, lengths and proofs on random kitchens, from any state of theirs.
+"""Brute force agrees: heuristics, lengths and proofs on random kitchens, from any state of theirs.
 
 `ROBOTOUILLE_ORACLE_TASKS=5000` tries as many kitchens more, larger ones and new ones each time.
 """
@@ -12,7 +12,7 @@ import pytest
 
 from robotouille import World
 from robotouille.planners.kitchen.solver import kitchen_search
-from tests.planning.kitchen.exact import check_answer, check_estimate, explored
+from tests.planning.kitchen.exact import check_answer, check_heuristic, explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
 
 ORDERED = int(os.environ.get("ROBOTOUILLE_ORACLE_TASKS", "0"))
@@ -43,7 +43,7 @@ def check_kitchen(seed: int, cap: int, sample: int) -> bool:
     rng = random.Random(seed)
     numbers = {0, *rng.sample(range(len(found.states)), min(sample, len(found.states)))}
     for number in sorted(numbers):
-        check_estimate(found.states[number], found.distances[number])
+        check_heuristic(found.states[number], found.distances[number])
         check_answer(found.states[number], found.distances[number])
     return True
 
@@ -55,12 +55,12 @@ def test_answers(block: int) -> None:
 
 
 @pytest.mark.parametrize(("dish", "seed"), [(d, s) for d, seeds in SMALL.items() for s in seeds])
-def test_estimates_of_all_states(dish: str, seed: int) -> None:
+def test_heuristics_of_all_states(dish: str, seed: int) -> None:
     """Of every state that can be reached."""
     found = explored(World(random_kitchen(seed, dish=dish)), 1000)
     assert found is not None
     for state, distance in zip(found.states, found.distances, strict=True):
-        assert check_estimate(state, distance)
+        assert check_heuristic(state, distance)
 
 
 @pytest.mark.skipif(not ORDERED, reason="ROBOTOUILLE_ORACLE_TASKS orders no more")
@@ -71,9 +71,9 @@ def test_many_more() -> None:
 
 
 @pytest.mark.skipif(not ORDERED, reason="ROBOTOUILLE_ORACLE_TASKS orders no more")
-def test_estimates_of_many_more_states() -> None:
+def test_heuristics_of_many_more_states() -> None:
     first = random.randrange(1 << 40)
     for seed in range(first, first + ORDERED):
         found = explored(World(random_kitchen(seed)), 20_000)
         for state, distance in zip(found.states, found.distances, strict=True) if found else ():
-            check_estimate(state, distance)
+            check_heuristic(state, distance)

@@ -1,4 +1,4 @@
-"""Compiled kernels and plain Python give the same answers."""
+"""Compiled kernels and plain Python give the same answers; records hold what is put into them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,23 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
 
 import pytest
+
+from robotouille.planners.kitchen.kernels import (
+    SMALL,
+    Cube,
+    Ints,
+    Table,
+    blank_records,
+    kernel,
+    plain,
+    record,
+    records,
+)
 
 TASKS = [
     "synchronous/02", "synchronous/09", "synchronous/10", "asynchronous/05", "asynchronous/06",
@@ -68,3 +82,49 @@ def test_what_can_be_compiled_is() -> None:
 @pytest.mark.parametrize("name", TASKS)
 def test_both_give_the_same_answer(name: str) -> None:
     assert answers(True)[name] == answers(False)[name]
+
+
+@dataclass(slots=True)
+class Shelf:
+    number: int
+    row: Annotated[Ints, 4]
+    table: Annotated[Table, SMALL, 3, 4]
+    cube: Annotated[Cube, SMALL, 2, 3, 4]
+
+
+@dataclass(slots=True)
+class Sum:
+    before: int
+    after: int
+
+
+def new_shelf() -> Shelf:
+    return Shelf(0, [0, 0], [[0]], [[]])
+
+
+@kernel
+def total(shelf: Shelf) -> int:
+    return shelf.number + shelf.row[1] + shelf.table[1][2] + shelf.cube[1][1][0]
+
+
+def test_records_hold_rows_tables_and_cubes() -> None:
+    shelf = Shelf(1, [0, -20], [[0, 0, 0], [0, 0, 300]], [[[0], [0]], [[0], [4000]]])
+    assert total(record(shelf)) == 4281
+
+
+def test_rows_of_records_may_be_empty() -> None:
+    shelf = record(Shelf(7, [], [[], []], [[], []]))
+    assert shelf.number == 7
+
+
+def test_blank_records_are_apart() -> None:
+    first, second = blank_records(new_shelf, 2)
+    first.row[1] = 5
+    assert (first.row[1], second.row[1], second.number) == (5, 0, 0)
+
+
+def test_what_is_left_in_records() -> None:
+    made = records(Sum, [Sum(1, 0), Sum(2, 0)])
+    made[1].after = 3
+    assert list(plain(Sum, made)) == [Sum(1, 0), Sum(2, 3)]
+    assert list(plain(Sum, records(Sum, []))) == []

@@ -11,7 +11,7 @@ import pytest
 from robotouille import State, World
 from robotouille.planners.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.solvers import solve
-from tests.planning.kitchen.exact import Explored, check_answer, check_estimate, explored
+from tests.planning.kitchen.exact import Explored, check_answer, check_heuristic, explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
 from tests.world.kitchens import kitchen
 
@@ -27,9 +27,9 @@ SMALL = {
 
 
 def check(found: Explored, sample: int) -> None:
-    """The estimates of all states and the answers from some."""
+    """The heuristics of all states and the answers from some."""
     for state, distance in zip(found.states, found.distances, strict=True):
-        check_estimate(state, distance)
+        check_heuristic(state, distance)
     numbers = random.Random(1).sample(range(len(found.states)), min(sample, len(found.states)))
     for number in {0, *numbers}:
         check_answer(found.states[number], found.distances[number])

@@ -1,4 +1,4 @@
-"""What the kitchen planner does not model is left to the general one, with the right answer."""
+"""What is a kitchen, and what is not: that is left to the general planner."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from robotouille import Task, World, load_task
+from robotouille import Task, World, load_task, task_names
 from robotouille.domain.schema import DomainFile, ProblemFile
-from robotouille.domain.task import build_task
+from robotouille.domain.task import build_task, read_domain
 from robotouille.planners.kitchen.recognition import recognise
 from robotouille.planners.kitchen.solver import kitchen_search
 from robotouille.planning.search_result import Limits
@@ -18,6 +18,14 @@ from robotouille.planning.solvers import solve
 from robotouille.resources import data_folder
 
 Json = dict[str, Any]
+
+
+ALONE = [
+    name
+    for name in task_names()
+    if name.startswith(("synchronous/", "asynchronous/", "training/"))
+    and load_task(name).seats == 1
+]
 
 
 def changed(name: str, **fields: Any) -> Task:
@@ -83,3 +91,25 @@ def test_domains_in_which_one_process_needs_the_result_of_another(needs: str) ->
             condition["predicate"] = needs
     assert recognise(load_task("synchronous/01").domain) is not None
     assert recognise(DomainFile.model_validate(raw)) is None
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_shipped_kitchens_are_recognised(name: str) -> None:
+    world = World(load_task(name))
+    assert recognise(world.task.domain) is not None
+    assert kitchen_search(world, world.initial) is not None
+
+
+def test_there_are_shipped_kitchens_for_one() -> None:
+    assert len(ALONE) >= 20
+
+
+def test_a_workshop_is_no_kitchen() -> None:
+    assert recognise(read_domain("workshop")) is None
+    world = World("workshop/01")
+    assert kitchen_search(world, world.initial) is None
+
+
+def test_people_walk_step_by_step() -> None:
+    world = World(load_task("synchronous/01", timing="people"))
+    assert kitchen_search(world, world.initial) is None
