@@ -8,8 +8,8 @@ from typing import Any
 
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.unmet import Unmet
+from robotouille.world.world import State
 
 __all__ = [
     "ActResult",

@@ -16,9 +16,8 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.unmet import Unmet, UnmetKind, from_words, only_words
-from robotouille.world.world import World, shared_world
+from robotouille.world.world import State, World, shared_world
 from robotouille_client.events import (
     ActResult,
     Announced,

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
         WrongWorldError,
     )
     from robotouille.world.grounding.actions import GroundAction
-    from robotouille.world.state import Progress, State
-    from robotouille.world.world import Attempt, Step, World
+    from robotouille.world.world import Attempt, Progress, State, Step, World
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -39,7 +38,6 @@ else:
         "robotouille.domain.task",
         "robotouille.domain.catalogue",
         "robotouille.world.grounding.actions",
-        "robotouille.world.state",
         "robotouille.world.world",
     )
 

@@ -20,7 +20,7 @@ from typing import Any
 from robotouille.errors import RobotouilleError
 from robotouille.planning.policies.policy import Policy
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_client import Client, Game
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker

@@ -46,8 +46,8 @@ def test_those_who_wait_have_their_turns_in_order_and_as_far_as_the_budget_goes(
 def test_so_many_may_be_connected() -> None:
     async def main() -> None:
         admission = Admission(Metrics(), 2, handshake_seconds=1.0)
-        assert [admission.enter() for _ in range(3)] == [True, True, False]
-        admission.leave()
-        assert admission.enter()
+        assert [admission.admit() for _ in range(3)] == [True, True, False]
+        admission.release()
+        assert admission.admit()
 
     asyncio.run(main())

@@ -8,8 +8,7 @@ import pytest
 
 from robotouille.domain.catalogue import load_task
 from robotouille.planning.beam.planner import BeamPlanner
-from robotouille.world.state import State
-from robotouille.world.world import World, shared_world
+from robotouille.world.world import State, World, shared_world
 from robotouille_server.rooms.substitutes import bots
 from robotouille_server.rooms.substitutes.bots import Bots, ObservedMove
 from tests.support.questions import question

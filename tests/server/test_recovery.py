@@ -9,7 +9,7 @@ import pytest
 
 from robotouille import GroundAction
 from robotouille.replay.recording import read_recording
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_client import Changed, Client, Game, Heard, connect
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_server import Server

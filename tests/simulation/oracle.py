@@ -15,8 +15,7 @@ from weakref import WeakValueDictionary
 from robotouille.domain.task import Task
 from robotouille.replay.container import MAGIC, frame_ends, frame_value, unwrap
 from robotouille.replay.recording import Recording
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_client import Game
 
 __all__ = ["EpisodeTruth", "Oracle", "RecordedMove"]

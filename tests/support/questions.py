@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_server.rooms.substitutes.bots import Question
 
 __all__ = ["question"]

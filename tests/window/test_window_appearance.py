@@ -6,7 +6,7 @@ import pytest
 
 from robotouille import World
 from robotouille.domain.rendering import rendering_of
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
 
 FOODS = [

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from robotouille.planning.policies.planner_policy import PlannerPolicy
     from robotouille.planning.policies.policy import Policy
     from robotouille.world.grounding.actions import GroundAction
-    from robotouille.world.state import State
+    from robotouille.world.world import State
     from robotouille_client.bots.player import MakePolicy
 
 __all__ = ["BotKind", "policy_maker"]

@@ -16,7 +16,7 @@ from robotouille.errors import RobotouilleError, did_you_mean
 
 if TYPE_CHECKING:
     from robotouille.planning.policies.policy import Policy
-    from robotouille.world.state import State
+    from robotouille.world.world import State
     from robotouille_client.bots.player import MakePolicy
 
 __all__ = ["own_policy_maker"]

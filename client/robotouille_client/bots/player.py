@@ -8,8 +8,7 @@ from typing import Any
 
 from robotouille.planning.policies.policy import Policy
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_client.events import Changed, GameEvent
 from robotouille_client.game import Game
 

@@ -15,8 +15,7 @@ from robotouille.domain.inputs import bindings_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.scene import Placed, scene
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["Button", "Controls", "Meaning", "Option"]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pygame
 
 from robotouille.errors import MissingExtraError
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import Bubble, SeatView, View
 

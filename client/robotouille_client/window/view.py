@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.unmet import Unmet, UnmetKind
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = [
     "GLIDE_SECONDS",

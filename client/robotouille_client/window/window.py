@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pygame
 
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_client.window.chat_line import ChatLine
 from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.drawing.painter import Painter

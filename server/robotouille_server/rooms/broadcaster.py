@@ -23,7 +23,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
 from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
 from robotouille.replay.recorder import HASH_EVERY
-from robotouille.world.state import State
+from robotouille.world.world import State
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.snapshots import Snapshots
 from robotouille_server.runtime.metrics import Metrics

@@ -8,8 +8,7 @@ from weakref import WeakKeyDictionary
 from robotouille.episode import Episode
 from robotouille.protocol.codec import Codec, Fields
 from robotouille.protocol.states import StateWriter
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_server.transport import frame_of
 
 __all__ = ["Snapshots"]

@@ -27,8 +27,7 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.planning.plan import Plan, read_plan, write_plan
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
 from robotouille.planning.validation import replay
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = [
     "Certificate",

@@ -24,8 +24,7 @@ from robotouille.episode.quota import MAX_AUDIENCE_BYTES, NOTE_BYTES, Quota, tak
 from robotouille.episode.rules import Rules
 from robotouille.episode.seats import ActionAnswer, Seat, tally
 from robotouille.errors import ProtocolError
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["EpisodeState"]
 

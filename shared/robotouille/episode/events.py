@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from robotouille.episode.pauses import PauseReason
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.unmet import Unmet
-from robotouille.world.world import Attempt
+from robotouille.world.world import Attempt, State
 
 __all__ = [
     "Announced",

@@ -10,7 +10,7 @@ from robotouille.episode.events import Controller, Departure, Move, RosterChange
 from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["ActionAnswer", "Pending", "Seat", "joint_action", "tally"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robotouille.planning.plan import Joint, Plan
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["eliminate_actions"]
 

@@ -23,8 +23,7 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
 from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["AnytimePlanner"]
 

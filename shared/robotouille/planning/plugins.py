@@ -16,8 +16,7 @@ from typing import Protocol
 from robotouille.errors import PluginError
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import Limits, SearchResult, Watch
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["BUILT_IN", "GROUP", "AnytimeSearch", "DomainPlanner", "domain_planner"]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from robotouille.planning.plugins import domain_planner
 from robotouille.planning.search.astar import astar_search
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult, Watch
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["solve"]
 

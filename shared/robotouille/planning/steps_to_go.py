@@ -19,8 +19,7 @@ from robotouille.planning import solvers as optimal
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["Range", "StepsLeft", "StepsToGo", "quotient"]
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from robotouille.planning.plan import Plan
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["PlanReport", "Rejection", "replay"]
 

@@ -14,9 +14,8 @@ from robotouille.errors import ProtocolError
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.objects import Object
-from robotouille.world.state import State
 from robotouille.world.unmet import Unmet
-from robotouille.world.world import Attempt, World
+from robotouille.world.world import Attempt, State, World
 
 __all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_rows", "why_rows"]
 

@@ -9,7 +9,7 @@ from typing import Any
 from robotouille.errors import RecordingError
 from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import Recording
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["json_lines"]
 

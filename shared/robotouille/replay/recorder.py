@@ -31,8 +31,7 @@ from robotouille.episode.rules import Rules
 from robotouille.protocol.states import StateWriter, unmet_rows
 from robotouille.release import VERSION
 from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
-from robotouille.world.state import State
-from robotouille.world.world import Attempt, World
+from robotouille.world.world import Attempt, State, World
 
 __all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "step_frames"]
 

@@ -27,8 +27,7 @@ from robotouille.replay.frame_schema import check_frame
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["Comparison", "Recording", "Verification", "read_recording", "recording_of"]
 

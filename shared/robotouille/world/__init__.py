@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from robotouille.world.grounding.actions import GroundAction
-    from robotouille.world.state import Progress, State
-    from robotouille.world.world import Attempt, Step, World, shared_world
+    from robotouille.world.world import Attempt, Progress, State, Step, World, shared_world
 else:
     from robotouille.lazy_exports import lazy_exports
 
     __getattr__ = lazy_exports(
         __name__,
         "robotouille.world.grounding.actions",
-        "robotouille.world.state",
         "robotouille.world.world",
     )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from robotouille.world.grounding.floor import Tile
 from robotouille.world.grounding.objects import Object
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["Placed", "scene"]
 

@@ -16,7 +16,7 @@ from robotouille.planning.plan import Plan, read_plan
 from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 from tests.domain.broken import DOMAIN, PROBLEM, changed
 from tests.planning.pddl.interpreter import Fact, Interpreter
 

@@ -7,7 +7,7 @@ from functools import cache
 from robotouille import World
 from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["NamedMove", "to_and_fro"]
 

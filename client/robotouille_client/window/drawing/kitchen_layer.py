@@ -7,8 +7,7 @@ import math
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import (

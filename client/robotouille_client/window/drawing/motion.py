@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from robotouille.world.grounding.floor import Floor, Tile
 from robotouille.world.scene import Placed
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["Motion", "Pose", "along"]
 

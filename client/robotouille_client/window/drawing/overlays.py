@@ -8,7 +8,7 @@ import pygame
 
 from robotouille.domain.rendering import RenderingFile
 from robotouille.world.scene import Placed
-from robotouille.world.state import Progress, State
+from robotouille.world.world import Progress, State
 from robotouille_client.window.drawing.kitchen_layer import RAISED
 from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.ui_overlay import UiOverlay

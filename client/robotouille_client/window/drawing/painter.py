@@ -5,8 +5,7 @@ from __future__ import annotations
 import pygame
 
 from robotouille.domain.rendering import RenderingFile, rendering_of
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 from robotouille_client.window.drawing.interruptions import Interruptions
 from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
 from robotouille_client.window.drawing.motion import Motion

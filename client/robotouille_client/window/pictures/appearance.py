@@ -12,7 +12,7 @@ from typing import Literal
 from robotouille.domain.rendering import Entity, Fact, RenderingFile
 from robotouille.domain.schema import DomainFile
 from robotouille.world.scene import Placed, scene
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["Appearance", "AppearanceResolver", "SpritePiece", "Stage"]
 

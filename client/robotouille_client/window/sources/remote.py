@@ -8,8 +8,8 @@ from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.unmet import only_words
+from robotouille.world.world import State
 from robotouille_client.events import Announced, Changed, Heard, Over, Refused
 from robotouille_client.game import Game
 from robotouille_client.window.sources.chat_log import ChatLog

@@ -39,7 +39,7 @@ from robotouille.planners.kitchen.transitions import (
 )
 from robotouille.planning.plan import Joint, Plan
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["decode"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robotouille.planners.kitchen.compact_state import NONE, CompactState, empty_state
 from robotouille.planners.kitchen.kernels import Ints
 from robotouille.planners.kitchen.model import KitchenModel
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["encode"]
 

@@ -22,8 +22,7 @@ from robotouille.planners.kitchen.compact_state import (
 from robotouille.planners.kitchen.kernels import Cube, Table, record
 from robotouille.planners.kitchen.recognition import KitchenRules, Process, recognise
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["KitchenModel", "bound_action", "model_of"]
 

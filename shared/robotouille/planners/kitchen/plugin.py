@@ -9,8 +9,7 @@ from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import Limits, SearchResult, Watch
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["KITCHEN", "KitchenPlanner"]
 

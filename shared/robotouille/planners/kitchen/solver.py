@@ -29,8 +29,7 @@ from robotouille.planners.kitchen.search.nodes import (
 )
 from robotouille.planning.plan import Plan
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["PLANNER", "KitchenSearch", "SolverRun", "kitchen_search"]
 

@@ -8,7 +8,7 @@ from robotouille.planning.beam.goal_ordering import Ordering
 from robotouille.planning.beam.remaining_work import REDOING, GoalBinding, HeuristicContext
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["goal_assignments"]
 

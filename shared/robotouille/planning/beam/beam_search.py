@@ -16,9 +16,8 @@ from robotouille.planning.beam.projection import DEAD
 from robotouille.planning.beam.relevance import Relevance
 from robotouille.planning.beam.remaining_work import RemainingWork
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.timers import Timers
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["BeamResult", "BeamSearch", "Joint", "SearchStyle"]
 

@@ -17,8 +17,7 @@ from robotouille.planning.beam.relevance import Relevance
 from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["Ordering"]
 

@@ -18,8 +18,7 @@ from robotouille.planning.beam.goal_ordering import Ordering
 from robotouille.planning.beam.relevance import Relevance
 from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
 from robotouille.planning.plan import Plan
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["BeamPlanner", "Solution"]
 

@@ -16,8 +16,7 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.search_result import Limits
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["PlannerPolicy"]
 

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["Policy", "RandomPolicy"]
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from robotouille.planning.plan import Plan
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
+from robotouille.world.world import State
 
 __all__ = ["Did", "Script"]
 

@@ -18,9 +18,8 @@ from robotouille.planning.search.heuristics import Blind, Heuristic, default_heu
 from robotouille.planning.search.joint_actions import Transitions
 from robotouille.planning.search.symmetry import StateKey, state_keys
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
-from robotouille.world.state import State
 from robotouille.world.timers import Timers
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["PLANNER", "astar_search"]
 

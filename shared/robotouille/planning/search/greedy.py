@@ -16,9 +16,8 @@ from robotouille.planning.search.heuristics import Heuristic, default_heuristic
 from robotouille.planning.search.joint_actions import Transitions
 from robotouille.planning.search.symmetry import state_keys
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
-from robotouille.world.state import State
 from robotouille.world.timers import Timers
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["PLANNER", "greedy_search"]
 

@@ -9,9 +9,8 @@ from robotouille.planning.search.relaxation.critical_path import critical_path
 from robotouille.planning.search.relaxation.landmark_cut import landmark_cut
 from robotouille.planning.search.relaxation.relaxed_task import Relaxation
 from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
-from robotouille.world.state import State
 from robotouille.world.timers import Timers
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["BLIND", "Blind", "CriticalPath", "Heuristic", "LandmarkCut", "default_heuristic"]
 

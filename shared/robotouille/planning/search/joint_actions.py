@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 from robotouille.planning.plan import Joint
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.state import State
 from robotouille.world.timers import Timers
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["JointMove", "Transitions"]
 

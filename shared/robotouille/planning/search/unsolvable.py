@@ -7,9 +7,8 @@ from robotouille.planning.search.joint_actions import Transitions
 from robotouille.planning.search.relaxation.relaxed_task import Relaxation
 from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
 from robotouille.planning.search_result import Limits
-from robotouille.world.state import State
 from robotouille.world.text import describe
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["unreachable_goal"]
 

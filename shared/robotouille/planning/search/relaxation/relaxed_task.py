@@ -20,9 +20,8 @@ from robotouille.planning.search.relaxation.relaxed_operators import (
     RelaxedOperators,
 )
 from robotouille.world.grounding.atoms import bits_of
-from robotouille.world.state import State
 from robotouille.world.timers import Timers
-from robotouille.world.world import World
+from robotouille.world.world import State, World
 
 __all__ = ["Relaxation", "RelaxedState", "RelaxedTask", "reachable"]
 
