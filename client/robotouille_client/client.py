@@ -107,7 +107,7 @@ class Client:
         welcome = asyncio.create_task(self.connected.wait())
         try:
             await asyncio.wait({welcome, self._runner}, return_when=asyncio.FIRST_COMPLETED)
-            if not self.connected.is_set():
+            if not self.protocol.welcomed:
                 await self._runner
                 raise self.protocol.error or ConnectionFailedError(f"{self.url}: {self.farewell}")
         except BaseException:
@@ -220,6 +220,7 @@ class Client:
         self._socket = socket
         self.protocol.connection_made(loop.time())
         sender = asyncio.create_task(self._send(socket))
+        self._flush()
         reason = ""
         try:
             while self.protocol.state.connected:

@@ -105,7 +105,7 @@ class ClientProtocol(Generic[G]):
         self._token = token
         self._rng = rng
         self._pauses: Iterator[float] = pauses(rng)
-        self._welcomed = False
+        self.welcomed = False
         self._moves = 0
         self._greeting_due = 0.0
         self._up_since = 0.0
@@ -134,7 +134,7 @@ class ClientProtocol(Generic[G]):
     def connection_failed(self, error: RobotouilleError, now: float) -> None:
         """There is no connection, or no welcome on it: try again later, if that may help."""
         hopeless = isinstance(error, StrangerError) or not isinstance(error, ConnectionFailedError)
-        if hopeless or not self._welcomed or not self.reconnect:
+        if hopeless or not self.welcomed or not self.reconnect:
             self.close(str(error), error)
         else:
             self._enter(Trigger.FAILED)
@@ -373,7 +373,7 @@ class ClientProtocol(Generic[G]):
             if pending.sent and not isinstance(pending.request, messages.Create):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
-        self._up_since, self._welcomed, self._moves = now, True, 0
+        self._up_since, self.welcomed, self._moves = now, True, 0
         self._pauses = pauses(self._rng)
 
     def _joined_without_asking(self) -> messages.Join | None:
