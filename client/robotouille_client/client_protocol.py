@@ -252,7 +252,7 @@ class ClientProtocol(Generic[G]):
         if self.state is State.CLOSED:
             return None
         times = [t for p in self._pending.values() for t in (p.due, p.again_at) if t is not None]
-        if self._rejoin_at is not None:
+        if self.state is State.REJOINING and self._rejoin_at is not None:
             times.append(self._rejoin_at)
         if (game_timer := self._game_timer()) is not None:
             times.append(game_timer)
@@ -268,12 +268,16 @@ class ClientProtocol(Generic[G]):
                 self._outbox.append(pending.request)
             if pending.due <= now:
                 self._overdue(ref, pending, now)
-        if self._rejoin_at is not None and self._rejoin_at <= now and self._rejoin is not None:
-            self._rejoin_at = None
-            self._outbox.append(self._rejoin)
+        if self.state is State.REJOINING and self._rejoin is not None:
+            self._join_again(self._rejoin, now)
         game_timer = self._game_timer()
         if game_timer is not None and game_timer <= now and self.game is not None:
             self.game.handle_timer(now)
+
+    def _join_again(self, rejoin: messages.Join, now: float) -> None:
+        if self._rejoin_at is not None and self._rejoin_at <= now:
+            self._rejoin_at = None
+            self._outbox.append(rejoin)
 
     def _game_timer(self) -> float | None:
         """Nothing is sent again before the server has told what we missed."""
