@@ -6,6 +6,7 @@ import pytest
 
 from robotouille import GroundAction, ProtocolError
 from robotouille.protocol import messages
+from robotouille.world.unmet import Unmet, UnmetKind, from_words
 from robotouille_client.events import ActResult, Announced, Changed, Heard, Over, RosterChanged
 from robotouille_client.game_replica import GameReplica
 from tests.support.scripted_server import ScriptedServer
@@ -27,6 +28,10 @@ def game(server: ScriptedServer) -> GameReplica:
 
 def first_action(game: GameReplica) -> GroundAction:
     return game.actions[0]
+
+
+def rejected(step: int, reason: str, code: str) -> ActResult:
+    return ActResult(False, step, from_words(reason), code)
 
 
 def test_before_the_first_snapshot_there_is_no_state(server: ScriptedServer) -> None:
@@ -94,14 +99,16 @@ def test_a_rejection_has_reasons(game: GameReplica) -> None:
     game.receive(
         messages.Rejected(seq=seq, step=0, action="?", reasons=["no"], code="action/unknown"), 0.0
     )
-    assert game.results() == [(seq, ActResult(False, 0, ("no",), "action/unknown"))]
+    assert game.results() == [(seq, rejected(0, "no", "action/unknown"))]
 
 
 def test_a_later_action_supersedes_those_before(server: ScriptedServer, game: GameReplica) -> None:
     first, second = game.propose(None, 0.0), game.propose(first_action(game), 0.0)
+    reason = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {second}")
+    superseded = ActResult(False, 1, (reason,), "action/invalid")
     game.receive(server.delta([first_action(game)], seq=[second]), 0.0)
     assert game.results() == [
-        (first, ActResult(False, 1, (f"superseded by action {second}",), "action/invalid")),
+        (first, superseded),
         (second, ActResult(True, 1)),
     ]
 
@@ -112,7 +119,7 @@ def test_a_snapshot_tells_what_became_of_the_last_action(
     seq = game.propose(first_action(game), 0.0)
     server.delta()
     game.receive(server.snapshot(last_seq=seq, last_step=1, last_reasons=["too late"]), 0.0)
-    assert game.results() == [(seq, ActResult(False, 1, ("too late",), "action/invalid"))]
+    assert game.results() == [(seq, rejected(1, "too late", "action/invalid"))]
 
 
 def test_what_has_no_answer_is_sent_again(game: GameReplica) -> None:
@@ -206,4 +213,4 @@ def test_a_text_view_is_answered_by_observations(server: ScriptedServer) -> None
     assert not game.has_state
     seq = game.propose("Wait", 0.0)
     game.receive(server.observation(step=1, seq=seq, reasons=["no"]), 0.0)
-    assert game.results() == [(seq, ActResult(False, 1, ("no",), "action/invalid"))]
+    assert game.results() == [(seq, rejected(1, "no", "action/invalid"))]
