@@ -20,6 +20,7 @@ from websockets.typing import Subprotocol
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.client_protocol import ClientProtocol, Request, RequestDone
 from robotouille_client.client_state import State
 from robotouille_client.errors import ConnectionFailedError
@@ -175,7 +176,9 @@ class Client:
             self.protocol.forget(ref)
         if not isinstance(answer, expected):
             found = type(answer).__name__
-            raise ProtocolError("message/unexpected", f"{found} in answer to {request.type}")
+            raise ProtocolError(
+                ErrorCode.MESSAGE_UNEXPECTED, f"{found} in answer to {request.type}"
+            )
         return answer
 
     # The connection

@@ -19,6 +19,7 @@ from typing import Generic, Literal, TypeVar
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.addresses import moved_url
 from robotouille_client.backoff import pauses
 from robotouille_client.client_state import State, Trigger, next_state
@@ -33,8 +34,13 @@ AGAIN_SECONDS = 0.5
 """After which a request is sent again that the server asked us to repeat."""
 MAX_MOVES = 4
 
-LOST_TOKEN = ("auth/expired", "auth/invalid", "auth/required", "auth/revoked")
-TEMPORARY = ("server/handover", "server/recording", "rate/limited")
+LOST_TOKEN = (
+    ErrorCode.AUTH_EXPIRED,
+    ErrorCode.AUTH_INVALID,
+    ErrorCode.AUTH_REQUIRED,
+    ErrorCode.AUTH_REVOKED,
+)
+TEMPORARY = (ErrorCode.SERVER_HANDOVER, ErrorCode.SERVER_RECORDING, ErrorCode.RATE_LIMITED)
 CLOSED = "the connection was closed"
 
 Request = messages.ListEpisodes | messages.Create | messages.Join | messages.Leave
@@ -330,7 +336,7 @@ class ClientProtocol(Generic[G]):
                 self._hello()
             case messages.Moved():
                 self._greeted_elsewhere(answer, now)
-            case messages.Error(code="server/handover"):
+            case messages.Error(code=ErrorCode.SERVER_HANDOVER):
                 self.connection_failed(NotYetError(answer.message), now)
             case messages.Bye(retry=True):
                 self.connection_failed(NotYetError(answer.reason), now)
@@ -401,7 +407,7 @@ class ClientProtocol(Generic[G]):
             return
         if not self.state.online or isinstance(message, messages.Welcome):
             name = type(message).__name__
-            raise ProtocolError("message/unexpected", f"{name}, while {self.state.value}")
+            raise ProtocolError(ErrorCode.MESSAGE_UNEXPECTED, f"{name}, while {self.state.value}")
         if isinstance(message, messages.Bye) and message.retry:
             return
         if isinstance(message, messages.Joined):
@@ -457,7 +463,7 @@ class ClientProtocol(Generic[G]):
         match message:
             case messages.Joined() if self.state is State.SYNCING:
                 pending.joined = message
-            case messages.Error(code="server/handover"):
+            case messages.Error(code=ErrorCode.SERVER_HANDOVER):
                 pending.again_at = now + AGAIN_SECONDS
             case messages.Error():
                 self._fail(ref, ProtocolError(message.code, message.message, message.field))
@@ -468,10 +474,10 @@ class ClientProtocol(Generic[G]):
 
     def _done_before(self, request: Request, error: messages.Error) -> messages.ServerMessage:
         """A request that was sent twice since its first answer was lost: it has been done."""
-        if isinstance(request, messages.Leave) and error.code == "episode/none":
+        if isinstance(request, messages.Leave) and error.code == ErrorCode.EPISODE_NONE:
             return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
         joined = self._joined
-        if isinstance(request, messages.Join) and error.code == "episode/joined" and joined:
+        if isinstance(request, messages.Join) and error.code == ErrorCode.EPISODE_JOINED and joined:
             asked = request.episode.replace("-", "").upper()
             if asked in (joined.episode.upper(), joined.code.replace("-", "").upper()):
                 return joined
