@@ -21,7 +21,8 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille_client.client_protocol import ClientProtocol, Request, RequestDone
+from robotouille_client.client_protocol import ClientProtocol
+from robotouille_client.client_requests import Request, RequestDone
 from robotouille_client.client_state import State
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game

@@ -10,7 +10,8 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille.protocol import messages
-from robotouille_client.client_protocol import ClientProtocol, RequestDone, RequestFailed
+from robotouille_client.client_protocol import ClientProtocol
+from robotouille_client.client_requests import RequestDone, RequestFailed
 from robotouille_client.client_state import State
 from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
 from robotouille_client.events import Over
