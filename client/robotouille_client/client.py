@@ -20,7 +20,9 @@ from websockets.typing import Subprotocol
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
-from robotouille_client.client_protocol import ClientProtocol, Request, RequestDone
+from robotouille.protocol.error_codes import ErrorCode
+from robotouille_client.client_protocol import ClientProtocol
+from robotouille_client.client_requests import Request, RequestDone
 from robotouille_client.client_state import State
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
@@ -107,7 +109,7 @@ class Client:
         welcome = asyncio.create_task(self.connected.wait())
         try:
             await asyncio.wait({welcome, self._runner}, return_when=asyncio.FIRST_COMPLETED)
-            if not self.connected.is_set():
+            if not self.protocol.welcomed:
                 await self._runner
                 raise self.protocol.error or ConnectionFailedError(f"{self.url}: {self.farewell}")
         except BaseException:
@@ -175,7 +177,9 @@ class Client:
             self.protocol.forget(ref)
         if not isinstance(answer, expected):
             found = type(answer).__name__
-            raise ProtocolError("message/unexpected", f"{found} in answer to {request.type}")
+            raise ProtocolError(
+                ErrorCode.MESSAGE_UNEXPECTED, f"{found} in answer to {request.type}"
+            )
         return answer
 
     # The connection
@@ -220,6 +224,7 @@ class Client:
         self._socket = socket
         self.protocol.connection_made(loop.time())
         sender = asyncio.create_task(self._send(socket))
+        self._flush()
         reason = ""
         try:
             while self.protocol.state.connected:

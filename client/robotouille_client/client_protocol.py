@@ -14,60 +14,40 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.addresses import moved_url
 from robotouille_client.backoff import pauses
+from robotouille_client.client_requests import (
+    AGAIN_SECONDS,
+    ANSWER_SECONDS,
+    Pending,
+    Request,
+    RequestDone,
+    RequestFailed,
+    Requests,
+)
 from robotouille_client.client_state import State, Trigger, next_state
 from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
 from robotouille_client.game_replica import GameReplica
 
-__all__ = ["ClientProtocol", "Request", "RequestDone", "RequestFailed"]
+__all__ = ["ClientProtocol"]
 
-ANSWER_SECONDS = 15.0
-"""Within which hello and requests are answered; only time with a connection counts."""
-AGAIN_SECONDS = 0.5
-"""After which a request is sent again that the server asked us to repeat."""
 MAX_MOVES = 4
 
-LOST_TOKEN = ("auth/expired", "auth/invalid", "auth/required", "auth/revoked")
-TEMPORARY = ("server/handover", "server/recording", "rate/limited")
+LOST_TOKEN = (
+    ErrorCode.AUTH_EXPIRED,
+    ErrorCode.AUTH_INVALID,
+    ErrorCode.AUTH_REQUIRED,
+    ErrorCode.AUTH_REVOKED,
+)
+TEMPORARY = (ErrorCode.SERVER_HANDOVER, ErrorCode.SERVER_RECORDING, ErrorCode.RATE_LIMITED)
 CLOSED = "the connection was closed"
 
-Request = messages.ListEpisodes | messages.Create | messages.Join | messages.Leave
-
 G = TypeVar("G", bound=GameReplica)
-
-
-@dataclass(frozen=True, slots=True)
-class RequestDone:
-    """A request was answered; a join once its first snapshot or observation is there."""
-
-    ref: int
-    answer: messages.ServerMessage
-
-
-@dataclass(frozen=True, slots=True)
-class RequestFailed:
-    """A request was refused, or cannot be answered any more."""
-
-    ref: int
-    error: RobotouilleError
-
-
-@dataclass(slots=True)
-class _Pending:
-    """A request without an answer."""
-
-    request: Request
-    due: float
-    again_at: float | None = None
-    sent: bool = False
-    joined: messages.Joined | None = None
-    moves: int = 0
 
 
 class ClientProtocol(Generic[G]):
@@ -105,18 +85,16 @@ class ClientProtocol(Generic[G]):
         self._token = token
         self._rng = rng
         self._pauses: Iterator[float] = pauses(rng)
-        self._welcomed = False
+        self.welcomed = False
         self._moves = 0
         self._greeting_due = 0.0
         self._up_since = 0.0
-        self._refs = 0
-        self._pending: dict[int, _Pending] = {}
+        self._requests = Requests()
         self._rejoin: messages.Join | None = None
         self._rejoin_at: float | None = None
         self._joined: messages.Joined | None = None
         self._first: deque[messages.Message] = deque()
         self._outbox: deque[messages.Message] = deque()
-        self._events: list[RequestDone | RequestFailed] = []
 
     def _enter(self, trigger: Trigger) -> None:
         self.state = next_state(self.state, trigger)
@@ -134,7 +112,7 @@ class ClientProtocol(Generic[G]):
     def connection_failed(self, error: RobotouilleError, now: float) -> None:
         """There is no connection, or no welcome on it: try again later, if that may help."""
         hopeless = isinstance(error, StrangerError) or not isinstance(error, ConnectionFailedError)
-        if hopeless or not self._welcomed or not self.reconnect:
+        if hopeless or not self.welcomed or not self.reconnect:
             self.close(str(error), error)
         else:
             self._enter(Trigger.FAILED)
@@ -162,12 +140,12 @@ class ClientProtocol(Generic[G]):
             return
         self._enter(Trigger.CLOSE)
         self.farewell, self.error = reason, error
-        for ref in list(self._pending):
-            self._fail(ref, self._gone(self._pending[ref]))
+        for ref, pending in list(self._requests.pending.items()):
+            self._requests.fail(ref, self._gone(pending))
         if self.game is not None and not self.game.over:
             self.game.receive(messages.Bye(reason=reason or CLOSED), 0.0)
 
-    def _gone(self, pending: _Pending | None = None) -> ConnectionFailedError:
+    def _gone(self, pending: Pending | None = None) -> ConnectionFailedError:
         """Why a request is not answered."""
         reason = self.farewell or CLOSED
         if pending is not None and pending.moves:
@@ -183,36 +161,24 @@ class ClientProtocol(Generic[G]):
         """
         if self.state is State.CLOSED:
             raise self._gone()
-        ref = self._next_ref()
-        request = request.model_copy(update={"ref": ref})
-        self._pending[ref] = _Pending(request, now + ANSWER_SECONDS)
-        self._outbox.append(request)
+        ref, numbered = self._requests.add(request, now)
+        self._outbox.append(numbered)
         return ref
 
     def forget(self, ref: int) -> None:
         """Nobody waits for this answer any more."""
-        self._pending.pop(ref, None)
+        self._requests.pending.pop(ref, None)
 
     def events(self) -> list[RequestDone | RequestFailed]:
         """What became of requests since this was last asked."""
-        events, self._events = self._events, []
-        return events
-
-    def _next_ref(self) -> int:
-        self._refs += 1
-        return self._refs
+        return self._requests.events()
 
     def _done(self, ref: int, answer: messages.ServerMessage) -> None:
-        request = self._pending.pop(ref).request
+        request = self._requests.done(ref, answer)
         if isinstance(request, messages.Join):
             self.membership = request
         elif isinstance(request, messages.Leave):
             self.game = None
-        self._events.append(RequestDone(ref, answer))
-
-    def _fail(self, ref: int, error: RobotouilleError) -> None:
-        del self._pending[ref]
-        self._events.append(RequestFailed(ref, error))
 
     # What is sent
 
@@ -232,7 +198,7 @@ class ClientProtocol(Generic[G]):
         """The last message of `next_message` is on its way. Without this it is sent again, over
         the next connection."""
         message = (self._first or self._outbox).popleft()
-        pending = self._pending.get(getattr(message, "ref", None) or 0)
+        pending = self._requests.find(message)
         if pending is not None:
             pending.sent = True
 
@@ -251,8 +217,8 @@ class ClientProtocol(Generic[G]):
             return self._greeting_due
         if self.state is State.CLOSED:
             return None
-        times = [t for p in self._pending.values() for t in (p.due, p.again_at) if t is not None]
-        if self._rejoin_at is not None:
+        times = self._requests.timers()
+        if self.state is State.REJOINING and self._rejoin_at is not None:
             times.append(self._rejoin_at)
         if (game_timer := self._game_timer()) is not None:
             times.append(game_timer)
@@ -262,27 +228,28 @@ class ClientProtocol(Generic[G]):
         """Send again what is due, and give up what has had no answer for too long."""
         if self.state is State.GREETING and self._greeting_due <= now:
             self._not_welcome("", now)
-        for ref, pending in list(self._pending.items()):
-            if pending.again_at is not None and pending.again_at <= now:
-                pending.again_at = None
-                self._outbox.append(pending.request)
-            if pending.due <= now:
-                self._overdue(ref, pending, now)
-        if self._rejoin_at is not None and self._rejoin_at <= now and self._rejoin is not None:
-            self._rejoin_at = None
-            self._outbox.append(self._rejoin)
+        self._outbox.extend(self._requests.to_repeat(now))
+        for ref, pending in self._requests.overdue(now):
+            self._overdue(ref, pending, now)
+        if self.state is State.REJOINING and self._rejoin is not None:
+            self._join_again(self._rejoin, now)
         game_timer = self._game_timer()
         if game_timer is not None and game_timer <= now and self.game is not None:
             self.game.handle_timer(now)
+
+    def _join_again(self, rejoin: messages.Join, now: float) -> None:
+        if self._rejoin_at is not None and self._rejoin_at <= now:
+            self._rejoin_at = None
+            self._outbox.append(rejoin)
 
     def _game_timer(self) -> float | None:
         """Nothing is sent again before the server has told what we missed."""
         here = self.state in (State.SYNCING, State.PLAYING)
         return self.game.get_timer() if here and self.game is not None else None
 
-    def _overdue(self, ref: int, pending: _Pending, now: float) -> None:
+    def _overdue(self, ref: int, pending: Pending, now: float) -> None:
         if self.state.online and now - self._up_since >= ANSWER_SECONDS:
-            self._fail(ref, ConnectionFailedError(f"{self.url} does not answer"))
+            self._requests.fail(ref, ConnectionFailedError(f"{self.url} does not answer"))
         else:
             pending.due = now + ANSWER_SECONDS
 
@@ -305,10 +272,9 @@ class ClientProtocol(Generic[G]):
 
     def _view(self) -> messages.View | None:
         """The view that we have asked for, whether or not that was answered."""
-        join = next(
-            (p.request for p in self._pending.values() if isinstance(p.request, messages.Join)),
-            self.membership,
-        )
+        ref = self._requests.join()
+        asked = self._requests.pending[ref].request if ref is not None else None
+        join = asked if isinstance(asked, messages.Join) else self.membership
         return join.view if join is not None else None
 
     def _not_welcome(self, reason: str, now: float) -> None:
@@ -326,7 +292,7 @@ class ClientProtocol(Generic[G]):
                 self._hello()
             case messages.Moved():
                 self._greeted_elsewhere(answer, now)
-            case messages.Error(code="server/handover"):
+            case messages.Error(code=ErrorCode.SERVER_HANDOVER):
                 self.connection_failed(NotYetError(answer.message), now)
             case messages.Bye(retry=True):
                 self.connection_failed(NotYetError(answer.reason), now)
@@ -367,13 +333,13 @@ class ClientProtocol(Generic[G]):
         else:
             self._enter(Trigger.FORGOTTEN)
             seat = self.game.seat if self.game is not None else join.seat
-            self._rejoin = join.model_copy(update={"ref": self._next_ref(), "seat": seat})
+            self._rejoin = join.model_copy(update={"ref": self._requests.next_ref(), "seat": seat})
             self._first.append(self._rejoin)
-        for pending in self._pending.values():
+        for pending in self._requests.pending.values():
             if pending.sent and not isinstance(pending.request, messages.Create):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
-        self._up_since, self._welcomed, self._moves = now, True, 0
+        self._up_since, self.welcomed, self._moves = now, True, 0
         self._pauses = pauses(self._rng)
 
     def _joined_without_asking(self) -> messages.Join | None:
@@ -397,7 +363,7 @@ class ClientProtocol(Generic[G]):
             return
         if not self.state.online or isinstance(message, messages.Welcome):
             name = type(message).__name__
-            raise ProtocolError("message/unexpected", f"{name}, while {self.state.value}")
+            raise ProtocolError(ErrorCode.MESSAGE_UNEXPECTED, f"{name}, while {self.state.value}")
         if isinstance(message, messages.Bye) and message.retry:
             return
         if isinstance(message, messages.Joined):
@@ -417,7 +383,7 @@ class ClientProtocol(Generic[G]):
     def _take_up(self, joined: messages.Joined, now: float) -> None:
         """We are in an episode: in another, or again."""
         game, asked = self.game, joined.ref is not None
-        anew = joined.ref in self._pending or (asked and game is not None and game.ended)
+        anew = joined.ref in self._requests.pending or (asked and game is not None and game.ended)
         if game is None or game.episode != joined.episode or anew:
             self._enter(Trigger.ENTERED)
             self.game = self._make_game(joined)
@@ -432,20 +398,18 @@ class ClientProtocol(Generic[G]):
         """A join is answered once its first snapshot or observation is there."""
         if self.state is State.SYNCING:
             self._enter(Trigger.SYNCED)
-            for ref, pending in list(self._pending.items()):
+            for ref, pending in list(self._requests.pending.items()):
                 if pending.joined is not None:
                     self._done(ref, pending.joined)
 
     def _answered(self, message: messages.ServerMessage, now: float) -> None:
         ref = getattr(message, "ref", None)
         if isinstance(message, messages.Joined) and ref is None:
-            ref = next(
-                (r for r, p in self._pending.items() if isinstance(p.request, messages.Join)), None
-            )
+            ref = self._requests.join()
         if self._rejoin is not None and ref == self._rejoin.ref:
             self._rejoin_refused(message, now)
             return
-        pending = self._pending.get(ref) if ref is not None else None
+        pending = self._requests.pending.get(ref) if ref is not None else None
         if ref is None or pending is None:
             return
         if isinstance(message, messages.Error):
@@ -453,10 +417,12 @@ class ClientProtocol(Generic[G]):
         match message:
             case messages.Joined() if self.state is State.SYNCING:
                 pending.joined = message
-            case messages.Error(code="server/handover"):
+            case messages.Error(code=ErrorCode.SERVER_HANDOVER):
                 pending.again_at = now + AGAIN_SECONDS
             case messages.Error():
-                self._fail(ref, ProtocolError(message.code, message.message, message.field))
+                self._requests.fail(
+                    ref, ProtocolError(message.code, message.message, message.field)
+                )
             case messages.Moved():
                 self._join_elsewhere(ref, pending, message, now)
             case _:
@@ -464,27 +430,27 @@ class ClientProtocol(Generic[G]):
 
     def _done_before(self, request: Request, error: messages.Error) -> messages.ServerMessage:
         """A request that was sent twice since its first answer was lost: it has been done."""
-        if isinstance(request, messages.Leave) and error.code == "episode/none":
+        if isinstance(request, messages.Leave) and error.code == ErrorCode.EPISODE_NONE:
             return messages.Left(ref=error.ref, episode=self.game.episode if self.game else "-")
         joined = self._joined
-        if isinstance(request, messages.Join) and error.code == "episode/joined" and joined:
+        if isinstance(request, messages.Join) and error.code == ErrorCode.EPISODE_JOINED and joined:
             asked = request.episode.replace("-", "").upper()
             if asked in (joined.episode.upper(), joined.code.replace("-", "").upper()):
                 return joined
         return error
 
     def _join_elsewhere(
-        self, ref: int, pending: _Pending, moved: messages.Moved, now: float
+        self, ref: int, pending: Pending, moved: messages.Moved, now: float
     ) -> None:
         """The episode is with another process: join there."""
         pending.moves += 1
         if pending.moves >= MAX_MOVES:
-            self._fail(ref, self._round_and_round())
+            self._requests.fail(ref, self._round_and_round())
             return
         try:
             self._move(moved, now)
         except StrangerError as error:
-            self._fail(ref, error)
+            self._requests.fail(ref, error)
 
     def _rejoin_refused(self, answer: messages.ServerMessage, now: float) -> None:
         """Our place was lost, and it is not simply given back."""

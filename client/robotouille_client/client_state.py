@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from robotouille.errors import ProtocolError
+from robotouille.protocol.error_codes import ErrorCode
 
 __all__ = ["TRANSITIONS", "State", "Trigger", "next_state"]
 
@@ -123,4 +124,4 @@ def next_state(state: State, trigger: Trigger) -> State:
         return TRANSITIONS[state][trigger]
     except KeyError:
         detail = f"{trigger.value}, while {state.value}"
-        raise ProtocolError("message/unexpected", detail) from None
+        raise ProtocolError(ErrorCode.MESSAGE_UNEXPECTED, detail) from None

@@ -67,8 +67,8 @@ class Game(GameReplica):
     def wake(self) -> None:
         """Tell those who wait for an event, or for what became of an action."""
         for seq, result in self.results():
-            future = self._futures.pop(seq)
-            if not future.done():
+            future = self._futures.pop(seq, None)
+            if future is not None and not future.done():
                 future.set_result(result)
         if self._events:
             self._news.set()

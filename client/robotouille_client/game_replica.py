@@ -14,6 +14,7 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, from_words, only_words
@@ -152,7 +153,7 @@ class GameReplica:
         While the connection is away it stays undecided: it is sent again, and not done twice.
         """
         if self.seat is None:
-            raise ProtocolError("seat/none", "spectators do not act")
+            raise ProtocolError(ErrorCode.SEAT_NONE, "spectators do not act")
         self._seq += 1
         act = messages.Act(
             seq=self._seq,
@@ -163,7 +164,10 @@ class GameReplica:
         )
         if self.ended:
             self._results.append(
-                (act.seq, ActResult(False, self.step, only_words("it is over"), "episode/over"))
+                (
+                    act.seq,
+                    ActResult(False, self.step, only_words("it is over"), ErrorCode.EPISODE_OVER),
+                )
             )
             return act.seq
         self._undecided.add(act.seq)
@@ -260,7 +264,7 @@ class GameReplica:
         self._resyncing = False
         self._resync_asked = 0
         if anew:
-            self._resolve_all("the seat was lost and taken anew", "seat/lost")
+            self._resolve_all("the seat was lost and taken anew", ErrorCode.SEAT_LOST)
         self._catch_up = joined.step
         self._caught_up(now)
 
@@ -278,12 +282,12 @@ class GameReplica:
         elif self._reader is not None:
             world = self._reader.world
         else:
-            raise ProtocolError("state/mismatch", "a snapshot without its task")
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "a snapshot without its task")
         values = message.model_dump(include={"facts", "timers", "busy"})
         tables = message.model_dump(include={"predicates", "objects", "atoms"})
         self._reader = StateReader(world, tables, values)
         if self._reader.state.digest != message.hash:
-            raise ProtocolError("state/mismatch", "the snapshot's state has another hash")
+            raise ProtocolError(ErrorCode.STATE_MISMATCH, "the snapshot's state has another hash")
         self._resyncing = False
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
         self.seats, self.clock = tuple(message.seats), message.clock
@@ -291,7 +295,7 @@ class GameReplica:
         self.pause = message.pause
         self._seq = max(self._seq, message.seq)
         unmet = from_words(*message.last_reasons)
-        code = "action/invalid" if unmet else ""
+        code = ErrorCode.ACTION_INVALID if unmet else ""
         self._settle(message.last_seq, ActResult(not unmet, message.last_step, unmet, code))
         self._emit(Changed(message.step, self.state, turn=message.turn))
         self._caught_up(now)
@@ -355,7 +359,7 @@ class GameReplica:
         for i, (row, seq) in enumerate(zip(message.did, message.seq, strict=True)):
             if self.world.players[int(row[0])] == self.seat:
                 unmet = _unmet(message.unmet.get(str(i), ()), message.why.get(str(i), ()))
-                code = "action/invalid" if unmet else ""
+                code = ErrorCode.ACTION_INVALID if unmet else ""
                 self._settle(seq, ActResult(not unmet, message.step, unmet, code))
         # A decision to do nothing is answered by the step in which nothing was done.
         act = self._unanswered
@@ -376,13 +380,13 @@ class GameReplica:
         self._emit(observed)
         if not self.has_state:
             unmet = from_words(*message.reasons)
-            code = "action/invalid" if unmet else ""
+            code = ErrorCode.ACTION_INVALID if unmet else ""
             self._settle(message.seq, ActResult(not unmet, message.step, unmet, code))
             self._caught_up(now)
 
     def _rejected(self, message: messages.Rejected, now: float) -> None:
         act = self._unanswered
-        if message.code == "rate/limited" and act is not None and act.seq == message.seq:
+        if message.code == ErrorCode.RATE_LIMITED and act is not None and act.seq == message.seq:
             self._send_again_at = now + SLOW_DOWN_SECONDS
             return
         unmet = _unmet(message.reasons, message.why)
@@ -397,14 +401,16 @@ class GameReplica:
         if self.ended:
             return
         self.ended, self.farewell = True, reason
-        self._resolve_all(reason, "episode/over")
+        self._resolve_all(reason, ErrorCode.EPISODE_OVER)
         self._emit(Over(self.outcome or {}, reason, code))
 
     def _settle(self, seq: int, result: ActResult) -> None:
         """The fate of action `seq` is known; those before it were replaced."""
         for earlier in sorted(s for s in self._undecided if s < seq):
             superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-            self._resolve(earlier, ActResult(False, result.step, (superseded,), "action/invalid"))
+            self._resolve(
+                earlier, ActResult(False, result.step, (superseded,), ErrorCode.ACTION_INVALID)
+            )
         self._resolve(seq, result)
 
     def _resolve_all(self, reason: str, code: str) -> None:

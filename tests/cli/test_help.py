@@ -14,6 +14,7 @@ from robotouille_client.cli.lazy_group import LazyGroup
 from robotouille_client.cli.main import app
 
 HEAVY = [
+    "asyncio",
     "av",
     "matplotlib",
     "msgpack",

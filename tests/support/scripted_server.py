@@ -68,13 +68,13 @@ class ScriptedServer:
         step = before.step(list(actions))
         self.state = step.state
         did = [
-            [self.world.players.index(a.player), a.action.name, *a.action.arguments]
+            [self.world.players.index(a.action.player), a.action.name, *a.action.arguments]
             for a in step.attempts
         ]
         return messages.Delta(
             step=self.step,
             did=did,
-            seq=list(seq),
+            seq=list(seq) or [0] * len(did),
             unmet=unmet_rows(step.attempts),
             **self._writer.changes(before, self.state),
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 from pathlib import Path
@@ -46,6 +45,8 @@ async def _run(
     make: MakePolicy,
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
+    import asyncio
+
     from robotouille_client.bots.player import play
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
@@ -72,6 +73,8 @@ async def _run(
 
 async def _tell_of_line(client: Client) -> None:
     """Say when the server is gone, and when it is back."""
+    import asyncio
+
     was_there = True
     while True:
         is_there = client.connected.is_set()
@@ -112,6 +115,8 @@ def command(
     version: VersionOption = False,
 ) -> None:
     """Play a seat of an episode to its end."""
+    import asyncio
+
     from pydantic import ValidationError
 
     try:

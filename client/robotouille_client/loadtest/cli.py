@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 from pathlib import Path
@@ -74,6 +73,8 @@ def command(
     Latencies are counted from the moment an action was due by an absolute schedule, whenever it
     could be sent. Ctrl+C ends the test early and reports what was measured so far.
     """
+    import asyncio
+
     from pydantic import ValidationError
     from rich.console import Console
 

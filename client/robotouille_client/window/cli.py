@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -71,6 +70,8 @@ async def _show(
     screenshot_step: int | None,
     linger: float | None,
 ) -> None:
+    import asyncio
+
     from robotouille_client.window.sources.remote import RemoteSource
     from robotouille_client.window.window import Window
 
@@ -104,6 +105,8 @@ async def _run(
     opening: Opening | None,
     **show: object,
 ) -> None:
+    import asyncio
+
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 
@@ -161,6 +164,8 @@ def command(
     version: VersionOption = False,
 ) -> None:
     """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
+    import asyncio
+
     from pydantic import ValidationError
 
     from robotouille_client.window import require_pygame, require_screen

@@ -1,0 +1,216 @@
+"""One episode as its participant sees it, message by message: no sockets, no clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import GroundAction, ProtocolError
+from robotouille.protocol import messages
+from robotouille.world.unmet import Unmet, UnmetKind, from_words
+from robotouille_client.events import ActResult, Announced, Changed, Heard, Over, RosterChanged
+from robotouille_client.game_replica import GameReplica
+from tests.support.scripted_server import ScriptedServer
+
+
+@pytest.fixture
+def server() -> ScriptedServer:
+    return ScriptedServer()
+
+
+@pytest.fixture
+def game(server: ScriptedServer) -> GameReplica:
+    """A game that has its first snapshot."""
+    game = GameReplica(server.joined())
+    game.receive(server.snapshot(), 0.0)
+    game.poll()
+    return game
+
+
+def first_action(game: GameReplica) -> GroundAction:
+    return game.actions[0]
+
+
+def rejected(step: int, reason: str, code: str) -> ActResult:
+    return ActResult(False, step, from_words(reason), code)
+
+
+def test_before_the_first_snapshot_there_is_no_state(server: ScriptedServer) -> None:
+    game = GameReplica(server.joined())
+    assert (game.has_state, game.synced, game.seen) == (False, False, None)
+    with pytest.raises(RuntimeError, match="no state yet"):
+        _ = game.state
+    game.receive(server.delta(), 0.0)
+    assert game.step == 0
+
+
+def test_deltas_keep_the_copy_up_to_date(server: ScriptedServer, game: GameReplica) -> None:
+    for _ in range(5):
+        game.receive(server.delta([first_action(game)]), 1.0)
+        assert game.state == server.state
+    assert (game.step, game.step_time) == (5, 1.0)
+    changes = game.poll()
+    assert [type(event) for event in changes] == [Changed] * 5
+    assert game.seen == messages.Seen(episode="e1", step=5)
+
+
+def test_a_gap_is_noticed_and_a_snapshot_asked_for(
+    server: ScriptedServer, game: GameReplica
+) -> None:
+    server.delta([first_action(game)])
+    game.receive(server.delta(), 0.0)
+    assert game.messages_to_send() == [messages.Resync()]
+    for _ in range(19):
+        game.receive(server.delta(), 0.0)
+    assert game.messages_to_send() == []
+    game.receive(server.delta(), 0.0)
+    assert game.messages_to_send() == [messages.Resync()], "the request may have been lost"
+    assert game.seen == messages.Seen(episode="e1", step=0, stale=True)
+    game.receive(server.snapshot(), 0.0)
+    assert (game.step, game.state) == (server.step, server.state)
+
+
+def test_a_wrong_hash_is_noticed(server: ScriptedServer, game: GameReplica) -> None:
+    wrong = server.delta([first_action(game)]).model_copy(update={"hash": "0" * 16})
+    game.receive(wrong, 0.0)
+    assert game.messages_to_send() == [messages.Resync()]
+
+
+def test_an_action_is_answered_by_its_step(server: ScriptedServer, game: GameReplica) -> None:
+    seq = game.propose(first_action(game), 0.0, think_ms=5)
+    (act,) = game.messages_to_send()
+    assert isinstance(act, messages.Act)
+    assert (act.seq, act.basis, act.think_ms) == (seq, 0, 5)
+    assert game.unanswered is act
+    game.receive(server.delta([first_action(game)], seq=[seq]), 0.0)
+    assert game.results() == [(seq, ActResult(True, 1))]
+    assert (game.unanswered, game.get_timer()) == (None, None)
+
+
+def test_nothing_is_answered_by_the_step_in_which_nothing_was_done(
+    server: ScriptedServer, game: GameReplica
+) -> None:
+    seq = game.propose(None, 0.0)
+    game.receive(server.delta(), 0.0)
+    assert game.results() == [(seq, ActResult(True, 1))]
+
+
+def test_a_rejection_has_reasons(game: GameReplica) -> None:
+    seq = game.propose("Boil the sea", 0.0)
+    game.receive(
+        messages.Rejected(seq=seq, step=0, action="?", reasons=["no"], code="action/unknown"), 0.0
+    )
+    assert game.results() == [(seq, rejected(0, "no", "action/unknown"))]
+
+
+def test_a_later_action_supersedes_those_before(server: ScriptedServer, game: GameReplica) -> None:
+    first, second = game.propose(None, 0.0), game.propose(first_action(game), 0.0)
+    reason = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {second}")
+    superseded = ActResult(False, 1, (reason,), "action/invalid")
+    game.receive(server.delta([first_action(game)], seq=[second]), 0.0)
+    assert game.results() == [
+        (first, superseded),
+        (second, ActResult(True, 1)),
+    ]
+
+
+def test_a_snapshot_tells_what_became_of_the_last_action(
+    server: ScriptedServer, game: GameReplica
+) -> None:
+    seq = game.propose(first_action(game), 0.0)
+    server.delta()
+    game.receive(server.snapshot(last_seq=seq, last_step=1, last_reasons=["too late"]), 0.0)
+    assert game.results() == [(seq, rejected(1, "too late", "action/invalid"))]
+
+
+def test_what_has_no_answer_is_sent_again(game: GameReplica) -> None:
+    game.propose(None, 1.0)
+    (act,) = game.messages_to_send()
+    assert game.get_timer() == 6.0
+    game.handle_timer(5.9)
+    assert game.messages_to_send() == []
+    game.handle_timer(6.0)
+    assert (game.messages_to_send(), game.get_timer()) == ([act], 11.0)
+
+
+def test_after_too_many_messages_an_action_waits_a_moment(game: GameReplica) -> None:
+    seq = game.propose(None, 1.0)
+    (act,) = game.messages_to_send()
+    limited = messages.Rejected(seq=seq, step=0, action="", reasons=[], code="rate/limited")
+    game.receive(limited, 2.0)
+    assert (game.results(), game.get_timer()) == ([], 2.25)
+    game.handle_timer(2.25)
+    assert game.messages_to_send() == [act]
+
+
+def test_after_a_lost_line_the_action_follows_what_was_missed(
+    server: ScriptedServer, game: GameReplica
+) -> None:
+    game.propose(first_action(game), 0.0)
+    (act,) = game.messages_to_send()
+    missed = server.delta()
+    game.rejoined(server.joined(), 1.0)
+    assert game.messages_to_send() == []
+    game.receive(missed, 1.0)
+    assert game.messages_to_send() == [act]
+
+
+def test_a_seat_that_was_taken_anew_loses_the_action(
+    server: ScriptedServer, game: GameReplica
+) -> None:
+    seq = game.propose(None, 0.0)
+    game.messages_to_send()
+    game.rejoined(server.joined(1, seq=40), 1.0, anew=True)
+    ((lost, result),) = game.results()
+    assert (lost, result.code) == (seq, "seat/lost")
+    assert game.messages_to_send() == []
+    assert game.propose(None, 1.0) == 41
+
+
+def test_spectators_do_not_act(server: ScriptedServer) -> None:
+    game = GameReplica(server.joined(seat=None, role="spectator"))
+    with pytest.raises(ProtocolError, match="spectators do not act"):
+        game.propose(None, 0.0)
+
+
+def test_the_end_decides_all_that_waits(game: GameReplica) -> None:
+    seq = game.propose(None, 0.0)
+    outcome = {"reason": "goal", "steps": 3}
+    game.receive(messages.Ended(step=3, outcome=outcome, hash="x"), 0.0)
+    assert (game.over, game.ended, game.my_move) == (True, True, False)
+    assert [(s, r.code) for s, r in game.results()] == [(seq, "episode/over")]
+    assert game.poll() == [Over(outcome, "goal")]
+    later = game.propose(None, 0.0)
+    assert [(s, r.code) for s, r in game.results()] == [(later, "episode/over")]
+    game.receive(messages.Left(episode="e1", reason="late"), 0.0)
+    assert game.poll() == []
+
+
+def test_chat_is_told_once(game: GameReplica) -> None:
+    said = messages.Said(step=0, number=1, name="bob", seat="robot2", text="hi")
+    game.receive(said, 0.0)
+    game.receive(said, 0.0)
+    game.receive(messages.Notice(text="dinner"), 0.0)
+    assert game.poll() == [Heard("bob", "robot2", "hi"), Announced("dinner")]
+    game.say("hello")
+    assert game.messages_to_send() == [messages.Say(text="hello")]
+
+
+def test_a_roster_says_whose_move_it_is(game: GameReplica) -> None:
+    assert game.my_move
+    pause = messages.Pause(reason="operator")
+    roster = messages.Roster(phase="paused", seats=[], turn="robot2", pause=pause)
+    game.receive(roster, 0.0)
+    assert (game.paused, game.my_move, game.turn) == (True, False, "robot2")
+    (event,) = game.poll()
+    assert isinstance(event, RosterChanged)
+    assert event.pause == pause
+
+
+def test_a_text_view_is_answered_by_observations(server: ScriptedServer) -> None:
+    game = GameReplica(server.joined())
+    game.receive(server.observation(), 0.0)
+    assert game.synced
+    assert not game.has_state
+    seq = game.propose("Wait", 0.0)
+    game.receive(server.observation(step=1, seq=seq, reasons=["no"]), 0.0)
+    assert game.results() == [(seq, rejected(1, "no", "action/invalid"))]

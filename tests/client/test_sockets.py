@@ -1,0 +1,41 @@
+"""Why there is no connection, in words that say what to do."""
+
+from __future__ import annotations
+
+import ssl
+
+import pytest
+from websockets.datastructures import Headers
+from websockets.exceptions import InvalidMessage, InvalidStatus
+from websockets.http11 import Response
+
+from robotouille_client.sockets import why_not
+
+HERE, SAFE = "ws://127.0.0.1:8765", "wss://kitchen.example"
+
+
+def refused(body: bytes) -> InvalidStatus:
+    return InvalidStatus(Response(503, "Service Unavailable", Headers(), body))
+
+
+def untrusted(message: str) -> ssl.SSLCertVerificationError:
+    error = ssl.SSLCertVerificationError(1, message)
+    error.verify_message = message
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "url", "words"),
+    [
+        (refused(b"the server is full\nmore"), HERE, "the server is full"),
+        (refused(b"<html>"), HERE, "that is no Robotouille server, but a web page"),
+        (InvalidMessage("no HTTP response"), HERE, "If it speaks TLS, it is at wss://"),
+        (untrusted("self-signed certificate"), SAFE, "SSL_CERT_FILE=FILE"),
+        (untrusted("IP address mismatch, not valid for 'x'."), SAFE, "Say --url with a name"),
+        (ConnectionResetError(), SAFE, "the handshake was cut off. Does the server speak TLS?"),
+        (ssl.SSLError(1, "wrong version"), SAFE, "If not, it is at ws://"),
+        (ConnectionRefusedError("refused"), HERE, "refused. Is robotouille-server running there?"),
+    ],
+)
+def test_what_is_wrong_is_said(error: Exception, url: str, words: str) -> None:
+    assert words in why_not(error, url)
