@@ -19,7 +19,8 @@ if TYPE_CHECKING:
         RobotouilleError,
         StrangerError,
     )
-    from robotouille_client.events import (
+    from robotouille_client.game import Game
+    from robotouille_client.sansio.events import (
         ActResult,
         Announced,
         Changed,
@@ -30,14 +31,13 @@ if TYPE_CHECKING:
         Refused,
         RosterChanged,
     )
-    from robotouille_client.game import Game
 else:
     from robotouille.lazy_exports import lazy_exports
 
     __getattr__ = lazy_exports(
         __name__,
         "robotouille_client.errors",
-        "robotouille_client.events",
+        "robotouille_client.sansio.events",
         "robotouille_client.game",
         "robotouille_client.client",
     )

@@ -21,11 +21,11 @@ from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille_client.client_protocol import ClientProtocol
-from robotouille_client.client_requests import Request, RequestDone
-from robotouille_client.client_state import State
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
+from robotouille_client.sansio.client_protocol import ClientProtocol
+from robotouille_client.sansio.client_requests import Request, RequestDone
+from robotouille_client.sansio.client_state import State
 from robotouille_client.sockets import open_socket, why_not
 
 __all__ = ["Client", "connect"]

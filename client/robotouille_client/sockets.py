@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidMessage, InvalidStatus
 
-from robotouille_client.addresses import check_host
+from robotouille_client.sansio.addresses import check_host
 
 __all__ = ["open_socket", "why_not"]
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from robotouille.errors import Fault, FileError, ProtocolError
 from robotouille.program import printable, printable_json, tell
 from robotouille_client.bots import cli as bots
-from robotouille_client.cli.console import explain, fail
+from robotouille_client.console import explain, fail
 from robotouille_client.errors import ConnectionFailedError
 from tests.test_architecture import SOURCES
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from robotouille.protocol import messages
-from robotouille_client.addresses import moved_url
 from robotouille_client.errors import StrangerError
+from robotouille_client.sansio.addresses import moved_url
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ from websockets.asyncio.client import connect as open_socket
 
 from robotouille_client import Client
 from robotouille_client import client as connection
-from robotouille_client.backoff import pauses
 from robotouille_client.loadtest.worker import participant
 from robotouille_client.loadtest.worker.light_connection import LightConnection, server_address
 from robotouille_client.loadtest.worker.participant import Environment, LostError, Participant
+from robotouille_client.sansio.backoff import pauses
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 

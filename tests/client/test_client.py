@@ -16,7 +16,7 @@ from websockets.typing import Subprotocol
 from robotouille import ProtocolError
 from robotouille.protocol.codec import JSON
 from robotouille_client import Client, ConnectionFailedError, NotYetError, connect
-from robotouille_client.client_state import State
+from robotouille_client.sansio.client_state import State
 from tests.support.scripted_server import ScriptedServer
 from tests.support.virtual_time import run
 

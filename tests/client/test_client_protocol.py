@@ -10,12 +10,12 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille.protocol import messages
-from robotouille_client.client_protocol import ClientProtocol
-from robotouille_client.client_requests import RequestDone, RequestFailed
-from robotouille_client.client_state import State
 from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
-from robotouille_client.events import Over
-from robotouille_client.game_replica import GameReplica
+from robotouille_client.sansio.client_protocol import ClientProtocol
+from robotouille_client.sansio.client_requests import RequestDone, RequestFailed
+from robotouille_client.sansio.client_state import State
+from robotouille_client.sansio.events import Over
+from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import CODE, ScriptedServer
 
 Protocol = ClientProtocol[GameReplica]
@@ -75,7 +75,7 @@ def failure(client: Protocol) -> Exception:
 
 def test_it_needs_neither_asyncio_nor_sockets() -> None:
     program = (
-        "import sys, robotouille_client.client_protocol\n"
+        "import sys, robotouille_client.sansio.client_protocol\n"
         "assert not {'asyncio', 'websockets'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", program], check=True)

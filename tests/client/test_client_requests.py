@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from robotouille.protocol import messages
-from robotouille_client.client_requests import RequestDone, RequestFailed, Requests
 from robotouille_client.errors import ConnectionFailedError
+from robotouille_client.sansio.client_requests import RequestDone, RequestFailed, Requests
 
 
 def test_each_request_has_a_number_of_its_own() -> None:

@@ -9,10 +9,10 @@ import pytest
 
 from robotouille import ProtocolError
 from robotouille.protocol import messages
-from robotouille_client.client_protocol import ClientProtocol
-from robotouille_client.client_state import TRANSITIONS, State, Trigger, next_state
 from robotouille_client.errors import ConnectionFailedError
-from robotouille_client.game_replica import GameReplica
+from robotouille_client.sansio.client_protocol import ClientProtocol
+from robotouille_client.sansio.client_state import TRANSITIONS, State, Trigger, next_state
+from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import CODE, ScriptedServer
 
 Protocol = ClientProtocol[GameReplica]

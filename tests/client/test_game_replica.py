@@ -7,8 +7,15 @@ import pytest
 from robotouille import GroundAction, ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.unmet import Unmet, UnmetKind, from_words
-from robotouille_client.events import ActResult, Announced, Changed, Heard, Over, RosterChanged
-from robotouille_client.game_replica import GameReplica
+from robotouille_client.sansio.events import (
+    ActResult,
+    Announced,
+    Changed,
+    Heard,
+    Over,
+    RosterChanged,
+)
+from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import ScriptedServer
 
 

@@ -20,7 +20,7 @@ from robotouille.episode import Absence, Controller, PauseReason
 from robotouille.episode.quota import SEAT_QUOTA_BYTES
 from robotouille.errors import ProtocolError
 from robotouille.protocol import codec, messages
-from robotouille_client import backoff
+from robotouille_client.sansio import backoff
 from robotouille_server import ServerSettings, conversation
 from robotouille_server.auth.roles import Role
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE

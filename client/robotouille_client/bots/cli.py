@@ -13,7 +13,7 @@ from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.bots.own_policy import own_policy_maker
-from robotouille_client.cli.console import TokenOption, explain, fail, server_url
+from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
     from robotouille_client.bots.player import MakePolicy

@@ -24,7 +24,7 @@ from robotouille.errors import RobotouilleError, did_you_mean
 from robotouille.planning import solvers as optimal
 from robotouille.program import printable, tell
 from robotouille.resources import data_folder
-from robotouille_client.cli.console import explain, fail
+from robotouille_client.console import explain, fail
 
 __all__ = ["certify"]
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
 from robotouille.planning.pddl import EncodingStyle
-from robotouille_client.cli.console import explain, fail
+from robotouille_client.console import explain, fail
 
 __all__ = ["pddl"]
 

@@ -17,7 +17,7 @@ from robotouille.generation.instance import Instance
 from robotouille.generation.paper_instances import seeds_from
 from robotouille.generation.parameters import GenerationError, Kind, Parameters
 from robotouille.program import printable_json, tell
-from robotouille_client.cli.console import explain, fail
+from robotouille_client.console import explain, fail
 
 __all__ = ["generate"]
 

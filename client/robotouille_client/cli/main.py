@@ -10,8 +10,8 @@ import typer
 
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille.program import VersionOption, tell
-from robotouille_client.cli.console import explain, fail
 from robotouille_client.cli.lazy_group import LazyCommand, LazyGroup
+from robotouille_client.console import explain, fail
 
 __all__ = ["app", "main"]
 

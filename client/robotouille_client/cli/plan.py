@@ -37,7 +37,7 @@ from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording
-from robotouille_client.cli.console import explain, fail
+from robotouille_client.console import explain, fail
 
 __all__ = ["plan"]
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.cli.console import explain, fail
+from robotouille_client.console import explain, fail
 
 __all__ = ["play"]
 

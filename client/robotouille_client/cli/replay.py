@@ -21,8 +21,8 @@ from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotie
 from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
-from robotouille_client.cli.console import explain, fail
-from robotouille_client.cli.timeline import course, course_text, note_lines
+from robotouille.replay.timeline import course, course_text, note_lines
+from robotouille_client.console import explain, fail
 
 __all__ = ["replay"]
 

@@ -11,7 +11,7 @@ import typer
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption
-from robotouille_client.cli.console import explain, fail, server_url
+from robotouille_client.console import explain, fail, server_url
 from robotouille_client.loadtest.cores import keep_to_cores, parse_cores
 
 if TYPE_CHECKING:

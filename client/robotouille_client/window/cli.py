@@ -14,7 +14,7 @@ import typer
 from robotouille.absence import Absence
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
-from robotouille_client.cli.console import TokenOption, explain, fail, server_url
+from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
     from robotouille_client.client import Client

@@ -13,8 +13,6 @@ from websockets.uri import WebSocketURI
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.messages import PROTOCOL_VERSION
-from robotouille_client.addresses import moved_url
-from robotouille_client.backoff import pauses
 from robotouille_client.loadtest.histogram import Measurements
 from robotouille_client.loadtest.worker.light_connection import (
     LightConnection,
@@ -22,6 +20,8 @@ from robotouille_client.loadtest.worker.light_connection import (
     open_connection,
     server_address,
 )
+from robotouille_client.sansio.addresses import moved_url
+from robotouille_client.sansio.backoff import pauses
 
 __all__ = ["Environment", "LostError", "Participant"]
 

@@ -8,8 +8,8 @@ from typing import Any
 from robotouille.episode import Controller
 from robotouille.replay.controllers import Seating, seatings
 from robotouille.replay.recording import Recording
+from robotouille.replay.timeline import interludes
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_client.cli.timeline import interludes
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView, View
 

@@ -19,9 +19,10 @@ from typing import Generic, Literal, TypeVar
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
-from robotouille_client.addresses import moved_url
-from robotouille_client.backoff import pauses
-from robotouille_client.client_requests import (
+from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
+from robotouille_client.sansio.addresses import moved_url
+from robotouille_client.sansio.backoff import pauses
+from robotouille_client.sansio.client_requests import (
     AGAIN_SECONDS,
     ANSWER_SECONDS,
     Pending,
@@ -30,9 +31,8 @@ from robotouille_client.client_requests import (
     RequestFailed,
     Requests,
 )
-from robotouille_client.client_state import State, Trigger, next_state
-from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
-from robotouille_client.game_replica import GameReplica
+from robotouille_client.sansio.client_state import State, Trigger, next_state
+from robotouille_client.sansio.game_replica import GameReplica
 
 __all__ = ["ClientProtocol"]
 

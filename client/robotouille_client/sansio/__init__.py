@@ -1,0 +1,1 @@
+"""A client without I/O: its protocol, its copy of an episode, addresses and delays."""
