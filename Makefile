@@ -3,7 +3,17 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test check bench format clean
+PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal --durations=20
+QUICK := smoke or not (slow or process or browser or nightly)
+
+SEEDS ?= 0:2000
+HOSTILE ?= 1000000
+
+.PHONY: help demo test test-all nightly check bench format clean
+
+help:  ## This list
+	@sed -nE 's/^([a-z-]+):.*## (.*)/\1|\2/p' $(MAKEFILE_LIST) | \
+		while IFS='|' read -r name words; do printf '  make %-10s %s\n' "$$name" "$$words"; done
 
 $(STAMP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -16,8 +26,20 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)  ## Two bots cook a meal on a live server while a window watches
 	$(BIN)/python examples/demo.py
 
-test: $(STAMP)  ## All tests
-	$(BIN)/python -m pytest -n auto --dist worksteal
+test: $(STAMP)  ## What a change usually breaks: about a minute
+	$(PYTEST) -m "$(QUICK)"
+
+test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: some minutes
+	$(PYTEST)
+
+nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
+	ROBOTOUILLE_FUZZ=10 ROBOTOUILLE_ORACLE_TASKS=500 $(PYTEST) -m "nightly or not nightly"
+	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
+	$(BIN)/python -m tests.programs.simulation --day
+	$(BIN)/python -m tests.programs.drill
+	$(BIN)/python -m tests.programs.hostile --count $(HOSTILE)
+	$(BIN)/python -m tests.programs.floods
+	$(BIN)/python -m tests.programs.every_bit
 
 check: $(STAMP)  ## Lint, format, types, import direction
 	$(BIN)/ruff check .
@@ -28,9 +50,9 @@ check: $(STAMP)  ## Lint, format, types, import direction
 bench: $(STAMP)  ## Measure the hot paths and the server on this machine
 	$(BIN)/python benchmarks/run.py
 
-format: $(STAMP)
+format: $(STAMP)  ## Mend what ruff can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-clean:
+clean:  ## Remove everything that was built
 	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

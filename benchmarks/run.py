@@ -7,7 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.fuzz import floods
+from tests.programs import floods
 
 from benchmarks import core, joint, planning, server, stand_ins
 

@@ -1,6 +1,33 @@
 """Kernels run as plain Python in tests, which are over before they would be compiled; the tests
-of the compiled ones start processes of their own."""
+of the compiled ones start processes of their own. A test that starts a process says so."""
+
+from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Generator
+from typing import Any
+
+import pytest
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
+
+_started: list[str] = []
+"""The programs that the running test has started."""
+
+
+def _watch(event: str, arguments: tuple[Any, ...]) -> None:
+    if event == "subprocess.Popen":
+        _started.append(str(arguments[0]))
+
+
+sys.addaudithook(_watch)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    _started.clear()
+    outcome = yield
+    if _started and item.get_closest_marker("process") is None:
+        pytest.fail(f"starts {_started[0]} and is not marked as `process`")
+    return outcome

@@ -23,7 +23,7 @@ from robotouille.certification.checking import check_dataset
 from robotouille.certification.dataset import MANIFEST, CertifyingOutcome, Running, read_dataset
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.resources import data_folder
-from tests.certification.test_certificate import proving
+from tests.support.solvers import proving
 
 FILES = ("synchronous/01_cheese_sandwich", "synchronous/02_lettuce_sandwich")
 NAMES = ["01_cheese_sandwich", "02_lettuce_sandwich", "sub/01_cheese_sandwich"]
@@ -108,6 +108,7 @@ def test_one_certificate_for_each_number_of_seats(tmp_path: Path) -> None:
     assert [(i.seats, str(i)) for i in found] == [(n, f"03_multi_agent@{n}") for n in (2, 3, 4)]
 
 
+@pytest.mark.process
 def test_the_same_bytes_whatever_the_number_of_processes(tmp_path: Path) -> None:
     one, two = filled(tmp_path / "one"), filled(tmp_path / "two")
     first = certify_dataset(one, proving, budget=BUDGET)
@@ -289,7 +290,7 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 from robotouille.certification.certifying import certify_dataset
-from tests.certification.test_certificate import proving
+from tests.support.solvers import proving
 
 def slow(world, start=None, **options):
     if "lettuce" in world.task.name:
@@ -304,6 +305,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
 def test_no_process_outlives_the_run(folder: Path, number: int, status: int) -> None:
     program = folder.parent / "program.py"

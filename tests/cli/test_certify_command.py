@@ -16,7 +16,7 @@ from robotouille.planning import solvers as optimal
 from robotouille.planning.search_result import Proof, SearchResult
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
-from tests.certification.test_certificate import answering, proving
+from tests.support.solvers import answering, proving
 
 FILES = ("01_cheese_sandwich.json", "02_lettuce_sandwich.json")
 FAILING = """\
@@ -83,6 +83,7 @@ def test_gaps_and_unsolved_instances_are_counted(folder: Path, solver: Any) -> N
     assert certify(folder, "--check", "--sample", "2").exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_second_run_keeps_and_fresh_does_not(folder: Path) -> None:
     kept = [
         json.loads(certify(folder, "--json", *words).stdout)["kept"]

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -114,6 +115,8 @@ def bot(url: str, code: str, name: str, **environment: str) -> subprocess.Popen[
     )
 
 
+@pytest.mark.slow
+@pytest.mark.process
 def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
     flags = ("--task", "multi_agent/01", "--mode", "realtime", "--step-rate", "20")
     with process(tmp_path, *flags) as (_, url, code):
@@ -124,6 +127,8 @@ def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
     assert read_recording(file).verify().ok
 
 
+@pytest.mark.slow
+@pytest.mark.process
 def test_a_bot_that_was_killed_comes_back_into_its_seat(tmp_path: Path) -> None:
     flags = ("--task", "multi_agent/01", "--mode", "realtime", "--absence", "pause")
     home = {"XDG_STATE_HOME": str(tmp_path / "state")}
@@ -132,6 +137,7 @@ def test_a_bot_that_was_killed_comes_back_into_its_seat(tmp_path: Path) -> None:
         ada = bot(url, code, "ada", **home)
         while not any(path.stat().st_size for path in seats.glob("*.seat")):
             assert ada.poll() is None
+            time.sleep(0.02)
         bob = bot(url, code, "bob", **home)
         ada.kill()
         ada.communicate()
@@ -143,6 +149,7 @@ def test_a_bot_that_was_killed_comes_back_into_its_seat(tmp_path: Path) -> None:
     assert not list(seats.glob("*.seat"))
 
 
+@pytest.mark.process
 def test_a_bot_without_a_server_or_plan_says_so() -> None:
     program = "from robotouille_client.bots.cli import main; main()"
     arguments = [sys.executable, "-c", program, "random", "--url", "ws://127.0.0.1:9"]

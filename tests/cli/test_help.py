@@ -36,6 +36,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_help_imports_nothing_heavy(program: str) -> None:
     source = (

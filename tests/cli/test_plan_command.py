@@ -22,8 +22,8 @@ from robotouille.planning.validation import replay
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
-from tests.certification.test_certificate import answering, proving
 from tests.support.games import recorded_game
+from tests.support.solvers import answering, proving
 
 STEPS = """\
 move(robot1, table3, table1)

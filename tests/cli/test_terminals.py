@@ -15,7 +15,7 @@ from robotouille.program import printable, printable_json, tell
 from robotouille_client.bots import cli as bots
 from robotouille_client.console import explain, fail
 from robotouille_client.errors import ConnectionFailedError
-from tests.test_architecture import SOURCES
+from tests.support.sources import MODULES, parsed
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b31mc\u202ed\u2066e\u2028f\rg\x00h"
 RAW = set(HOSTILE) - set("abcdefgh") - set("]0;owned31m")
@@ -33,7 +33,7 @@ def is_safe(call: ast.Call) -> bool:
 def prints(path: Path) -> list[str]:
     """The calls of a module that print, except to files."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if not isinstance(node, ast.Call):
             continue
         words = ast.unparse(node.func)
@@ -43,8 +43,7 @@ def prints(path: Path) -> list[str]:
 
 
 def test_all_that_is_no_json_is_printed_by_one_function() -> None:
-    modules = [p for folder in SOURCES.values() for p in folder.rglob("*.py")]
-    found = [line for path in modules if path.name != "program.py" for line in prints(path)]
+    found = [line for path in MODULES if path.name != "program.py" for line in prints(path)]
     assert not [line for line in found if "worker.py" not in line]
 
 

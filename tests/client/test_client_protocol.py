@@ -73,6 +73,7 @@ def failure(client: Protocol) -> Exception:
     return event.error
 
 
+@pytest.mark.process
 def test_it_needs_neither_asyncio_nor_sockets() -> None:
     program = (
         "import sys, robotouille_client.sansio.client_protocol\n"

@@ -10,7 +10,7 @@ import pytest
 from robotouille import World
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.own_policy import own_policy_maker
-from tests.docs.pages import titled
+from tests.support.pages import titled
 from tests.support.processes import process
 
 BOT = [sys.executable, "-c", "from robotouille_client.bots.cli import main; main()"]

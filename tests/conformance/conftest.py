@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.process import ServerProcess, server_process
+from tests.support.server_process import ServerProcess, server_process
 
 
 @pytest.fixture(scope="module")

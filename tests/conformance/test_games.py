@@ -13,7 +13,9 @@ from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
 from tests.conformance.node import run_node
 from tests.conformance.plans import played_plan
-from tests.fuzz.process import ServerProcess
+from tests.support.server_process import ServerProcess
+
+pytestmark = pytest.mark.process
 
 TASK = "multi_agent/09_two_lettuce_cheeseburgers@2"
 """Its plan can be played in seat order, each action valid when it is sent."""

@@ -10,8 +10,10 @@ import pytest
 from robotouille.replay.container import read_frames, unwrap
 from robotouille_client import connect
 from tests.conformance.node import run_node
-from tests.fuzz.process import ServerProcess
 from tests.support.games import recorded_game
+from tests.support.server_process import ServerProcess
+
+pytestmark = pytest.mark.process
 
 
 @pytest.mark.parametrize("version", [1, 2])

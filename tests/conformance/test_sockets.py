@@ -8,7 +8,9 @@ import pytest
 
 from robotouille.protocol.codec import JSON, MAX_CLIENT_BYTES, MSGPACK
 from tests.conformance.node import run_node
-from tests.fuzz.process import ServerProcess
+from tests.support.server_process import ServerProcess
+
+pytestmark = pytest.mark.process
 
 BROKEN = 1002
 NOT_TEXT = 1007

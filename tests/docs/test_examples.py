@@ -20,7 +20,7 @@ from robotouille.resources import data_folder
 from robotouille_client import connect
 from robotouille_client.cli.main import app
 from robotouille_server import ServerSettings, serve
-from tests.docs.pages import blocks, read, titled
+from tests.support.pages import blocks, read, titled
 from tests.support.virtual_time import run
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "shared/compat/upstream/problems"

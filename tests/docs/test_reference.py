@@ -30,7 +30,8 @@ from robotouille_server.rooms import broadcaster, lobby
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import peer
 from robotouille_server.transport.connection import FRAMES_A_SECOND, FRAMES_BURST, MAX_EXCESS
-from tests.docs.pages import DOCS, PAGES, ROOT, anchors, links, prose, read, table, titled
+from tests.support.pages import DOCS, PAGES, anchors, links, prose, read, table, titled
+from tests.support.sources import ROOT
 
 MEANINGS = json.loads(read("messages.json"))
 MODELS = {
@@ -42,6 +43,7 @@ SOURCES = [
 ]
 
 
+@pytest.mark.process
 def test_generated_parts_are_current() -> None:
     program = [sys.executable, "tools/generate_docs.py", "--check"]
     result = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)

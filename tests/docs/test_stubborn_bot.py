@@ -15,7 +15,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.rooms.room import Room
-from tests.docs.pages import titled
+from tests.support.pages import titled
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 

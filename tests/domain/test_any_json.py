@@ -17,7 +17,7 @@ from robotouille.domain.rendering import RENDERING_FILES
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.domain.task import DOMAIN_FILES, Task, build_task, read_domain
 from robotouille.world.lint import lint_task
-from tests.domain.broken import DOMAIN, PROBLEM, changed
+from tests.support.broken_files import DOMAIN, PROBLEM, changed
 
 NAMES = sorted(
     {*DOMAIN, *PROBLEM, "stations", "items", "type", "sfx", "param", "default", "x", "y", "id"}

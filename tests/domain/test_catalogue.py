@@ -7,7 +7,7 @@ import pytest
 
 from robotouille import FileError, Task, UnknownTaskError, World, load_task, task_names
 from robotouille.world.lint import lint_task
-from tests.domain.broken import PROBLEM, write
+from tests.support.broken_files import PROBLEM, published_domain, write
 
 SHIPPED = {
     "synchronous": 10,
@@ -177,67 +177,6 @@ def test_what_a_seed_decides_is_fixed_for_ever(tmp_path: Path) -> None:
 
 
 # The published dialect
-
-
-def condition(predicate: str, *params: str, is_true: bool = True) -> dict[str, Any]:
-    return {"predicate": predicate, "params": list(params), "is_true": is_true}
-
-
-def published_domain() -> dict[str, Any]:
-    """No layout, no configuration keys, no travel: version 1 leaves them unsaid."""
-    types = {
-        "istable": "station", "isstove": "station", "isrobot": "player", "ispatty": "item",
-        "iscooked": "item", "vacant": "station", "station_empty": "station", "clear": "item",
-        "nothing": "player",
-    }  # fmt: skip
-    pairs = {
-        "loc": ["player", "station"],
-        "item_on": ["item", "station"],
-        "item_at": ["item", "station"],
-        "has_item": ["player", "item"],
-        "atop": ["item", "item"],
-    }
-    return {
-        "version": "1.0.0",
-        "name": "published",
-        "input_json": "input.json",
-        "object_types": ["station", "item", "player", "container", "meal"],
-        "predicate_defs": [
-            *(
-                {"name": n, "param_types": [k], "language_descriptors": {}}
-                for n, k in types.items()
-            ),
-            *({"name": n, "param_types": k, "language_descriptors": {}} for n, k in pairs.items()),
-        ],
-        "action_defs": [
-            {
-                "name": "move",
-                "precons": [condition("loc", "p1", "s1"), condition("vacant", "s2")],
-                "immediate_fx": [
-                    condition("loc", "p1", "s2"),
-                    condition("loc", "p1", "s1", is_true=False),
-                    condition("vacant", "s1"),
-                    condition("vacant", "s2", is_true=False),
-                ],
-                "sfx": [],
-                "language_description": "Move {p1} from {s1} to {s2}",
-            },
-            {
-                "name": "cook",
-                "precons": [condition("loc", "p1", "s1"), condition("item_on", "i1", "s1")],
-                "immediate_fx": [],
-                "sfx": [
-                    {
-                        "type": "delayed",
-                        "param": "i1",
-                        "fx": [condition("iscooked", "i1")],
-                        "sfx": [],
-                    }
-                ],
-                "language_description": "Cook {i1} on {s1} using {p1}",
-            },
-        ],
-    }
 
 
 def published_problem() -> dict[str, Any]:

@@ -14,7 +14,7 @@ from robotouille.domain.task import read_domain
 from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
 from robotouille_client.cli.main import lint_file
-from tests.domain.broken import DOMAIN, PROBLEM, changed, write
+from tests.support.broken_files import DOMAIN, PROBLEM, changed, write
 
 
 def task_in(folder: Path, **own: Any) -> Task:

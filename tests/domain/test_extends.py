@@ -14,8 +14,7 @@ from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import DOMAIN_FILES, read_domain
 from robotouille.resources import data_folder
 from robotouille_client.cli.main import lint_file
-from tests.domain.broken import DOMAIN, PROBLEM, changed, write
-from tests.domain.test_catalogue import published_domain
+from tests.support.broken_files import DOMAIN, PROBLEM, changed, published_domain, write
 
 Json = dict[str, Any]
 

@@ -9,7 +9,7 @@ import pytest
 
 from robotouille import FileError, World, load_task
 from robotouille.errors import Fault
-from tests.domain.broken import DOMAIN, PROBLEM, build, changed, faults_of, write
+from tests.support.broken_files import DOMAIN, PROBLEM, build, changed, faults_of, write
 
 CUT = ("action_defs", 0)
 REPEAT = (*CUT, "sfx", 0)

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robotouille_client.cli.main import app
-from tests.domain.broken import DOMAIN, PROBLEM, changed, write
+from tests.support.broken_files import DOMAIN, PROBLEM, changed, write
 
 
 def lint(*arguments: str) -> tuple[int, list[str]]:

@@ -9,23 +9,27 @@ from pathlib import Path
 
 import pytest
 
-from tests.drill.drill import Plan, run_drill
-from tests.drill.report import table, write_json
+from tests.programs.drill.drill import Plan, run_drill
+from tests.programs.drill.report import table, write_json
 
-SMALL = Plan(kills=5, games=6, processes=2, seed=7, steps=(15, 40), patience=150.0)
+SMALL = Plan(kills=2, games=3, processes=1, seed=7, steps=(15, 25), patience=150.0)
+LARGER = Plan(kills=5, games=6, processes=2, seed=7, steps=(15, 40), patience=150.0)
 
 
-def test_games_go_on_through_five_kills(tmp_path: Path) -> None:
-    result = asyncio.run(run_drill(SMALL, tmp_path / "drill", print))
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.parametrize("plan", [SMALL, pytest.param(LARGER, marks=pytest.mark.nightly)])
+def test_games_go_on_through_kills(tmp_path: Path, plan: Plan) -> None:
+    result = asyncio.run(run_drill(plan, tmp_path / "drill", print))
     assert result.ok, table(result)
     write_json(result, tmp_path / "figures.json")
     figures = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert figures["verdict"]["outcomes"] == result.verdict.outcomes
-    assert figures["plan"]["kills"] == figures["signals"]["SIGKILL"] == 5
+    assert figures["plan"]["kills"] == figures["signals"]["SIGKILL"] == plan.kills
     assert sum(result.kills.values()) == result.signals.total()
     assert result.lives == 1 + result.signals.total()
-    assert sum(result.restored) >= 6
-    assert result.verdict.games >= 6
+    assert sum(result.restored) >= plan.games
+    assert result.verdict.games >= plan.games
     assert result.verdict.verified >= result.verdict.games
     assert set(result.verdict.outcomes) <= {"goal", "step_limit"}
     assert max(result.verdict.restarts) >= 2
@@ -33,6 +37,10 @@ def test_games_go_on_through_five_kills(tmp_path: Path) -> None:
     assert result.verdict.chat > 0
 
 
+@pytest.mark.browser
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(
     not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
 )

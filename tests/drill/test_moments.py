@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 from collections import Counter
 from itertools import pairwise
 
 import pytest
 
-from tests.drill.drill import Plan, Result
-from tests.drill.moments import MAX_IN_ROW, When, draw_kills
-from tests.drill.report import table
+from tests.programs.drill.__main__ import main
+from tests.programs.drill.drill import Plan, Result
+from tests.programs.drill.moments import MAX_IN_ROW, When, draw_kills
+from tests.programs.drill.report import table
 
 
 @pytest.mark.parametrize("count", [1, 5, 100])
@@ -53,8 +53,11 @@ def test_the_report_tells_sigkills_from_sigterms() -> None:
     assert "2 SIGTERM event" in table(result)
 
 
-def test_the_program_says_which_signals_it_counts() -> None:
-    command = [sys.executable, "-m", "tests.drill", "--help"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert "SIGTERMs come on top" in " ".join(done.stdout.split())
+def test_the_program_says_which_signals_it_counts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["drill", "--help"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    assert "SIGTERMs come on top" in " ".join(capsys.readouterr().out.split())

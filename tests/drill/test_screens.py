@@ -32,7 +32,7 @@ def start() -> State:
 def recognized(picture: Any, state: State) -> bool:
     """Whether a picture is taken for that of a game in this state."""
     from robotouille_client.window.drawing.painter import Painter
-    from tests.drill.screens import likeness
+    from tests.support.screens import likeness
 
     seats = [SeatInfo(player=player, name=player, present=True) for player in state.world.players]
     game: Any = SimpleNamespace(
@@ -47,7 +47,7 @@ def window(state: State | None, **changes: Any) -> Any:
 
     from robotouille_client.window.drawing.painter import Painter
     from robotouille_client.window.view import SeatView, View
-    from tests.drill.screens import SIZE
+    from tests.support.screens import SIZE
 
     surface = pygame.Surface(SIZE, depth=24)
     if state is not None:

@@ -13,8 +13,8 @@ import pytest
 from robotouille import State
 from robotouille_client import connect
 from robotouille_client.bots import RandomPolicy, play
-from tests.drill.verdict import judge
-from tests.drill.witness import Witness
+from tests.programs.drill.verdict import judge
+from tests.programs.drill.witness import Witness
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

@@ -11,16 +11,13 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from robotouille import GroundAction, World, load_task
-from robotouille.domain.files import read_model
-from robotouille.domain.schema import InputFile
+from robotouille import World, load_task
 from robotouille.planning.plan import read_plan
 from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
@@ -29,56 +26,15 @@ from robotouille_client import Changed, Game, connect
 from tests.support.processes import process
 
 TASK = "multi_agent/01_lettuce_burger"
-SIZE = (1280, 720)
 
-pytestmark = pytest.mark.skipif(
-    not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
-)
-
-
-@contextmanager
-def screen() -> Iterator[str]:
-    """A virtual screen; yields its DISPLAY."""
-    reading, writing = os.pipe()
-    arguments = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24"]
-    server = subprocess.Popen(
-        [*arguments, "-nolisten", "tcp"], pass_fds=[writing], stderr=subprocess.DEVNULL
-    )
-    os.close(writing)
-    try:
-        with os.fdopen(reading) as pipe:
-            yield f":{pipe.readline().strip()}"
-    finally:
-        server.terminate()
-        server.wait()
-
-
-class Person:
-    """Somebody at a window: knows where things are on the screen, clicks and presses keys."""
-
-    def __init__(self, display: str, world: World) -> None:
-        from robotouille_client.window.drawing.painter import Painter
-
-        self._environment = {**os.environ, "DISPLAY": display}
-        self._layout = Painter().layout(SIZE, world)
-        self._world = world
-        inputs = read_model(data_folder("domains") / "robotouille.input.json", InputFile)
-        self._clicks = {c.name: c.input_instructions.click_on for c in inputs.mouse_click_actions}
-        self._keys = {k.name: k.input_instructions.key for k in inputs.keyboard_actions}
-
-    def do(self, action: GroundAction) -> None:
-        """What a person does to have this happen."""
-        if action.name in self._keys:
-            self._xdotool("key", self._keys[action.name])
-            return
-        station = action.schema.bind(action.arguments)[self._clicks[action.name]]
-        tile = self._world.thing(station).tile
-        assert tile is not None
-        x, y = self._layout.cell(tile).center
-        self._xdotool("mousemove", str(x), str(y), "click", "1")
-
-    def _xdotool(self, *words: str) -> None:
-        subprocess.run(["xdotool", *words], env=self._environment, check=True, timeout=10)
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.process,
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
+    ),
+]
 
 
 def client(display: str, url: str, code: str, seat: str, picture: Path) -> subprocess.Popen[bytes]:
@@ -89,7 +45,7 @@ def client(display: str, url: str, code: str, seat: str, picture: Path) -> subpr
     return subprocess.Popen([sys.executable, "-c", program, *arguments], env=environment)
 
 
-async def cook(url: str, code: str, people: dict[str, Person]) -> dict[str, Any]:
+async def cook(url: str, code: str, people: dict[str, Any]) -> dict[str, Any]:
     """Act through the windows until the meal is ready."""
     async with connect(url, name="eye") as eye:
         game = await eye.join(code, role="spectator")
@@ -123,6 +79,9 @@ async def look(game: Game, scripts: dict[str, Script]) -> None:
 
 
 def test_two_people_finish_the_first_task(tmp_path: Path) -> None:
+    from tests.support.person import Person
+    from tests.support.screens import open_screen
+
     flags = ("--mode", "realtime", "--step-rate", "10", "--task", TASK, "--max-steps", "6000")
     world = World(load_task(TASK, seats=2))
     pictures = {player: tmp_path / f"{player}.png" for player in world.players}
@@ -130,7 +89,7 @@ def test_two_people_finish_the_first_task(tmp_path: Path) -> None:
         _, url, code = stack.enter_context(process(tmp_path / "recordings", *flags))
         people, windows = {}, []
         for player in world.players:
-            display = stack.enter_context(screen())
+            display = stack.enter_context(open_screen(tmp_path / player)).display
             people[player] = Person(display, world)
             window = client(display, url, code, player, pictures[player])
             stack.callback(window.kill)

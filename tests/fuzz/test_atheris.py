@@ -14,9 +14,9 @@ from types import ModuleType
 import pytest
 
 from robotouille.replay.container import MAGIC, read_frames
-from tests.fuzz import corpus
-from tests.fuzz.specimens import recordings
-from tests.fuzz.targets import Target
+from tests.programs import corpus
+from tests.support.fuzzing.specimens import recordings
+from tests.support.fuzzing.targets import Target
 
 LIMIT = 100_000
 
@@ -39,7 +39,7 @@ def fuzzer(
     imported: list[str] = []
 
     def load(kind: str) -> ModuleType:
-        imported.append(f"tests.fuzz.atheris_{kind}")
+        imported.append(f"tests.programs.atheris_{kind}")
         return importlib.import_module(imported[-1])
 
     yield load

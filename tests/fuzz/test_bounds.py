@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 
 from robotouille.replay.container import MAGIC, compress, unwrap
-from tests.fuzz.forgery import framed
-from tests.fuzz.specimens import recordings
-from tests.fuzz.wire import CONTINUATION, TEXT, Closed, Wire, frame
+from tests.support.fuzzing.forgery import framed
+from tests.support.fuzzing.specimens import recordings
+from tests.support.fuzzing.wire import CONTINUATION, TEXT, Closed, Wire, frame
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -29,7 +29,7 @@ CPU_SECONDS = 60
 READ = """
 import sys
 from pathlib import Path
-from tests.fuzz.targets import file_targets, message_targets
+from tests.support.fuzzing.targets import file_targets, message_targets
 folder, kind = Path(sys.argv[1]), sys.argv[2]
 data = (folder / "data").read_bytes()
 print((message_targets() | file_targets(folder))[kind](data))
@@ -42,7 +42,7 @@ def _confine() -> None:
 
 
 def confined(folder: Path, kind: str, data: bytes) -> str:
-    """The word of a reader of `tests.fuzz.targets`, under limits."""
+    """The word of a reader of `tests.support.fuzzing.targets`, under limits."""
     (folder / "data").write_bytes(data)
     done = subprocess.run(
         [sys.executable, "-c", READ, str(folder), kind],
@@ -74,7 +74,7 @@ def crowd(items: int, arity: int) -> bytes:
     import copy
     import json
 
-    from tests.domain.broken import DOMAIN, PROBLEM
+    from tests.support.broken_files import DOMAIN, PROBLEM
 
     domain, problem = copy.deepcopy(DOMAIN), copy.deepcopy(PROBLEM)
     domain["predicate_defs"].append({"name": "near", "param_types": ["item"] * arity})
@@ -118,12 +118,14 @@ BOMBS = {
 }
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_bomb_is_refused(tmp_path: Path, name: str) -> None:
     kind, data = BOMBS[name]
     assert confined(tmp_path, kind, data) not in ("read", "")
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("items", "arity"), [(900, 2), (100, 3), (60, 4)])
 def test_a_kitchen_with_too_many_possible_facts_is_refused(
     tmp_path: Path, items: int, arity: int

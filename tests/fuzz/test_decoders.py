@@ -14,12 +14,11 @@ from hypothesis import strategies as st
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol.codec import JSON, MSGPACK
-from tests.fuzz.corpus import MESSAGE_KINDS
-from tests.fuzz.hostility import Adversary
-from tests.fuzz.offerings import OFFERINGS
-from tests.fuzz.specimens import client_messages, server_messages
-from tests.fuzz.targets import message_targets
-from tests.fuzz.thorough import thorough
+from tests.support.fuzzing.hostility import Adversary
+from tests.support.fuzzing.offerings import OFFERINGS
+from tests.support.fuzzing.specimens import MESSAGE_KINDS, client_messages, server_messages
+from tests.support.fuzzing.targets import message_targets
+from tests.support.thorough import thorough
 
 TARGETS = message_targets()
 kinds = pytest.mark.parametrize("kind", MESSAGE_KINDS)

@@ -19,9 +19,9 @@ from robotouille_server.auth.revocation import revoke
 from robotouille_server.auth.roles import Role, same_episode
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import Session
-from tests.fuzz.thorough import FACTOR
 from tests.support.newcomers import FORWARDED, hello, opened
 from tests.support.servers import Raw, serving
+from tests.support.thorough import FACTOR
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from tests.fuzz.assault import MIX, Report
-from tests.fuzz.codes import documented_codes
-from tests.fuzz.hostile import MAX_GROWTH, Verdict, judge, run
+from tests.programs.hostile.__main__ import MAX_GROWTH, Verdict, judge, main, run
+from tests.programs.hostile.assault import MIX, Report
+from tests.support.fuzzing.codes import documented_codes
 
 COUNT = 2000
 MIB = 2**20
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_server_under_attack_answers_with_documented_codes_and_stays_whole() -> None:
     verdict = run(COUNT, jobs=1, seed=5)
     assert not verdict.faults, verdict.faults
@@ -80,8 +81,12 @@ def test_an_error_in_the_servers_log_fails_the_run(tmp_path: Path) -> None:
     assert fault.startswith("the server's log has an error: Traceback")
 
 
-def test_the_program_says_how_to_use_it() -> None:
-    command = [sys.executable, "-m", "tests.fuzz.hostile", "--help"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert all(flag in done.stdout for flag in ("--count", "--jobs", "--seed", "--keep"))
+def test_the_program_says_how_to_use_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["hostile", "--help"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    said = capsys.readouterr().out
+    assert all(flag in said for flag in ("--count", "--jobs", "--seed", "--keep"))

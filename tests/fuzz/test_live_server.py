@@ -13,16 +13,16 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import pytest
 import structlog
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from robotouille.replay.recording import read_recording
-from tests.fuzz.codes import documented_codes
-from tests.fuzz.hostility import Adversary
-from tests.fuzz.specimens import client_messages
-from tests.fuzz.thorough import thorough
-from tests.fuzz.wire import (
+from tests.support.fuzzing.codes import documented_codes
+from tests.support.fuzzing.hostility import Adversary
+from tests.support.fuzzing.specimens import client_messages
+from tests.support.fuzzing.wire import (
     BINARY,
     CLOSE,
     CONTINUATION,
@@ -34,6 +34,7 @@ from tests.fuzz.wire import (
     hostile_request,
 )
 from tests.support.servers import Raw, raw, serving
+from tests.support.thorough import thorough
 from tests.support.virtual_time import VirtualTimeLoop
 
 SEEDS = st.integers(0, 2**32)
@@ -306,4 +307,4 @@ async def _after(seconds: float, then: Any) -> None:
 
 
 HostileHouse.TestCase.settings = thorough(40, stateful_step_count=40)
-TestHostileHouse = HostileHouse.TestCase
+TestHostileHouse = pytest.mark.slow(HostileHouse.TestCase)

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 from robotouille import RecordingError, RobotouilleError
 from robotouille.replay.container import MAGIC, read_frames, unwrap
 from robotouille.replay.recording import Recording, read_recording
-from tests.fuzz.corpus import FILE_KINDS
-from tests.fuzz.forgery import framed
-from tests.fuzz.hostility import Adversary
-from tests.fuzz.offerings import OFFERINGS
-from tests.fuzz.specimens import files, recordings
-from tests.fuzz.targets import file_targets
-from tests.fuzz.thorough import thorough
+from tests.support.fuzzing.forgery import framed
+from tests.support.fuzzing.hostility import Adversary
+from tests.support.fuzzing.offerings import OFFERINGS
+from tests.support.fuzzing.specimens import FILE_KINDS, files, recordings
+from tests.support.fuzzing.targets import file_targets
+from tests.support.thorough import thorough
 
 KINDS = ("recording", *FILE_KINDS)
 
@@ -45,6 +44,7 @@ def test_files_with_something_wrong(
     file_targets(folder)[kind](OFFERINGS[kind](Adversary(chance)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_offered_is_partly_read_and_partly_refused(tmp_path: Path, kind: str) -> None:
     adversary, read = Adversary(3), file_targets(tmp_path)[kind]

@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 from robotouille import load_task
 from robotouille.domain.schema import Provenance
 from robotouille_client.cli.main import app
-from tests.docs.pages import blocks
+from tests.support.pages import blocks
 
 SANDWICH = "synchronous/01"
 

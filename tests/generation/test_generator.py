@@ -66,6 +66,7 @@ def test_the_golden_instances() -> None:
         assert generator.draw(told.seed, told.attempt).text == path.read_text()
 
 
+@pytest.mark.process
 def test_another_process_with_other_hashes_draws_the_same() -> None:
     program = (
         "import hashlib\n"

@@ -66,6 +66,7 @@ def live(server: Server) -> list[Any]:
     return [r for r in server.lobby.rooms.values() if r.episode.in_progress]
 
 
+@pytest.mark.slow
 def test_every_clock_is_played_at_the_rate_that_was_asked_for(tmp_path: Path) -> None:
     async def load() -> None:
         async with playing(tmp_path, 40, rooms=6, mix=ONE_OF_EACH, rate=5.0) as (watched, server):
@@ -127,6 +128,7 @@ def test_after_a_storm_all_are_back_in_their_own_seats(tmp_path: Path) -> None:
     run(load())
 
 
+@pytest.mark.slow
 def test_slow_readers_get_dropped_and_nobody_else(tmp_path: Path) -> None:
     async def load() -> None:
         async with playing(tmp_path, 45, rooms=2, rate=2.0, slow_readers=3) as (watched, server):

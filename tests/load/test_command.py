@@ -32,6 +32,8 @@ def started(url: str, *flags: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_an_interrupt_gives_the_report_of_what_was_measured(tmp_path: Path) -> None:
     """Two processes play on a server process, with all that there is; then Ctrl+C."""
     report, page = tmp_path / "report.json", tmp_path / "report.html"
@@ -77,6 +79,7 @@ def test_an_interrupt_gives_the_report_of_what_was_measured(tmp_path: Path) -> N
     assert len(ids) == len(set(ids))
 
 
+@pytest.mark.process
 def test_without_a_server_it_says_so() -> None:
     test = started("ws://127.0.0.1:9", "--rooms", "1")
     output, errors = test.communicate(timeout=60)
@@ -85,6 +88,8 @@ def test_without_a_server_it_says_so() -> None:
     assert output == ""
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_server_that_lets_nobody_play_is_quoted(tmp_path: Path) -> None:
     with process(tmp_path, "--max-episodes", "1") as (_, url, _code):
         test = started(url, "--rooms", "2", "--ramp", "0", "--duration", "1")

@@ -21,7 +21,7 @@ from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
 from websockets.typing import Subprotocol
 
-from tests.docs.pages import titled
+from tests.support.pages import titled
 
 __all__ = ["PROXIES", "Front", "Proxy", "front_door", "mint", "program"]
 

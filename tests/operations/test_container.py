@@ -9,7 +9,9 @@ import sys
 import tomllib
 from pathlib import Path
 
-from tests.docs.pages import ROOT
+import pytest
+
+from tests.support.pages import ROOT
 from tests.support.processes import process
 
 
@@ -25,6 +27,7 @@ def health(port: str) -> int:
     return subprocess.run(command, stderr=subprocess.DEVNULL, timeout=60).returncode
 
 
+@pytest.mark.process
 def test_the_health_check_tells_a_server_from_none(tmp_path: Path) -> None:
     with process(tmp_path / "recordings") as (_, url, _code):
         port = url.rpartition(":")[2]

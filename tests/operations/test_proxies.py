@@ -22,6 +22,8 @@ from tests.operations.proxies import PROXIES, Front, Proxy, front_door, mint, pr
 from tests.support.processes import process
 from tests.support.worker_processes import free_ports, workers
 
+pytestmark = [pytest.mark.process, pytest.mark.slow]
+
 BEHIND = ("--trust-proxy", "loopback")
 SECONDS = 60
 """After which what a test waits for has not happened."""

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server import ServerSettings
-from tests.docs.pages import read, titled
+from tests.support.pages import read, titled
 
 PAGE = "operations.md"
 UNIT = "/etc/systemd/system/robotouille.service"
@@ -37,12 +37,14 @@ def complaints(folder: Path, name: str, unit: str, instance: str) -> str:
     return "\n".join(lines or ([done.stderr] if done.returncode else []))
 
 
+@pytest.mark.process
 @needs_systemd
 def test_the_unit_is_accepted(tmp_path: Path) -> None:
     name = "robotouille.service"
     assert complaints(tmp_path, name, titled(PAGE, UNIT), name) == ""
 
 
+@pytest.mark.process
 @needs_systemd
 def test_so_is_the_template_for_rolling_restarts(tmp_path: Path) -> None:
     (flag,) = re.findall(r"`(--operator-port %i)` in `ExecStart`", read(PAGE))
@@ -55,6 +57,7 @@ def test_so_is_the_template_for_rolling_restarts(tmp_path: Path) -> None:
         assert complaints(tmp_path, name, unit, f"{instance}.service") == ""
 
 
+@pytest.mark.process
 @needs_systemd
 def test_a_wrong_line_would_be_found(tmp_path: Path) -> None:
     name = "robotouille.service"

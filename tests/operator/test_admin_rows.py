@@ -8,7 +8,7 @@ from typing import Any
 
 from robotouille_client import connect
 from robotouille_server import Server
-from tests.operator.support import Disk, table, viewing
+from tests.support.operator import Disk, table, viewing
 from tests.support.servers import raw
 from tests.support.virtual_time import run
 

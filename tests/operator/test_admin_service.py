@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_client import Announced, Over, connect
-from tests.operator.support import table, viewing
+from tests.support.operator import table, viewing
 from tests.support.virtual_time import run
 
 

@@ -12,8 +12,8 @@ from robotouille_server import Server
 from robotouille_server.alerts import alerts as found
 from robotouille_server.health import SAMPLE_SECONDS, Disk, Health
 from robotouille_server.runtime.metrics import Metrics
-from tests.operator.support import Api, table, viewing
 from tests.support.machines import GIB, Machine
+from tests.support.operator import Api, table, viewing
 from tests.support.servers import raw
 from tests.support.virtual_time import run
 

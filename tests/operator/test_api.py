@@ -11,8 +11,9 @@ import pytest
 
 from robotouille_server.admin import openapi
 from robotouille_server.admin.errors import CODES
-from tests.docs.pages import DOCS, ROOT, blocks, table
-from tests.operator.support import viewing
+from tests.support.operator import viewing
+from tests.support.pages import DOCS, blocks, table
+from tests.support.sources import ROOT
 from tests.support.virtual_time import run
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille_server.admin.http.assets import page_paths
-from tests.operator.support import Api, viewing
+from tests.support.operator import Api, viewing
 from tests.support.virtual_time import run
 
 PAGE = files("robotouille_server.admin.http").joinpath("page")

@@ -11,7 +11,7 @@ import pytest
 
 from robotouille_server.runtime import audit_log as audit
 from robotouille_server.runtime.audit_log import AuditLog
-from tests.operator.support import CHANGE, bearer, table, viewing
+from tests.support.operator import CHANGE, bearer, table, viewing
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0

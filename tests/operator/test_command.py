@@ -9,9 +9,12 @@ from pathlib import Path
 
 import httpx
 import psutil
+import pytest
 
 from robotouille_server.auth.roles import Role
 from tests.support.processes import started
+
+pytestmark = pytest.mark.process
 
 TOKEN = [sys.executable, "-c", "from robotouille_server.auth.token_cli import main; main()"]
 TASK = ("--task", "synchronous/01")

@@ -14,7 +14,7 @@ import pytest
 from robotouille_server import Server
 from robotouille_server.admin.http.event_streams import MAX_STREAMS, MAX_STREAMS_PER_SUBJECT
 from robotouille_server.auth.keys import rotate
-from tests.operator.support import Api, bearer, table, viewing
+from tests.support.operator import Api, bearer, table, viewing
 from tests.support.virtual_time import VirtualTimeLoop, run
 
 

@@ -15,7 +15,7 @@ from robotouille_server.admin import operator_view
 from robotouille_server.admin.errors import RequestRefusedError
 from robotouille_server.admin.http.guard import Access
 from robotouille_server.auth.tokens import Role, RoleGrant
-from tests.operator.support import CHANGE, Api, viewing
+from tests.support.operator import CHANGE, Api, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

@@ -16,8 +16,8 @@ from robotouille_server import Server
 from robotouille_server.health import SAMPLE_SECONDS, Disk, Health, System
 from robotouille_server.runtime import descriptors
 from robotouille_server.runtime.metrics import Metrics
-from tests.operator.support import Api, viewing
 from tests.support.machines import Machine
+from tests.support.operator import Api, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

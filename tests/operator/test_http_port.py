@@ -23,7 +23,7 @@ from robotouille_server.admin.http.timeouts import (
     REQUEST_SECONDS,
     STALL_SECONDS,
 )
-from tests.operator.support import PATIENCE, bearer, viewing
+from tests.support.operator import PATIENCE, bearer, viewing
 from tests.support.virtual_time import run
 
 HEAD = "GET {path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n"

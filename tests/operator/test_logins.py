@@ -13,7 +13,7 @@ import pytest
 from robotouille_server.admin.http.logins import FORGOTTEN_AFTER, REFUSED_A_MINUTE, LoginAudit
 from robotouille_server.auth.tokens import Role, RoleGrant
 from robotouille_server.runtime.audit_log import AuditLog
-from tests.operator.support import bearer, viewing
+from tests.support.operator import bearer, viewing
 from tests.support.virtual_time import run
 
 NOW = 1_800_000_000.0

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import pytest_asyncio
 
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError
@@ -24,15 +25,21 @@ from robotouille_server.admin import operator_view
 from robotouille_server.auth.tokens import Role, RoleGrant
 from robotouille_server.health import Disk
 from robotouille_server.rooms.room import Room
-from tests.operator.support import Api, bearer, viewing
-from tests.operator.support import Disk as FillingDisk
 from tests.support.machines import Machine
+from tests.support.operator import Api, bearer, viewing
+from tests.support.operator import Disk as FillingDisk
 
 playwright = pytest.importorskip(
     "playwright.async_api", reason="needs playwright: pip install playwright"
 )
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium")
+pytestmark = [
+    pytest.mark.asyncio(loop_scope="module"),
+    pytest.mark.browser,
+    pytest.mark.process,
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt install chromium"),
+]
 
 FLAGS = [
     "--no-sandbox", "--headless", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -100,15 +107,23 @@ async def live_game(
         await asyncio.gather(*playing, return_exceptions=True)
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def browser() -> AsyncIterator[Any]:
+    """One browser for all tests; each opens a window that knows nothing of the others."""
+    async with playwright.async_playwright() as driver:
+        started = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield started
+        await started.close()
+
+
 @asynccontextmanager
 async def browser_page(
-    url: str, size: dict[str, int] = DESKTOP, allow: str = "no complaint at all"
+    browser: Any, url: str, size: dict[str, int] = DESKTOP, allow: str = "no complaint at all"
 ) -> AsyncIterator[Any]:
     """The page, opened; what the browser complains about fails the test, unless it is allowed."""
     complaints: list[str] = []
-    async with playwright.async_playwright() as driver:
-        browser = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        page = await browser.new_page(viewport=size)
+    page = await browser.new_page(viewport=size)
+    try:
         page.set_default_timeout(PATIENCE * 1000)
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on(
@@ -116,7 +131,8 @@ async def browser_page(
         )
         await page.goto(url)
         yield page
-        await browser.close()
+    finally:
+        await page.close()
     assert [line for line in complaints if allow not in line] == []
 
 
@@ -134,9 +150,9 @@ async def watch(page: Any, room: Room) -> Any:
     return panel
 
 
-async def test_the_operator_watches_pauses_and_ends_a_game(tmp_path: Path) -> None:
+async def test_the_operator_watches_pauses_and_ends_a_game(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, bots):
-        async with browser_page(port.url) as page:
+        async with browser_page(browser, port.url) as page:
             card = page.locator(".episode")
             await expect(card).to_have_count(1)
             await expect(card).to_contain_text("ada")
@@ -172,9 +188,9 @@ async def test_the_operator_watches_pauses_and_ends_a_game(tmp_path: Path) -> No
             await expect(panel.locator(".log li").last).to_have_text(re.compile("aborted: lunch"))
 
 
-async def test_the_operator_speaks_and_sends_people_out(tmp_path: Path) -> None:
+async def test_the_operator_speaks_and_sends_people_out(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, bots):
-        async with browser_page(port.url) as page, connect(server.url, name="eve") as eve:
+        async with browser_page(browser, port.url) as page, connect(server.url, name="eve") as eve:
             game = await eve.join(room.code, role="spectator")
             panel = await watch(page, room)
             await panel.get_by_label("Announce to this episode").fill("Dinner at eight")
@@ -210,9 +226,9 @@ async def test_the_operator_speaks_and_sends_people_out(tmp_path: Path) -> None:
             assert [seat.name for seat in room.episode.seats.values()] == ["ada", ""]
 
 
-async def test_recordings_are_downloaded_live_and_closed(tmp_path: Path) -> None:
+async def test_recordings_are_downloaded_live_and_closed(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, _):
-        async with browser_page(port.url) as page:
+        async with browser_page(browser, port.url) as page:
             panel = await watch(page, room)
             live = Recording((await _downloaded(page, panel)).read_bytes())
             assert live.outcome is None
@@ -234,10 +250,10 @@ async def _downloaded(page: Any, where: Any) -> Path:
     return path
 
 
-async def test_a_disk_that_is_full_is_seen_at_once(tmp_path: Path) -> None:
+async def test_a_disk_that_is_full_is_seen_at_once(browser: Any, tmp_path: Path) -> None:
     disk = FillingDisk(tmp_path)
     async with viewing(tmp_path, storage=disk) as (server, port, _):
-        async with live_game(server) as (room, _), browser_page(port.url) as page:
+        async with live_game(server) as (room, _), browser_page(browser, port.url) as page:
             alert = page.get_by_role("alert")
             await expect(page.locator(".episode .phase")).to_have_text("running")
             disk.full = True
@@ -252,10 +268,10 @@ async def test_a_disk_that_is_full_is_seen_at_once(tmp_path: Path) -> None:
             assert room.problem == ""
 
 
-async def test_a_name_is_text_whatever_it_says(tmp_path: Path) -> None:
+async def test_a_name_is_text_whatever_it_says(browser: Any, tmp_path: Path) -> None:
     name = "<img src=x onerror=boom()>"
     async with viewing(tmp_path) as (server, port, _), live_game(server, (name, "b")) as (room, _):
-        async with browser_page(port.url) as page:
+        async with browser_page(browser, port.url) as page:
             await expect(page.locator(".episode")).to_contain_text(name)
             panel = await watch(page, room)
             await expect(panel.locator(".people")).to_contain_text(name)
@@ -263,10 +279,12 @@ async def test_a_name_is_text_whatever_it_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
-async def test_nothing_is_wider_than_the_screen(tmp_path: Path, size: dict[str, int]) -> None:
+async def test_nothing_is_wider_than_the_screen(
+    browser: Any, tmp_path: Path, size: dict[str, int]
+) -> None:
     names = ("a-very-long-name-without-any-space-in-it", "b")
     async with viewing(tmp_path) as (server, port, _), live_game(server, names) as (room, _):
-        async with browser_page(port.url, size) as page:
+        async with browser_page(browser, port.url, size) as page:
             await expect(page.locator(".episode")).to_be_visible()
             width = "document.documentElement.scrollWidth"
             assert await page.evaluate(width) <= size["width"]
@@ -280,8 +298,10 @@ async def test_nothing_is_wider_than_the_screen(tmp_path: Path, size: dict[str, 
             await expect(panel).to_be_hidden()
 
 
-async def test_light_and_dark_are_the_systems_until_somebody_chooses(tmp_path: Path) -> None:
-    async with viewing(tmp_path) as (_, port, _), browser_page(port.url) as page:
+async def test_light_and_dark_are_the_systems_until_somebody_chooses(
+    browser: Any, tmp_path: Path
+) -> None:
+    async with viewing(tmp_path) as (_, port, _), browser_page(browser, port.url) as page:
         paper = "getComputedStyle(document.body).backgroundColor"
         await page.emulate_media(color_scheme="light")
         light = await page.evaluate(paper)
@@ -294,7 +314,7 @@ async def test_light_and_dark_are_the_systems_until_somebody_chooses(tmp_path: P
         assert await page.evaluate(paper) == light
 
 
-async def test_a_token_is_asked_for_once_and_kept_for_the_tab(tmp_path: Path) -> None:
+async def test_a_token_is_asked_for_once_and_kept_for_the_tab(browser: Any, tmp_path: Path) -> None:
     def authorize(token: str) -> RoleGrant:
         if token != "let-me-in":
             raise ProtocolError("auth/invalid", "this is no operator's token", "token")
@@ -302,7 +322,10 @@ async def test_a_token_is_asked_for_once_and_kept_for_the_tab(tmp_path: Path) ->
 
     view = {"authorize": authorize, "ask_token": True}
     async with viewing(tmp_path, view=view) as (server, port, api):
-        async with live_game(server) as (room, _), browser_page(port.url, allow="401") as page:
+        async with (
+            live_game(server) as (room, _),
+            browser_page(browser, port.url, allow="401") as page,
+        ):
             dialog = page.get_by_role("dialog")
             await dialog.get_by_label("Token").fill("guess")
             await dialog.get_by_role("button", name="Show").click()
@@ -324,7 +347,7 @@ async def _is_closed_to_others(api: Api) -> bool:
     return (await api.http.get("/api/overview")).status_code == 401
 
 
-async def test_a_token_that_is_over_is_asked_for_again(tmp_path: Path) -> None:
+async def test_a_token_that_is_over_is_asked_for_again(browser: Any, tmp_path: Path) -> None:
     over: set[str] = set()
 
     def authorize(token: str) -> RoleGrant:
@@ -334,7 +357,7 @@ async def test_a_token_that_is_over_is_asked_for_again(tmp_path: Path) -> None:
 
     view = {"authorize": authorize, "ask_token": True}
     async with viewing(tmp_path, view=view) as (_, port, _):
-        async with browser_page(port.url, allow="401") as page:
+        async with browser_page(browser, port.url, allow="401") as page:
             dialog = page.get_by_role("dialog")
             await dialog.get_by_label("Token").fill("one")
             await dialog.get_by_role("button", name="Show").click()
@@ -346,12 +369,14 @@ async def test_a_token_that_is_over_is_asked_for_again(tmp_path: Path) -> None:
             await expect(page.locator("#link")).to_have_text("live")
 
 
-async def test_what_runs_out_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_runs_out_is_seen(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(resources, "SAMPLE_SECONDS", 0.5)
     async with viewing(tmp_path) as (server, port, _), live_game(server) as (room, _):
         machine = server.health.system = Machine()
         machine.free, machine.open = Disk(900 * 1024**2, 10 * 1024**3), 990
-        async with browser_page(port.url) as page:
+        async with browser_page(browser, port.url) as page:
             warnings = page.get_by_label("Warnings").locator("p")
             await expect(warnings).to_have_count(2)
             await expect(warnings.first).to_contain_text("990 of 1,000 file descriptors")
@@ -363,11 +388,11 @@ async def test_what_runs_out_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyP
             await expect(warnings).to_have_count(0)
 
 
-async def test_who_may_see_one_episode_cannot_speak_to_all(tmp_path: Path) -> None:
+async def test_who_may_see_one_episode_cannot_speak_to_all(browser: Any, tmp_path: Path) -> None:
     async with viewing(tmp_path, tokens=True) as (server, port, _):
         async with live_game(server) as (mine, _), live_game(server):
             token = bearer(server, episode=mine.id)["Authorization"].removeprefix("Bearer ")
-            async with browser_page(port.url, allow="401") as page:
+            async with browser_page(browser, port.url, allow="401") as page:
                 dialog = page.get_by_role("dialog")
                 await dialog.get_by_label("Token").fill(token)
                 await dialog.get_by_role("button", name="Show").click()
@@ -375,12 +400,12 @@ async def test_who_may_see_one_episode_cannot_speak_to_all(tmp_path: Path) -> No
                 await expect(page.get_by_role("button", name="Announce to all")).to_have_count(0)
 
 
-async def test_the_page_finds_the_server_again(tmp_path: Path) -> None:
+async def test_the_page_finds_the_server_again(browser: Any, tmp_path: Path) -> None:
     async with AsyncExitStack() as stack:
         server, _, _ = await stack.enter_async_context(viewing(tmp_path))
         room, _ = await stack.enter_async_context(live_game(server))
         async with operator_view(server, port=0) as port:
-            opened = browser_page(port.url, allow="ERR_")
+            opened = browser_page(browser, port.url, allow="ERR_")
             page = await stack.enter_async_context(opened)
             await expect(page.locator("#link")).to_have_text("live")
         await expect(page.locator("#link")).to_have_text("connecting again")

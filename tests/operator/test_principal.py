@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.operator.support import CHANGE, Api, bearer, table, viewing
+from tests.support.operator import CHANGE, Api, bearer, table, viewing
 from tests.support.virtual_time import run
 
 ACTIONS: dict[str, dict[str, str]] = {

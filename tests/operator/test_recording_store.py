@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from robotouille.replay.recording import Recording, read_recording
-from tests.operator.support import Disk, table, viewing
+from tests.support.operator import Disk, table, viewing
 from tests.support.virtual_time import run
 
 

@@ -16,7 +16,7 @@ from robotouille.errors import MissingExtraError
 from robotouille_server.admin import operator_view
 from robotouille_server.admin.http.event_streams import MAX_STREAMS
 from robotouille_server.app import CannotListenError
-from tests.operator.support import table, viewing
+from tests.support.operator import table, viewing
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 

@@ -14,8 +14,8 @@ from robotouille.replay.container import MAGIC, frame_ends
 from robotouille_server.admin import admin_service as desk
 from robotouille_server.admin import transcript
 from robotouille_server.admin.transcript import READ, Transcript
-from tests.operator.support import table, viewing
 from tests.support.games import recorded_game
+from tests.support.operator import table, viewing
 from tests.support.virtual_time import run
 
 

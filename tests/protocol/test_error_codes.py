@@ -7,7 +7,7 @@ import re
 import pytest
 
 from robotouille.protocol.error_codes import ErrorCode
-from tests.fuzz.codes import documented_codes
+from tests.support.fuzzing.codes import documented_codes
 
 
 def test_every_code_is_documented_and_every_documented_code_is_one() -> None:

@@ -66,6 +66,8 @@ def test_a_frame_that_would_become_large_is_refused(name: str) -> None:
     assert most < 3 * 20 * len(BOMBS[name]) / MIB + 40
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 def test_verifying_holds_no_more_than_one_frame() -> None:
     """Of a recording that is right in all respects, and has a great deal of what is allowed."""
     notes = {"kind": "notes", "notes": [{"note": "said", "t": 1, "name": "a", "player": "",

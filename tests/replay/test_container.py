@@ -164,7 +164,7 @@ class TestClosedFiles:
 
     def test_files_closed_by_earlier_versions_are_read(self) -> None:
         """Without a checksum of all, and in whatever blocks."""
-        from tests.fuzz.specimens import recordings
+        from tests.support.fuzzing.specimens import recordings
 
         earlier = recordings()[-1]
         recording = recording_of(earlier, "it")

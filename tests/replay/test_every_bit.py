@@ -1,4 +1,4 @@
-"""A sample of what `python -m tests.replay.every_bit` does for every bit of a file."""
+"""A sample of what `python -m tests.programs.every_bit` does for every bit of a file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import pytest
 
 from robotouille.replay import container as frames
 from robotouille.replay.container import MAGIC, compress, frame_ends
-from tests.replay.every_bit import flip_some
+from tests.programs.every_bit import flip_some
 from tests.support.games import recorded_game
 
 STRIDE, SHORT_STRIDE = 399, 9

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, World
@@ -12,6 +12,7 @@ from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import Restored, restore
 from tests.support.games import random_choice
+from tests.support.thorough import thorough
 
 WORLD = World("multi_agent/02")
 
@@ -98,7 +99,7 @@ def test_everything_is_as_it_was(clock: Clock) -> None:
     assert ours.pauses.shown == (PauseReason.RESTART, 1010.0)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@thorough(40)
 @given(st.data())
 def test_a_file_that_was_cut_anywhere_goes_on_to_a_whole_recording(data: st.DataObject) -> None:
     game = GAMES[data.draw(st.sampled_from(list(Clock)))]

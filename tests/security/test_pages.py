@@ -12,8 +12,9 @@ import pytest
 
 from robotouille_server import ServerSettings
 from robotouille_server.runtime.metrics import Metrics
-from tests.docs.pages import ROOT, read, titled
+from tests.support.pages import read, titled
 from tests.support.servers import serving
+from tests.support.sources import ROOT
 
 PAGES = ("security.md", "threat_model.md", "operations.md")
 
@@ -26,6 +27,7 @@ async def output(*words: str) -> str:
     return text.decode().strip()
 
 
+@pytest.mark.process
 def test_another_programs_token_is_taken(tmp_path: Path) -> None:
     for name in ("mint.py", "hello.py"):
         (tmp_path / name).write_text(titled("security.md", name), encoding="utf-8")
@@ -42,6 +44,7 @@ def test_another_programs_token_is_taken(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
+@pytest.mark.process
 def test_the_settings_of_the_service_are_good(tmp_path: Path) -> None:
     file = tmp_path / "robotouille.toml"
     file.write_text(titled("operations.md", "/etc/robotouille.toml"), encoding="utf-8")

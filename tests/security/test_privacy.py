@@ -14,6 +14,8 @@ from robotouille.replay.container import unwrap
 from tests.support.processes import process
 from tests.support.servers import Raw
 
+pytestmark = pytest.mark.process
+
 ADDRESS = "203.0.113.77"
 FLAGS = (
     "--task", "synchronous/01", "--max-steps", "1", "--trust-proxy", "loopback",

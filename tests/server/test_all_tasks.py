@@ -18,6 +18,7 @@ from robotouille.resources import data_folder
 from robotouille_client.bots import Policy
 from robotouille_client.bots.player import MakePolicy
 from tests.support.bot_games import finish
+from tests.support.samples import each_quickly_once
 from tests.support.virtual_time import run
 
 DATASETS = ("synchronous/", "asynchronous/", "multi_agent/")
@@ -55,8 +56,7 @@ def test_all_thirty_tasks_are_there() -> None:
     assert [sum(t.startswith(d) for t in TASKS) for d in DATASETS] == [10, 10, 10]
 
 
-@pytest.mark.parametrize("clock", list(Clock))
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize(("name", "clock"), each_quickly_once(TASKS, list(Clock)))
 def test_finished_by_bots(tmp_path: Path, name: str, clock: Clock) -> None:
     seats = load_task(name).seats
     world = World(load_task(name, seats=seats))

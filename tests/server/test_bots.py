@@ -80,6 +80,7 @@ def test_the_same_questions_have_the_same_answers() -> None:
     assert sum(answer is not None for answer in first) >= 5
 
 
+@pytest.mark.slow
 def test_what_was_found_out_is_forgotten_when_it_is_much(
     searches: list[State], monkeypatch: pytest.MonkeyPatch
 ) -> None:

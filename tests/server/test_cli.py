@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import psutil
+import pytest
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import Over, connect
@@ -29,6 +30,8 @@ async def play_until_signal(
     raise AssertionError("the game did not end")
 
 
+@pytest.mark.process
+@pytest.mark.smoke
 def test_ctrl_c_tells_the_clients_and_closes_the_recordings(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
     with process(folder, "--task", "synchronous/01") as (server, url, code):
@@ -43,6 +46,8 @@ def test_ctrl_c_tells_the_clients_and_closes_the_recordings(tmp_path: Path) -> N
     assert recording.outcome == over.outcome
 
 
+@pytest.mark.process
+@pytest.mark.smoke
 def test_sigterm_leaves_the_episodes_to_the_next_process(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
     flags = ("--task", "synchronous/01", "--drain-seconds", "0")
@@ -64,6 +69,7 @@ def test_sigterm_leaves_the_episodes_to_the_next_process(tmp_path: Path) -> None
         assert asyncio.run(step(url)) == 1
 
 
+@pytest.mark.process
 def test_health_and_metrics_on_the_same_port(tmp_path: Path) -> None:
     async def play(url: str, code: str) -> None:
         async with connect(url, name="ada") as client:
@@ -83,6 +89,7 @@ def test_health_and_metrics_on_the_same_port(tmp_path: Path) -> None:
     assert "robotouille_connections " in text
 
 
+@pytest.mark.process
 def test_a_port_in_use_is_said(tmp_path: Path) -> None:
     with process(tmp_path, "--task", "synchronous/01") as (_, url, _code):
         port = url.rsplit(":", 1)[1]
@@ -92,6 +99,7 @@ def test_a_port_in_use_is_said(tmp_path: Path) -> None:
     assert f"cannot listen on 127.0.0.1:{port}" in done.stderr
 
 
+@pytest.mark.process
 def test_logs_as_json(tmp_path: Path) -> None:
     import json
 
@@ -103,6 +111,7 @@ def test_logs_as_json(tmp_path: Path) -> None:
     assert rows[-1]["event"] == "stopped"
 
 
+@pytest.mark.process
 def test_only_this_machine_is_served_unless_told_otherwise(tmp_path: Path) -> None:
     def served(*flags: str) -> tuple[set[str], bool]:
         with started(tmp_path, "--task", "synchronous/01", *flags) as (server, greeting):

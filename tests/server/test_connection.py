@@ -22,7 +22,17 @@ from robotouille_server.transport.connection import (
     MAX_UNSENT,
     Connection,
 )
-from tests.fuzz.wire import BINARY, CONTINUATION, PING, PONG, TEXT, Closed, Wire, frame, request
+from tests.support.fuzzing.wire import (
+    BINARY,
+    CONTINUATION,
+    PING,
+    PONG,
+    TEXT,
+    Closed,
+    Wire,
+    frame,
+    request,
+)
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 

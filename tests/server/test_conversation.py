@@ -16,6 +16,7 @@ from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MAX_CLIENT_BYTES, MSGPACK
 from tests.support.servers import Raw, raw, serving
+from tests.support.thorough import thorough
 from tests.support.virtual_time import run
 
 JOINED = {"type": "join", "ref": 9}
@@ -313,6 +314,7 @@ def test_who_says_nothing_is_dropped_after_a_deadline(tmp_path: Path) -> None:
     run(main())
 
 
+@pytest.mark.slow
 def test_who_does_not_read_costs_bounded_memory_delays_nobody_and_is_dropped(
     tmp_path: Path,
 ) -> None:
@@ -366,7 +368,7 @@ anything = st.one_of(
 )
 
 
-@settings(max_examples=400, deadline=None, derandomize=True)
+@thorough(100)
 @given(anything, st.sampled_from([JSON, MSGPACK]))
 def test_decoding_anything_gives_a_message_or_a_protocol_error(message: Any, codec: Any) -> None:
     try:

@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 from robotouille_server import ServerSettings
 from robotouille_server.runtime import descriptors
 from robotouille_server.runtime.logs import configure_logs
-from tests.fuzz.process import server_process
+from tests.support.server_process import server_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 LIMIT = 128
@@ -51,6 +51,8 @@ def newcomer(url: str, tls: ssl.SSLContext | None) -> str:
         return ""
 
 
+@pytest.mark.process
+@pytest.mark.slow
 @pytest.mark.parametrize("encrypted", [False, True], ids=["ws", "wss"])
 def test_silent_connections_take_neither_games_nor_the_disk(
     tmp_path: Path, encrypted: bool

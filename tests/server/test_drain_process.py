@@ -19,6 +19,8 @@ from robotouille_client import Game, Over, connect
 from tests.support.processes import process
 from tests.support.worker_processes import workers
 
+pytestmark = [pytest.mark.process, pytest.mark.slow]
+
 TASK = "synchronous/01_cheese_sandwich"
 DRAIN = ("--drain-seconds", "120")
 SOON = 30

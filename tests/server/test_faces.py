@@ -32,6 +32,7 @@ def test_others_import_from_the_package(face: str) -> None:
             assert not [name for name in imported(path) if name.startswith(inside)], path
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("module", "without"),
     [

@@ -52,10 +52,11 @@ async def one_episode(server: Server, task: str, clock: str, seed: int) -> list[
     return list(await asyncio.gather(*(seat(i) for i in range(seats))))
 
 
+@pytest.mark.parametrize("neighbours", [10, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("task", "clock"), [("multi_agent/10@2", "lockstep"), ("asynchronous/06", "realtime")]
 )
-def test_a_hundred_neighbours_change_nothing(tmp_path: Path, task: str, clock: str) -> None:
+def test_neighbours_change_nothing(tmp_path: Path, task: str, clock: str, neighbours: int) -> None:
     async def main(folder: Path, neighbours: int) -> list[list[str]]:
         async with serving(folder, messages_per_second=10_000) as server:
             others = [
@@ -75,6 +76,6 @@ def test_a_hundred_neighbours_change_nothing(tmp_path: Path, task: str, clock: s
             return course
 
     alone = run(main(tmp_path / "alone", 0))
-    crowded = run(main(tmp_path / "crowded", 100))
+    crowded = run(main(tmp_path / "crowded", neighbours))
     assert [len(hashes) > STEPS // 2 for hashes in alone] == [True] * len(alone)
     assert [hashes[-STEPS:] for hashes in crowded] == [hashes[-STEPS:] for hashes in alone]

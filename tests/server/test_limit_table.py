@@ -6,7 +6,7 @@ import re
 
 from robotouille_server.limit_table import LIMITS, limits_page, shown_value
 from robotouille_server.runtime.settings import ServerSettings
-from tests.docs.pages import read
+from tests.support.pages import read
 
 ALL = [limit for limits in LIMITS.values() for limit in limits]
 

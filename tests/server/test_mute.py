@@ -8,7 +8,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.session import Session
-from tests.operator.support import table, viewing
+from tests.support.operator import table, viewing
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
 

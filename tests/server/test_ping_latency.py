@@ -11,7 +11,7 @@ from typing import Any
 from robotouille_client import Client
 from robotouille_server import Server
 from robotouille_server.transport.peer import Peer
-from tests.operator.support import Table, table, viewing
+from tests.support.operator import Table, table, viewing
 from tests.support.virtual_time import run
 
 PING_SECONDS = 20

@@ -11,6 +11,7 @@ from robotouille import load_task, task_names
 from robotouille.episode import Clock
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.support.bot_games import finish
+from tests.support.samples import each_quickly_once
 from tests.support.virtual_time import run
 
 OPTIMAL = {
@@ -30,8 +31,7 @@ LENGTHS = {
 planner = policy_maker(BotKind.PLANNER)
 
 
-@pytest.mark.parametrize("clock", list(Clock))
-@pytest.mark.parametrize("name", LENGTHS)
+@pytest.mark.parametrize(("name", "clock"), each_quickly_once(LENGTHS, list(Clock)))
 def test_a_planner_alone_wastes_no_step(tmp_path: Path, name: str, clock: Clock) -> None:
     options = {"timing": "benchmark"} if clock is Clock.REALTIME else {}
     outcome = run(finish(tmp_path, name, clock, 1, planner, **options))

@@ -18,7 +18,7 @@ from robotouille_server import Server
 from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES
 from robotouille_server.rooms.snapshots import Snapshots
 from robotouille_server.runtime.token_bucket import TokenBucket
-from tests.fuzz.wire import TEXT, Closed, Wire, frame
+from tests.support.fuzzing.wire import TEXT, Closed, Wire, frame
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
 

@@ -45,7 +45,9 @@ def test_it_learns_the_kitchen_while_all_are_there(tmp_path: Path) -> None:
     run(main())
 
 
-@pytest.mark.parametrize("task", ["multi_agent/01", "multi_agent/10"])
+@pytest.mark.parametrize(
+    "task", ["multi_agent/01", pytest.param("multi_agent/10", marks=pytest.mark.slow)]
+)
 def test_it_acts_in_the_next_step_of_real_time(task: str, tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, raw(server) as bob:

@@ -18,6 +18,8 @@ from robotouille_client import connect
 from tests.support.worker_processes import COMMAND, workers
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_clients_are_sent_to_the_process_that_has_their_episode(tmp_path: Path) -> None:
     async def main(port: int) -> set[int]:
         homes = set()
@@ -41,6 +43,8 @@ def test_clients_are_sent_to_the_process_that_has_their_episode(tmp_path: Path) 
     assert all(recording.verify().complete for recording in recordings)
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_worker_that_is_killed_comes_back_with_its_episodes(tmp_path: Path) -> None:
     async def main(port: int, supervisor: psutil.Process) -> None:
         url = f"ws://127.0.0.1:{port}"
@@ -62,6 +66,8 @@ def test_a_worker_that_is_killed_comes_back_with_its_episodes(tmp_path: Path) ->
         asyncio.run(main(port, psutil.Process(process.pid)))
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_signal_stops_all_of_them(tmp_path: Path) -> None:
     with workers(tmp_path, 2) as (process, port):
         children = psutil.Process(process.pid).children()
@@ -73,6 +79,8 @@ def test_a_signal_stops_all_of_them(tmp_path: Path) -> None:
             assert probe.connect_ex(("127.0.0.1", port)) != 0
 
 
+@pytest.mark.process
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="orphans are seen by their parent's number")
 def test_workers_do_not_outlive_their_supervisor(tmp_path: Path) -> None:
     with workers(tmp_path, 2) as (process, _):
@@ -83,6 +91,7 @@ def test_workers_do_not_outlive_their_supervisor(tmp_path: Path) -> None:
         assert not alive
 
 
+@pytest.mark.process
 def test_a_fixed_port_is_needed(tmp_path: Path) -> None:
     arguments = [*COMMAND, "--workers", "2", "--port", "0", "--recordings", str(tmp_path)]
     done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)

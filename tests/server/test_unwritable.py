@@ -115,6 +115,7 @@ async def through_a_limit(url: str, server: Popen[str], folder: Path) -> tuple[s
         return long.episode, short.episode, seen
 
 
+@pytest.mark.process
 @limited
 def test_a_file_that_may_not_grow_pauses_its_episode_only(tmp_path: Path) -> None:
     """A limit between the sizes of two recordings stops the longer one until it is lifted."""
@@ -130,6 +131,7 @@ def test_a_file_that_may_not_grow_pauses_its_episode_only(tmp_path: Path) -> Non
     assert ["storage"] not in holds(other)
 
 
+@pytest.mark.process
 @limited
 def test_no_episode_is_opened_that_cannot_be_recorded(tmp_path: Path) -> None:
     async def play(url: str, server: Popen[str]) -> str:

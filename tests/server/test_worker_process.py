@@ -25,6 +25,8 @@ from tests.support.executors import ImmediateExecutor
 from tests.support.processes import process
 from tests.support.questions import question
 
+pytestmark = pytest.mark.process
+
 TASK = load_task("training/03_multi_agent@2")
 START = shared_world(TASK).initial
 PATIENCE = 30
@@ -52,6 +54,7 @@ async def gone(pid: int) -> None:
             await asyncio.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_it_answers_as_a_thread_does() -> None:
     async def main() -> None:
         thread = ThreadBotWorker(ImmediateExecutor())
@@ -220,6 +223,7 @@ def test_it_gets_none_of_the_servers_secrets(monkeypatch: pytest.MonkeyPatch) ->
     asyncio.run(main())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_nothing_is_left_of_it_when_the_server_ends(tmp_path: Path, number: int) -> None:
     from robotouille_client import connect

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-from tests.simulation import runs
-from tests.simulation.__main__ import main
-from tests.simulation.runs import Progress, run_many
-from tests.simulation.simulation import Report, run_seed
-from tests.simulation.test_oracle_sees import told_though_not_written
+from tests.programs.simulation import runs
+from tests.programs.simulation.__main__ import main
+from tests.programs.simulation.runs import Progress, run_many
+from tests.programs.simulation.simulation import Report, run_seed
+from tests.support.sabotage import told_though_not_written
 
-ROOT = Path(__file__).resolve().parents[2]
-SECONDS = 1.0
+SECONDS = 0.3
 FIRST = 12
 """From here on the seeds that are run are short, and the fault is soon found."""
 HOURS = ["--hours", f"{SECONDS / 3600:.6f}", "--seeds", f"{FIRST}:", "--jobs", "1"]
@@ -32,19 +29,24 @@ def faulty_block(first: int, last: int) -> list[Report]:
 
 def run_main(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     """The exit status of the command."""
-    monkeypatch.setattr(sys, "argv", ["tests.simulation", *arguments])
+    monkeypatch.setattr(sys, "argv", ["tests.programs.simulation", *arguments])
     return main()
 
 
-def test_the_command_ends_after_its_hours() -> None:
-    command = [sys.executable, "-m", "tests.simulation", "--hours", "0.001", "--jobs", "1"]
-    done = subprocess.run([*command, "--seeds", f"{FIRST}:"], cwd=ROOT, capture_output=True)
-    said = done.stdout.decode()
-    assert done.returncode == 0, said + done.stderr.decode()
+@pytest.mark.process
+@pytest.mark.slow
+def test_the_command_ends_after_its_hours(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(runs, "BLOCK", 3)
+    assert run_main(monkeypatch, *HOURS) == 0
+    said = capsys.readouterr().out
     found = re.search(r"^(\d+) seeds, 0 failed", said, re.MULTILINE)
     assert found is not None and int(found[1]) >= 2 * runs.BLOCK, said
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_each_seed_is_run_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "BLOCK", 3)
     seeds: list[int] = []
@@ -63,6 +65,8 @@ def test_each_seed_is_run_once_until_the_time_is_up(monkeypatch: pytest.MonkeyPa
     assert progress.finish() == 0
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_seed_that_fails_is_named_and_fails_alone(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -70,7 +74,9 @@ def test_a_seed_that_fails_is_named_and_fails_alone(
     monkeypatch.setattr(runs, "run_block", faulty_block)
     assert run_main(monkeypatch, *HOURS) == 1
     said = capsys.readouterr().out
-    failed = re.findall(r"^seed (\d+) FAILED: python -m tests\.simulation (.+)$", said, re.M)
+    failed = re.findall(
+        r"^seed (\d+) FAILED: python -m tests\.programs\.simulation (.+)$", said, re.M
+    )
     assert failed, said
     assert f"failed: {' '.join(sorted((seed for seed, _ in failed), key=int))}\n" in said
     seed, arguments = failed[0]

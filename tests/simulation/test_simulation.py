@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.simulation.day import simulate_day
-from tests.simulation.simulation import Report, run_seed
+from tests.programs.simulation.day import simulate_day
+from tests.programs.simulation.simulation import Report, run_seed
+from tests.support.samples import first_quickly
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRST, LAST = map(int, os.environ.get("SIMULATION_SEEDS", "0:150").split(":"))
@@ -18,11 +19,11 @@ BLOCK = 15
 
 
 def told(report: Report) -> str:
-    lines = [f"reproduce: python -m tests.simulation --seed {report.seed} --trace"]
+    lines = [f"reproduce: python -m tests.programs.simulation --seed {report.seed} --trace"]
     return "\n".join(lines + report.faults)
 
 
-@pytest.mark.parametrize("start", range(FIRST, LAST, BLOCK))
+@pytest.mark.parametrize("start", first_quickly(range(FIRST, LAST, BLOCK), 1, nightly=3))
 def test_games_survive_whatever_goes_wrong(start: int) -> None:
     reports = [run_seed(seed) for seed in range(start, min(start + BLOCK, LAST))]
     failed = [told(report) for report in reports if not report.ok]
@@ -32,10 +33,12 @@ def test_games_survive_whatever_goes_wrong(start: int) -> None:
     assert compared > 100 and broken > compared, "the simulation has checked hardly anything"
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_a_seed_gives_the_same_course_in_every_process() -> None:
     """Whatever hashes and addresses are, and whatever ran before."""
     program = (
-        "from tests.simulation.simulation import run_seed\n"
+        "from tests.programs.simulation.simulation import run_seed\n"
         "print(*(run_seed(seed).digest for seed in {seeds}))"
     )
 
@@ -51,16 +54,18 @@ def test_a_seed_gives_the_same_course_in_every_process() -> None:
         )
         return done.stdout.split()
 
-    forwards = digests("range(8)", "0")
-    backwards = digests("reversed(range(8))", "4711")
+    forwards = digests("range(4)", "0")
+    backwards = digests("reversed(range(4))", "4711")
     assert forwards == backwards[::-1]
-    assert len(set(forwards)) == 8
+    assert len(set(forwards)) == 4
 
 
-def test_a_server_that_runs_for_long_does_not_diverge() -> None:
-    """A quarter of a simulated hour; nightly it is 24 hours, and memory is judged as well."""
+@pytest.mark.slow
+@pytest.mark.parametrize("minutes", [3, pytest.param(15, marks=pytest.mark.nightly)])
+def test_a_server_that_runs_for_long_does_not_diverge(minutes: int) -> None:
+    """Some simulated minutes; `--day` runs 24 hours, and judges memory as well."""
     looks: list[str] = []
-    report = simulate_day(1, 0.25, looks.append, rooms=2)
+    report = simulate_day(1, minutes / 60, looks.append, rooms=2)
     assert report.ok, told(report)
-    assert len(looks) >= 23
-    assert report.counts["states"] > 2_500
+    assert len(looks) >= 1.5 * minutes
+    assert report.counts["states"] > 166 * minutes

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.wire import Closed, Wire
-from tests.simulation.stranger import CODE, FLOODS
+from tests.programs.simulation.stranger import CODE, FLOODS
+from tests.support.fuzzing.wire import Closed, Wire
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 

@@ -6,9 +6,12 @@ import random
 from collections.abc import Callable
 
 from robotouille import GroundAction, World, load_task
-from robotouille.episode import Clock, Episode, Event, Phase, Rules
+from robotouille.episode import Clock, Episode, Event, Phase, Reason, Rules
 from robotouille.replay.container import FORMAT_VERSION
 from robotouille.replay.recorder import Recorder, header
+
+TWO = World("multi_agent/01")
+"""A kitchen for two."""
 
 Choose = Callable[[Episode, str], GroundAction | None]
 
@@ -67,3 +70,9 @@ def recorded_game(
     """The recording of a random game."""
     rules = Rules(clock=clock, max_steps=steps)
     return record(*play_through(task, rules, random_choice(seed), **options), version)
+
+
+def outcome(episode: Episode) -> tuple[Reason, str]:
+    """Why an episode ended, and what was said of it."""
+    assert episode.outcome is not None
+    return episode.outcome.reason, episode.outcome.detail

@@ -41,10 +41,14 @@ window = Window((800, 600), caption="robotouille-test")
 asyncio.run(window.run(Game(), linger=0))
 """
 
-pytestmark = pytest.mark.skipif(
-    shutil.which("Xvfb") is None or shutil.which("xdotool") is None,
-    reason="needs Xvfb and xdotool",
-)
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.process,
+    pytest.mark.skipif(
+        shutil.which("Xvfb") is None or shutil.which("xdotool") is None,
+        reason="needs Xvfb and xdotool",
+    ),
+]
 
 
 @pytest.fixture

@@ -8,7 +8,22 @@ from itertools import product
 from robotouille import GroundAction, State, Task, World
 from tests.world.reference import Call, Reference, ReferenceState
 
-__all__ = ["compare", "walk_both"]
+__all__ = ["WALKS", "compare", "walk_both"]
+
+WALKS = [
+    ("synchronous/01", "benchmark", 60),
+    ("synchronous/02", "people", 40),
+    ("asynchronous/05", "benchmark", 40),
+    ("asynchronous/06", "benchmark", 150),
+    ("multi_agent/01@2", "benchmark", 80),
+    ("multi_agent/01@4", "benchmark", 60),
+    ("multi_agent/01@4", "people", 60),
+    ("multi_agent/07", "benchmark", 40),
+    ("workshop/01", "benchmark", 120),
+    ("workshop/02", "benchmark", 120),
+    ("workshop/02", "people", 80),
+]
+"""Shipped tasks: name, timing, and how many steps are walked."""
 
 
 def walk_both(task: Task, steps: int, seed: int) -> int:

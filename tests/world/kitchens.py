@@ -121,3 +121,27 @@ STATES = {
     "full": full_pot,
     "walking": walking,
 }
+
+
+def bolt_recycler() -> World:
+    """A workshop whose dispenser is its recycling bin, and recycles anything."""
+    from robotouille.domain.schema import DomainFile, ProblemFile
+    from robotouille.domain.task import build_task, read_domain
+
+    raw = read_domain("workshop").model_dump(mode="json", by_alias=True, exclude_unset=True)
+    for action in raw["action_defs"]:
+        if action["name"] == "recycle":
+            action["precons"] = [c for c in action["precons"] if c["predicate"] != "isoffcut"]
+    world = {
+        "width": 3,
+        "height": 3,
+        "config": {"drop_time": {"default": 1}},
+        "objects": {
+            "bench": [{"name": "dispenser", "x": 1, "y": 0, "predicates": ["isbin"]}],
+            "worker": [{"name": "fitter", "x": 1, "y": 1, "direction": [0, -1]}],
+        },
+        "goal": [{"predicate": "isflat", "args": ["bolt"], "ids": [1]}],
+    }
+    return World(
+        build_task("bolts", DomainFile.model_validate(raw), ProblemFile.model_validate(world))
+    )

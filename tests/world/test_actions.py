@@ -9,8 +9,7 @@ import sys
 import pytest
 
 from robotouille import GroundAction, World, load_task
-from tests.world.kitchens import full_pot, kitchen, play
-from tests.world.test_states import bolt_recycler
+from tests.world.kitchens import bolt_recycler, full_pot, kitchen, play
 
 CHILD = """
 import pickle, sys
@@ -76,6 +75,7 @@ def test_an_action_about_a_created_object_travels_to_a_world_that_has_no_room_fo
     assert "bolt7 does not exist" in attempt.reasons
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("seed", ["1", "2"])
 def test_actions_travel_between_processes(seed: str) -> None:
     state = full_pot()

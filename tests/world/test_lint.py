@@ -7,7 +7,7 @@ import pytest
 from robotouille.domain.schema import DomainFile
 from robotouille.errors import Fault
 from robotouille.world.lint import lint_domain, lint_task
-from tests.domain.broken import DOMAIN, PROBLEM, build, changed
+from tests.support.broken_files import DOMAIN, PROBLEM, build, changed
 from tests.world.kitchens import kitchen
 
 

@@ -12,8 +12,7 @@ from robotouille.domain.task import build_task
 from robotouille.world import successors, timers
 from robotouille.world.grounding import goal
 from robotouille.world.successors import DecisionNode, SuccessorTree
-from tests.world.differential import walk_both
-from tests.world.test_world_equals_reference import WALKS
+from tests.world.differential import WALKS, walk_both
 
 SMALL = 7
 LIMIT = 50
@@ -62,6 +61,7 @@ def nodes(tree: SuccessorTree) -> int:
     return sum(below(node) for bucket in tree._buckets.values() for node in bucket)
 
 
+@pytest.mark.slow
 def test_transitions_of_timers_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     limit(monkeypatch, LIMIT)
     world = long_play("multi_agent/01@4", "people")
@@ -70,6 +70,7 @@ def test_transitions_of_timers_are_bounded(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(timers_in_memory(world)) <= 2 * LIMIT + 2
 
 
+@pytest.mark.slow
 def test_nodes_of_trees_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     limit(monkeypatch, LIMIT)
     world = long_play("multi_agent/01@4", "benchmark")
@@ -82,6 +83,7 @@ def test_what_is_known_of_the_goal_is_bounded(monkeypatch: pytest.MonkeyPatch) -
     assert len(long_play("synchronous/01", "benchmark").goal._known) <= LIMIT
 
 
+@pytest.mark.slow
 def test_without_bounds_the_same_play_takes_more(monkeypatch: pytest.MonkeyPatch) -> None:
     limit(monkeypatch, UNLIMITED)
     assert transitions(long_play("multi_agent/01@4", "people")) > 3 * LIMIT

@@ -9,7 +9,17 @@ import sys
 import pytest
 
 from robotouille import World, load_task
-from tests.world.kitchens import FILL, STATES, act, filling_pot, full_pot, kitchen, play, waiting
+from tests.world.kitchens import (
+    FILL,
+    STATES,
+    act,
+    bolt_recycler,
+    filling_pot,
+    full_pot,
+    kitchen,
+    play,
+    waiting,
+)
 
 # A program that reads a pickled state, plays on, and answers with another one.
 CHILD = """
@@ -31,6 +41,7 @@ def test_copies_are_equal(name: str) -> None:
         assert {state: 1}[twin] == 1
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("seed", ["1", "2"])
 @pytest.mark.parametrize("name", STATES)
 def test_states_travel_between_processes(name: str, seed: str) -> None:
@@ -136,30 +147,6 @@ def test_a_state_with_a_long_past_is_restored_in_a_fresh_world() -> None:
         twin = World(world.task).restore(past.facts, past.timer_rows())
         assert twin.digest == past.digest
         assert twin.text() == past.text()
-
-
-def bolt_recycler() -> World:
-    """A workshop whose dispenser is its recycling bin, and recycles anything."""
-    from robotouille.domain.schema import DomainFile, ProblemFile
-    from robotouille.domain.task import build_task, read_domain
-
-    raw = read_domain("workshop").model_dump(mode="json", by_alias=True, exclude_unset=True)
-    for action in raw["action_defs"]:
-        if action["name"] == "recycle":
-            action["precons"] = [c for c in action["precons"] if c["predicate"] != "isoffcut"]
-    world = {
-        "width": 3,
-        "height": 3,
-        "config": {"drop_time": {"default": 1}},
-        "objects": {
-            "bench": [{"name": "dispenser", "x": 1, "y": 0, "predicates": ["isbin"]}],
-            "worker": [{"name": "fitter", "x": 1, "y": 1, "direction": [0, -1]}],
-        },
-        "goal": [{"predicate": "isflat", "args": ["bolt"], "ids": [1]}],
-    }
-    return World(
-        build_task("bolts", DomainFile.model_validate(raw), ProblemFile.model_validate(world))
-    )
 
 
 @pytest.mark.parametrize(

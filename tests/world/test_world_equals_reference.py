@@ -8,24 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robotouille import Task, load_task
-from tests.world.differential import walk_both
+from tests.world.differential import WALKS, walk_both
 from tests.world.random_tasks import tasks
 from tests.world.reference import Reference, ReferenceState
 from tests.world.regenerate import GOLDEN
-
-WALKS = [
-    ("synchronous/01", "benchmark", 60),
-    ("synchronous/02", "people", 40),
-    ("asynchronous/05", "benchmark", 40),
-    ("asynchronous/06", "benchmark", 150),
-    ("multi_agent/01@2", "benchmark", 80),
-    ("multi_agent/01@4", "benchmark", 60),
-    ("multi_agent/01@4", "people", 60),
-    ("multi_agent/07", "benchmark", 40),
-    ("workshop/01", "benchmark", 120),
-    ("workshop/02", "benchmark", 120),
-    ("workshop/02", "people", 80),
-]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -34,6 +20,7 @@ def test_shipped_tasks(name: str, timing: str, steps: int, seed: int) -> None:
     assert walk_both(load_task(name, timing=timing), steps, seed) > steps // 8
 
 
+@pytest.mark.slow
 @settings(
     max_examples=250,
     derandomize=True,

@@ -9,6 +9,7 @@ import pytest
 from robotouille import World, load_task
 from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.validation import replay
+from tests.support.samples import first_quickly
 
 # Plans no longer than this: what the planner found when this was written, and a tenth more.
 LENGTHS = {
@@ -18,7 +19,7 @@ LENGTHS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", LENGTHS)
+@pytest.mark.parametrize("name", first_quickly(LENGTHS, 5))
 def test_from_the_start(name: str) -> None:
     world = World(name)
     solution = BeamPlanner(world).solve(world.initial)
@@ -66,6 +67,7 @@ def test_spoiled_beyond_repair_is_not_claimed_to_be_solved() -> None:
     assert not BeamPlanner(world).solve(state, expansions=200).reached
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["asynchronous/05", "multi_agent/02"])
 def test_one_seed_one_plan(name: str) -> None:
     plans = []

@@ -24,6 +24,7 @@ from tests.planning.kitchen.courses import contents, walk
 from tests.planning.kitchen.random_kitchens import random_kitchen
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10_000), steps=st.integers(1, 40))
 def test_keys_round_trip(seed: int, steps: int) -> None:

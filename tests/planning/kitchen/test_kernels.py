@@ -69,15 +69,21 @@ def answers(compile_kernels: bool) -> dict[str, object]:
     return found
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_plain_python_can_be_asked_for() -> None:
     assert answers(False)["compiled"] is False
 
 
+@pytest.mark.process
+@pytest.mark.slow
 @needs_compiler
 def test_what_can_be_compiled_is() -> None:
     assert answers(True)["compiled"] is True
 
 
+@pytest.mark.process
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", TASKS)
 def test_both_give_the_same_answer(name: str) -> None:

@@ -63,6 +63,7 @@ def test_shipped_kitchens(name: str) -> None:
     assert answer.expansions < 1000
 
 
+@pytest.mark.slow
 def test_few_expansions() -> None:
     assert sum(solve(World(name)).expansions for name in SHIPPED) < 2000
 
@@ -147,6 +148,7 @@ def test_progress_is_told() -> None:
     assert expansions[-1] <= answer.expansions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["synchronous/10", "asynchronous/05", LARGE])
 def test_one_input_one_answer(name: str) -> None:
     answers = [solve(World(name)) for _ in range(2)]

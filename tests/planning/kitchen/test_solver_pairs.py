@@ -13,6 +13,7 @@ from robotouille.planners.kitchen.solver import PLANNER, kitchen_search
 from robotouille.planning.solvers import solve
 from tests.planning.kitchen.exact import Explored, check_answer, check_heuristic, explored
 from tests.planning.kitchen.random_kitchens import random_kitchen
+from tests.support.samples import first_quickly
 from tests.world.kitchens import kitchen
 
 ORDERED = int(os.environ.get("ROBOTOUILLE_ORACLE_TASKS", "0"))
@@ -35,7 +36,9 @@ def check(found: Explored, sample: int) -> None:
         check_answer(found.states[number], found.distances[number])
 
 
-@pytest.mark.parametrize(("dish", "seed"), [(d, s) for d, seeds in SMALL.items() for s in seeds])
+@pytest.mark.parametrize(
+    ("dish", "seed"), first_quickly([(d, s) for d, seeds in SMALL.items() for s in seeds], 4)
+)
 def test_random_kitchens(dish: str, seed: int) -> None:
     found = explored(World(random_kitchen(seed, players=2, dish=dish)), 1000)
     assert found is not None
@@ -117,12 +120,16 @@ def test_nobody_can_move_where_there_are_no_more_places_than_cooks() -> None:
     agrees(pair("stove table", goal, {"patty": 1}, config=delays(cook_time=0)), None)
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 def test_water_for_two() -> None:
     goal = [term("in", ("water", 1), ("bowl", 2))]
     config = delays(fill_time=1)
     agrees(pair("sink table table", goal, {"pot": 0, "bowl": 1}, config=config), 5)
 
 
+@pytest.mark.slow
+@pytest.mark.slow
 def test_one_boils_while_another_fetches() -> None:
     goal = [term("isboiling", ("water", 1)), term("addedto", ("onion", 2), ("water", 1))]
     config = delays(boil_time=2)

@@ -34,6 +34,7 @@ from tests.planning.kitchen.courses import (
     walk,
 )
 from tests.planning.kitchen.random_kitchens import DISHES, random_kitchen
+from tests.support.samples import first_quickly
 
 
 def check_transitions(search: KitchenSearch, assignment: int) -> list[int]:
@@ -53,10 +54,11 @@ def check_transitions(search: KitchenSearch, assignment: int) -> list[int]:
     return kinds
 
 
+@pytest.mark.parametrize("seeds", first_quickly([10, 20], nightly=1))
 @pytest.mark.parametrize("dish", sorted(DISHES))
-def test_actions_lead_where_the_world_leads(dish: str) -> None:
+def test_actions_lead_where_the_world_leads(dish: str, seeds: int) -> None:
     kinds: set[int] = set()
-    for seed in range(20):
+    for seed in range(seeds):
         rng, world = random.Random(seed), World(random_kitchen(seed, dish=dish))
         for search in chain(walk(world, rng, 25), on_the_way(world)):
             kinds.update(check_transitions(search, rng.randrange(len(search.goals))))
@@ -73,6 +75,7 @@ def test_in_shipped_kitchens(name: str) -> None:
     assert sum(map(len, found)) > 100
 
 
+@pytest.mark.slow
 def test_time_that_passes() -> None:
     """Where nobody acts the counters run, and water is made."""
     for seed in range(40):

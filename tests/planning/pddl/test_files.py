@@ -14,9 +14,9 @@ from robotouille.domain.task import build_task
 from robotouille.planning.pddl import EncodingStyle, PddlError, encode, read_pddl_plan
 from robotouille.planning.plan import read_plan
 from robotouille_client.cli.main import app
-from tests.docs.pages import blocks
-from tests.domain.broken import DOMAIN, PROBLEM, changed
 from tests.planning.pddl.interpreter import Interpreter, parse
+from tests.support.broken_files import DOMAIN, PROBLEM, changed
+from tests.support.pages import blocks
 
 GOLDEN = Path(__file__).parent / "golden"
 TINY = ("tiny_kitchen", "tiny_lamps")

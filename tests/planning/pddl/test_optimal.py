@@ -11,7 +11,7 @@ from robotouille.planning.pddl import encode, read_pddl_plan
 from robotouille.planning.validation import replay
 from tests.planning.pddl.fast_downward import needs_planner, solve
 
-pytestmark = needs_planner
+pytestmark = [pytest.mark.process, needs_planner]
 
 PROVEN = {
     "synchronous/01_cheese_sandwich": 8,

@@ -17,8 +17,8 @@ from robotouille.planning.validation import replay
 from robotouille.resources import data_folder
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
-from tests.domain.broken import DOMAIN, PROBLEM, changed
 from tests.planning.pddl.interpreter import Fact, Interpreter
+from tests.support.broken_files import DOMAIN, PROBLEM, changed
 
 TASKS = (
     "asynchronous/06_potato_soup",

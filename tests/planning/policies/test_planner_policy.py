@@ -18,6 +18,7 @@ from robotouille.planning.policies.script import Did
 from robotouille.planning.search_result import Limits
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.support.pancakes import pancake_kitchen
+from tests.support.samples import first_quickly
 from tests.world.kitchens import kitchen
 
 MULTI = [name for name in task_names() if name.startswith("multi_agent/")]
@@ -83,7 +84,7 @@ def play(
     return episode.outcome
 
 
-@pytest.mark.parametrize("name", MULTI)
+@pytest.mark.parametrize("name", first_quickly(MULTI, nightly=4))
 def test_a_team_of_two_is_faster_than_one_could_be(name: str) -> None:
     outcome = play(name, Clock.LOCKSTEP)
     assert outcome.success

@@ -25,11 +25,15 @@ from tests.world.random_tasks import tasks
 
 ORDERED = os.environ.get("ROBOTOUILLE_ORACLE_TASKS")
 KINDS = [
-    pytest.param(deep_tasks(30), 40, 100, id="random-solvable"),
-    pytest.param(tasks(), 30, 40, id="random"),
-    pytest.param(tiny_kitchens(), 400, 40, id="tiny-kitchens"),
-    pytest.param(tiny_kitchens(players=2), 120, 30, id="tiny-kitchens-for-two"),
+    pytest.param(deep_tasks(30), 40, 10, id="random-solvable"),
+    pytest.param(tasks(), 30, 15, id="random"),
+    pytest.param(tiny_kitchens(), 400, 15, id="tiny-kitchens"),
+    pytest.param(
+        tiny_kitchens(players=2), 120, 10, id="tiny-kitchens-for-two", marks=pytest.mark.slow
+    ),
 ]
+FOR_THE_NIGHT = 7
+"""How many times as many examples are tried at night."""
 
 
 def quickly(examples: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -43,9 +47,14 @@ def quickly(examples: int) -> Callable[[Callable[..., None]], Callable[..., None
     )
 
 
+@pytest.mark.parametrize(
+    "factor", [1, pytest.param(FOR_THE_NIGHT, marks=[pytest.mark.slow, pytest.mark.nightly])]
+)
 @pytest.mark.parametrize(("strategy", "cap", "examples"), KINDS)
-def test_small_tasks(strategy: st.SearchStrategy[Task], cap: int, examples: int) -> None:
-    @quickly(examples)
+def test_small_tasks(
+    strategy: st.SearchStrategy[Task], cap: int, examples: int, factor: int
+) -> None:
+    @quickly(examples * factor)
     @given(task=strategy)
     def agree(task: Task) -> None:
         world = World(task)
@@ -90,6 +99,7 @@ def check_heuristics(oracle: Oracle, estimate: Heuristic) -> None:
             assert least <= distances.get(key, math.inf)
 
 
+@pytest.mark.slow
 @quickly(30)
 @given(task=tiny_kitchens())
 def test_what_is_unreachable_never_holds(task: Task) -> None:

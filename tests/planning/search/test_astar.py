@@ -69,6 +69,7 @@ def test_without_estimates(name: str, length: int) -> None:
     assert answer.proof is Proof.EXHAUSTED
 
 
+@pytest.mark.slow
 def test_estimates_save_work() -> None:
     world = World(load_task("synchronous/02"))
     guided = astar_search(world, symmetry=False)
@@ -76,6 +77,7 @@ def test_estimates_save_work() -> None:
     assert guided.expansions * 5 < astar_search(world, heuristic=BLIND, symmetry=False).expansions
 
 
+@pytest.mark.slow
 def test_symmetry_saves_work() -> None:
     world = World(load_task("synchronous/02"))
     assert astar_search(world).expansions * 2 < astar_search(world, symmetry=False).expansions

@@ -1,0 +1,56 @@
+"""`python -m tests.programs.drill`: SIGKILL a real server a hundred times in fifty games."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import shutil
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from tests.programs.drill.drill import Plan, run_drill
+from tests.programs.drill.report import table, write_json
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.programs.drill", description=__doc__)
+    parser.add_argument(
+        "--kills",
+        type=int,
+        default=100,
+        help="how often the server gets SIGKILL; SIGTERMs come on top",
+    )
+    parser.add_argument("--games", type=int, default=50, help="games at a time")
+    parser.add_argument("--windows", type=int, default=2, help="people's windows (under Xvfb)")
+    parser.add_argument("--processes", type=int, default=3, help="processes for the bots")
+    parser.add_argument("--seed", type=int, default=None, help="of games and kills")
+    parser.add_argument("--json", type=Path, help="write all figures to this file")
+    parser.add_argument("--folder", type=Path, help="keep recordings, logs and pictures here")
+    options = parser.parse_args()
+    missing = [name for name in ("Xvfb", "xdotool") if not shutil.which(name)]
+    if options.windows and missing:
+        parser.error(f"windows need {' and '.join(missing)}; install them or say --windows 0")
+    seed = options.seed if options.seed is not None else time.time_ns() % 1_000_000
+    plan = replace(
+        Plan(), kills=options.kills, games=options.games, windows=options.windows,
+        processes=options.processes, seed=seed,
+    )  # fmt: skip
+    folder = options.folder or Path(tempfile.mkdtemp(prefix="robotouille-drill-"))
+    begun = time.monotonic()
+
+    def say(text: str) -> None:
+        print(f"{time.monotonic() - begun:6.1f}  {text}", flush=True)
+
+    say(f"seed {seed}, files in {folder}")
+    result = asyncio.run(run_drill(plan, folder, say))
+    print(table(result))
+    if options.json is not None:
+        write_json(result, options.json)
+    return 0 if result.ok else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,182 @@
+"""The processes of bots as the drill sees them: who is in a game, who is connected, what failed."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Crowd", "Outage"]
+
+
+LOOK_SECONDS = 0.05
+
+
+@dataclass(slots=True)
+class Outage:
+    """A kill, whom it cut off, and when they were back (seconds after it)."""
+
+    at: float
+    missing: set[str]
+    back: dict[str, float] = field(default_factory=dict)
+    interrupted: bool = False
+
+    @property
+    def seconds(self) -> float | None:
+        """Until the last was back; None if the next kill came first."""
+        if self.missing or self.interrupted or not self.back:
+            return None
+        return max(self.back.values())
+
+
+class Crowd:
+    """All processes of bots together."""
+
+    def __init__(
+        self, url: str, folder: Path, seed: int, steps: tuple[int, int], faults: list[str]
+    ) -> None:
+        self.playing: set[str] = set()
+        self.present: set[str] = set()
+        self.outages: list[Outage] = []
+        self.absences: list[float] = []
+        self.ended: dict[str, int] = {}
+        self.faults = faults
+        self._folder = folder
+        self.situations: list[dict[str, Any]] = []
+        self.opened = 0
+        self.pictures = 0
+        self.clicks = 0
+        self.turn_of_events = asyncio.Event()
+        self._lost_at: dict[str, float] = {}
+        self._arguments = ["--url", url, "--folder", str(folder), "--seed", str(seed)]
+        self._arguments += ["--min-steps", str(steps[0]), "--max-steps", str(steps[1])]
+        self._processes: list[asyncio.subprocess.Process] = []
+        self._readers: list[asyncio.Task[None]] = []
+        self._reports = 0
+        self._finishing = False
+
+    async def start(self, slots: int, processes: int, windows: int) -> None:
+        """Begin to play in all slots, dealt to so many processes, and at windows."""
+        for number in range(min(processes, slots)):
+            await self._begin("tests.programs.drill.players", range(number, slots, processes))
+        for number in range(windows):
+            await self._begin("tests.programs.drill.people", [number])
+
+    async def _begin(self, module: str, slots: Iterable[int]) -> None:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", module, *self._arguments, *map(str, slots),
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=2**20,
+            env={**os.environ, "ROBOTOUILLE_COMPILE": "0"}, start_new_session=True,
+        )  # fmt: skip
+        self._processes.append(process)
+        self._readers.append(asyncio.create_task(self._read(process)))
+
+    async def all_play(self, games: int, seconds: float) -> None:
+        """Wait until so many games have been opened, or the time is up."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                while self.opened < games:
+                    self.turn_of_events.clear()
+                    await self.turn_of_events.wait()
+
+    async def most_are_back(self, share: float, seconds: float) -> None:
+        """Wait until such a share of the players is connected, or the time is up."""
+        deadline = time.monotonic() + seconds
+        while len(self.present) < share * len(self.playing) and time.monotonic() < deadline:
+            await asyncio.sleep(LOOK_SECONDS)
+
+    def finish(self) -> None:
+        """Begin no more games."""
+        self._finishing = True
+        for process in self._processes:
+            _write(process, b"finish\n")
+
+    async def finished(self, seconds: float) -> bool:
+        """Whether all games end within a time; else `situations` tells of those that do not."""
+        if not self._readers:
+            return True
+        _, late = await asyncio.wait(self._readers, timeout=seconds)
+        if late:
+            for process in self._processes:
+                _write(process, b"report\n")
+            await asyncio.wait(self._readers, timeout=3)
+        return not late
+
+    async def stop(self) -> None:
+        """End the processes, and those that they have started."""
+        for process in self._processes:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        await asyncio.gather(*self._readers)
+
+    def killed(self, at: float) -> None:
+        """The server has just been killed."""
+        if self.outages and self.outages[-1].missing:
+            self.outages[-1].interrupted = True
+        self.outages.append(Outage(at, set(self.playing)))
+
+    async def _read(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stdout is not None
+        path = self._folder.parent / f"players-{process.pid}.jsonl"
+        with path.open("wb") as log:
+            async for line in process.stdout:
+                log.write(line)
+                self._heed(json.loads(line))
+        status = await process.wait()
+        if status != 0:
+            self.faults.append(f"a process of bots ended with status {status}")
+
+    def _heed(self, row: dict[str, Any]) -> None:
+        who, at = row.get("who", ""), row["at"]
+        match row["event"]:
+            case "opened":
+                self.opened += 1
+                self.turn_of_events.set()
+            case "joined":
+                self.playing.add(who)
+                self.turn_of_events.set()
+            case "back":
+                self._back(who, at)
+            case "lost":
+                self.present.discard(who)
+                self._lost_at[who] = at
+            case "over":
+                self._over(who, row["outcome"])
+                self.clicks += row.get("clicks", 0)
+            case "failed":
+                self.faults.append(f"{who}: {row['error']}")
+            case "pictured":
+                self.pictures += 1
+            case "situation":
+                self.situations.append(row)
+
+    def _back(self, who: str, at: float) -> None:
+        self.present.add(who)
+        lost = self._lost_at.pop(who, None)
+        if lost is not None:
+            self.absences.append(at - lost)
+        if self.outages and who in self.outages[-1].missing and at > self.outages[-1].at:
+            self.outages[-1].missing.discard(who)
+            self.outages[-1].back[who] = at - self.outages[-1].at
+
+    def _over(self, who: str, outcome: dict[str, Any]) -> None:
+        self.playing.discard(who)
+        self.present.discard(who)
+        if self.outages:
+            self.outages[-1].missing.discard(who)
+        reason = str(outcome.get("reason", "(not told)"))
+        self.ended[reason] = self.ended.get(reason, 0) + 1
+        self.turn_of_events.set()
+
+
+def _write(process: asyncio.subprocess.Process, line: bytes) -> None:
+    if process.returncode is None and process.stdin is not None:
+        process.stdin.write(line)

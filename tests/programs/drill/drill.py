@@ -1,0 +1,158 @@
+"""The drill itself: play, kill, start again, and in the end look whether anything was lost."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.programs.drill.crowd import Crowd
+from tests.programs.drill.moments import Kill, When, draw_kills
+from tests.programs.drill.server import ServerProcess, free_port
+from tests.programs.drill.verdict import Verdict, judge
+
+__all__ = ["Plan", "Result", "run_drill"]
+
+LISTEN_SECONDS = 60.0
+"""After which a server that does not listen has failed."""
+WARM_UP_SECONDS = 60.0
+"""After which the first kill no longer waits until all games have begun."""
+MOST, BACK_SECONDS = 0.8, 8.0
+"""Of the players, who are waited for to be back before a kill while they play, and how long."""
+EVENT_SECONDS = 4.0
+"""After which a kill no longer waits for a game to begin or to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How much is played and killed. `kills` counts SIGKILLs only; SIGTERMs come on top. `steps`
+    bounds the step limits of the games, and `patience` the seconds that games have to finish
+    after the last kill."""
+
+    kills: int = 100
+    games: int = 50
+    windows: int = 0
+    processes: int = 3
+    seed: int = 1
+    steps: tuple[int, int] = (30, 150)
+    patience: float = 300.0
+    server_flags: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class Result:
+    """What happened: times are in seconds."""
+
+    plan: Plan
+    kills: Counter[str] = field(default_factory=Counter)
+    signals: Counter[str] = field(default_factory=Counter)
+    lives: int = 0
+    seconds: float = 0.0
+    start_seconds: list[float] = field(default_factory=list)
+    stop_seconds: list[float] = field(default_factory=list)
+    back_seconds: list[float] = field(default_factory=list)
+    absence_seconds: list[float] = field(default_factory=list)
+    restored: list[int] = field(default_factory=list)
+    told: dict[str, int] = field(default_factory=dict)
+    pictures: int = 0
+    clicks: int = 0
+    verdict: Verdict = field(default_factory=Verdict)
+    faults: list[str] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        return not self.faults and self.verdict.games > 0
+
+
+async def run_drill(plan: Plan, folder: Path, say: Callable[[str], None]) -> Result:
+    """Run a drill in an empty folder; `say` is told how it goes."""
+    evidence = folder / "told"
+    evidence.mkdir(parents=True)
+    result = Result(plan)
+    server = ServerProcess(folder, free_port(), result.faults, *plan.server_flags)
+    crowd = Crowd(server.url, evidence, plan.seed, plan.steps, result.faults)
+    begun = time.monotonic()
+    await server.start()
+    try:
+        await _listens(server)
+        await crowd.start(plan.games, plan.processes, plan.windows)
+        await crowd.all_play(plan.games + plan.windows, WARM_UP_SECONDS)
+        await _kill_and_restart(plan, server, crowd, result, say)
+        await _finish(plan, server, crowd, result, say)
+    finally:
+        await crowd.stop()
+        await server.kill(signal.SIGINT)
+    result.seconds = time.monotonic() - begun
+    say("comparing recordings with what the clients were told")
+    result.verdict = judge(folder / "recordings", evidence)
+    _sum_up(server, crowd, result)
+    return result
+
+
+async def _kill_and_restart(
+    plan: Plan, server: ServerProcess, crowd: Crowd, result: Result, say: Callable[[str], None]
+) -> None:
+    told, kills = 0, draw_kills(plan.seed, plan.kills)
+    for number, kill in enumerate(kills, 1):
+        await _moment(kill, server, crowd)
+        there, playing = len(crowd.present), len(crowd.playing)
+        crowd.killed(time.monotonic())
+        await server.kill(kill.signal)
+        result.kills[f"{kill.signal.name} {kill.when.value}"] += 1
+        result.signals[kill.signal.name] += 1
+        say(
+            f"kill {number:3} of {len(kills)}: {kill.signal.name} {kill.when.value:9}"
+            f" {there} of {playing} players were there,"
+            f" {sum(crowd.ended.values())} seats have finished"
+        )
+        for fault in result.faults[told:]:
+            say(f"  ! {fault[:1000]}")
+        told = len(result.faults)
+        await server.start()
+
+
+async def _moment(kill: Kill, server: ServerProcess, crowd: Crowd) -> None:
+    """Wait until it is time for a kill."""
+    if kill.when is not When.STARTING:
+        await _listens(server)
+    if kill.when is When.PLAYING:
+        await crowd.most_are_back(MOST, BACK_SECONDS)
+    if kill.when is When.EVENT:
+        crowd.turn_of_events.clear()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(crowd.turn_of_events.wait(), EVENT_SECONDS)
+    await asyncio.sleep(kill.delay)
+
+
+async def _listens(server: ServerProcess) -> None:
+    try:
+        await asyncio.wait_for(server.listening.wait(), LISTEN_SECONDS)
+    except TimeoutError:
+        raise RuntimeError(f"life {server.lives} does not listen; see {server.folder}") from None
+
+
+async def _finish(
+    plan: Plan, server: ServerProcess, crowd: Crowd, result: Result, say: Callable[[str], None]
+) -> None:
+    await _listens(server)
+    crowd.finish()
+    say(f"{len(crowd.playing)} bots play their games to the end")
+    if not await crowd.finished(plan.patience):
+        result.faults.append(f"games have not ended {plan.patience:g} s after the last kill")
+        result.faults += [f"still playing: {situation}" for situation in crowd.situations]
+
+
+def _sum_up(server: ServerProcess, crowd: Crowd, result: Result) -> None:
+    result.lives = server.lives
+    result.start_seconds, result.stop_seconds = server.start_seconds, server.stop_seconds
+    result.restored = server.restored
+    result.back_seconds = [o.seconds for o in crowd.outages if o.seconds is not None]
+    result.absence_seconds = crowd.absences
+    result.told = crowd.ended
+    result.pictures, result.clicks = crowd.pictures, crowd.clicks
+    result.faults += result.verdict.faults

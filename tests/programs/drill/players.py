@@ -1,0 +1,246 @@
+"""A process full of bots: plays one game after another in each slot until it is told to stop.
+
+What happens goes to standard output, one JSON object a line; `finish` on standard input begins no
+more games, `report` asks who still plays.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from robotouille.errors import RobotouilleError
+from robotouille.planning.policies.policy import Policy
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import State
+from robotouille_client import Client, Game
+from robotouille_client.bots import play
+from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.player import MakePolicy
+from robotouille_client.errors import ConnectionFailedError
+from tests.programs.drill.games import GameSpec, draw_game, plan_of
+from tests.programs.drill.witness import Witness
+
+LOOK_SECONDS = 0.02
+BREAK_SECONDS = 7.0
+"""Between two breaks of a flaky connection."""
+
+
+class Deliberate:
+    """A policy that takes its time; it is asked in a thread."""
+
+    def __init__(self, policy: Policy, seconds: float) -> None:
+        self._policy = policy
+        self._seconds = seconds
+
+    def observe(self, did: Any) -> None:
+        self._policy.observe(did)
+
+    def act(self, state: State) -> GroundAction | None:
+        time.sleep(self._seconds)
+        return self._policy.act(state)
+
+
+def tell(event: str, **facts: Any) -> None:
+    """One line to whoever runs the drill."""
+    print(json.dumps({"event": event, "at": time.monotonic(), **facts}), flush=True)
+
+
+@asynccontextmanager
+async def reachable(url: str, name: str, seed: int) -> AsyncIterator[Client]:
+    """A connection, as soon as there is a server."""
+    while True:
+        client = Client(url, name=name, seed=seed)
+        try:
+            await client.__aenter__()
+            break
+        except ConnectionFailedError:
+            await asyncio.sleep(0.2)
+    try:
+        yield client
+    finally:
+        await client.close()
+
+
+class Participant:
+    """One bot at one seat, from its first connection to the end of its game."""
+
+    def __init__(self, url: str, name: str, spec: GameSpec, number: int, folder: Path) -> None:
+        self.name = name
+        self.client: Client | None = None
+        self.game: Game | None = None
+        self._url = url
+        self._spec = spec
+        self._number = number
+        self._folder = folder
+        self._here = False
+
+    async def open(self) -> str:
+        """Create the game; its code."""
+        async with reachable(self._url, self.name, self._spec.seed) as client:
+            while True:
+                try:
+                    created = await client.create(self._spec.task, **self._spec.options)
+                    return created.code
+                except ConnectionFailedError:
+                    await asyncio.sleep(0.2)
+                except RobotouilleError as error:
+                    if getattr(error, "code", "") != "server/draining":
+                        raise
+                    await asyncio.sleep(0.2)
+
+    async def play(self, code: str, seat: str | None = None) -> None:
+        """Take a seat and play to the end."""
+        async with reachable(self._url, self.name, self._spec.seed + self._number) as client:
+            self.client = client
+            self.game = game = await client.join(code, seat=seat)
+            witness = Witness(game, self.name, self._folder, self._heard)
+            tell("joined", who=self.name, episode=game.episode)
+            tasks = [asyncio.create_task(self._watch_connection(client))]
+            if self._spec.flaky[self._number]:
+                tasks.append(asyncio.create_task(self._break_connection(client)))
+            self._heard()
+            try:
+                await play(game, self._policy)
+                await witness.close()
+            finally:
+                for task in tasks:
+                    task.cancel()
+            tell("over", who=self.name, episode=game.episode, outcome=game.outcome or {})
+
+    def _policy(self, state: State, player: str) -> Policy:
+        kind = BotKind(self._spec.bots[self._number])
+        make: MakePolicy = policy_maker(kind, self._spec.seed, plan_of(self._spec))
+        return Deliberate(make(state, player), self._spec.think)
+
+    def _heard(self) -> None:
+        if not self._here:
+            self._here = True
+            tell("back", who=self.name)
+
+    async def _watch_connection(self, client: Client) -> None:
+        while True:
+            await client.connected.wait()
+            while client.connected.is_set():
+                await asyncio.sleep(LOOK_SECONDS)
+            self._here = False
+            tell("lost", who=self.name)
+
+    async def _break_connection(self, client: Client) -> None:
+        while True:
+            await asyncio.sleep(BREAK_SECONDS)
+            if client.connected.is_set() and client._socket is not None:
+                client._socket.transport.abort()
+
+    @property
+    def situation(self) -> dict[str, Any]:
+        """Where it stands, for who looks into a game that does not end."""
+        game, client = self.game, self.client
+        return {
+            "who": self.name,
+            "task": self._spec.task,
+            "clock": self._spec.clock,
+            "absence": self._spec.absence,
+            "bot": self._spec.bots[self._number],
+            "connected": client is not None and client.connected.is_set(),
+            "episode": game.episode if game else "",
+            "step": game.step if game else -1,
+            "limit": self._spec.max_steps,
+            "phase": game.phase if game else "",
+            "pause": game.pause.model_dump() if game and game.pause else None,
+            "turn": game.turn if game else None,
+            "seats": [seat.model_dump() for seat in game.seats] if game else [],
+            "unanswered": game.unanswered.model_dump() if game and game.unanswered else None,
+        }
+
+
+class Stopping(asyncio.Event):
+    """Set when no more games are to begin."""
+
+    async def obey(self, situations: Callable[[], list[dict[str, Any]]]) -> None:
+        """Heed standard input: `report` tells what there is to tell, all else stops."""
+        reader = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+        while line := await reader.readline():
+            if line.strip() == b"report":
+                for situation in situations():
+                    tell("situation", **situation)
+            else:
+                self.set()
+
+
+class Slots:
+    """All slots of this process."""
+
+    def __init__(self, given: argparse.Namespace) -> None:
+        self._given = given
+        self._folder = Path(given.folder)
+        self._stopping = Stopping()
+        self._playing: dict[str, Participant] = {}
+
+    async def run(self) -> None:
+        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(128))
+        obeying = asyncio.create_task(self._stopping.obey(self._situations))
+        await asyncio.gather(*(self._slot(slot) for slot in self._given.slots))
+        obeying.cancel()
+        tell("finished")
+
+    def _situations(self) -> list[dict[str, Any]]:
+        return [participant.situation for participant in self._playing.values()]
+
+    async def _slot(self, slot: int) -> None:
+        given, number = self._given, 0
+        await asyncio.sleep(slot * 0.02)
+        while not self._stopping.is_set():
+            steps = (given.min_steps, given.max_steps)
+            spec = draw_game(given.seed, slot, number, steps=steps)
+            await self._game(spec, f"s{slot}g{number}")
+            number += 1
+
+    async def _game(self, spec: GameSpec, name: str) -> None:
+        players = [
+            Participant(self._given.url, f"{name}p{i}", spec, i, self._folder)
+            for i in range(spec.seats)
+        ]
+        try:
+            code = await players[0].open()
+            tell("opened", who=name)
+            async with asyncio.TaskGroup() as group:
+                for player in players:
+                    self._playing[player.name] = player
+                    group.create_task(player.play(code))
+        except* RobotouilleError as failures:
+            for failure in failures.exceptions:
+                tell("failed", who=name, error=f"{type(failure).__name__}: {failure}")
+        finally:
+            for player in players:
+                self._playing.pop(player.name, None)
+
+
+def options() -> argparse.Namespace:
+    """What the drill tells its processes."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--url", required=True)
+    parser.add_argument("--folder", required=True)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--min-steps", type=int, required=True)
+    parser.add_argument("--max-steps", type=int, required=True)
+    parser.add_argument("slots", type=int, nargs="+")
+    return parser.parse_args()
+
+
+def main() -> None:
+    asyncio.run(Slots(options()).run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""The result of a drill as a table and as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.programs.drill.drill import Result
+
+__all__ = ["table", "write_json"]
+
+MAX_SHOWN = 40
+
+
+def table(result: Result) -> str:
+    """The figures, and the evidence where something is wrong."""
+    verdict = result.verdict
+    kills = ", ".join(f"{count} {kind}" for kind, count in sorted(result.kills.items()))
+    rows = [
+        ("kills", f"{result.signals['SIGKILL']} SIGKILL ({result.plan.kills} asked for), and"
+                  f" {result.signals['SIGTERM']} SIGTERM on top"),
+        ("when", kills or "none"),
+        ("lives of the server", f"{result.lives}"),
+        ("time", f"{result.seconds:.0f} s"),
+        ("episodes restored", f"{sum(result.restored)}, at most {max(result.restored, default=0)}"),
+        ("start → listening", _spread(result.start_seconds)),
+        ("SIGTERM → ended", _spread(result.stop_seconds)),
+        ("kill → all clients back", _spread(result.back_seconds)),
+        ("one client's absence", _spread(result.absence_seconds)),
+        ("games", f"{verdict.games} ({_counts(verdict.outcomes)})"),
+        ("seats told the outcome", _counts(result.told)),
+        ("windows", f"{result.pictures} times found showing the game, at its start and after"
+                    f" outages; {result.clicks} clicks and keys"),
+        ("restarts in a game", f"at most {max(verdict.restarts, default=0)}"),
+        ("other recordings", f"{verdict.others}"),
+        ("recordings verified", f"{verdict.verified}"),
+        ("steps recorded", f"{verdict.steps}"),
+        ("controllers", _counts(verdict.controllers)),
+        ("compared", f"{verdict.states} states, {verdict.deltas} deltas, {verdict.actions} answers"
+                     f" to actions, {verdict.chat} chat messages heard"),
+        ("chat that nobody heard", f"{verdict.unheard}"),
+        ("spectators not told the end", f"{verdict.unaware}"),
+        ("violations", f"{len(result.faults)}"),
+    ]  # fmt: skip
+    width = max(len(name) for name, _ in rows)
+    lines = [f"{name:{width}}  {value}" for name, value in rows]
+    lines += [f"  ! {fault}" for fault in result.faults[:MAX_SHOWN]]
+    if len(result.faults) > MAX_SHOWN:
+        lines.append(f"  … and {len(result.faults) - MAX_SHOWN} more")
+    return "\n".join(lines)
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "none"
+
+
+def _spread(seconds: list[float]) -> str:
+    """Median, 90th and 99th percentile, and the longest."""
+    if not seconds:
+        return "none"
+    ordered = sorted(seconds)
+    at = [ordered[min(len(ordered) - 1, int(len(ordered) * part))] for part in (0.5, 0.9, 0.99)]
+    half, most, nearly, longest = *at, ordered[-1]
+    return (
+        f"p50 {half:.2f} s, p90 {most:.2f} s, p99 {nearly:.2f} s, max {longest:.2f} s"
+        f" ({len(ordered)} times)"
+    )
+
+
+def write_json(result: Result, path: Path) -> None:
+    """All figures and all faults, for programs."""
+    path.write_text(json.dumps(_plain(result), indent=1) + "\n", encoding="utf-8")
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

@@ -1,0 +1,127 @@
+"""Every single bit of a recording, flipped: `python -m tests.programs.every_bit [FILE.rbt …]`.
+
+Without a file it plays a small game. Each recording is tried as an open and as a closed file: a
+flip is either noticed by the reader or changes nothing that is read, and what stands before it is
+read all the same: in an open file every frame, in a closed one every frame of the blocks before
+it. Exit status 1 if not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+
+from robotouille import RecordingError
+from robotouille.replay.container import compress, frame_ends, unwrap
+from robotouille.replay.recording import Recording, recording_of
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+__all__ = ["flip_all", "flip_some", "main"]
+
+JOBS = os.cpu_count() or 1
+
+
+def _open_file(stream: bytes, bit: int) -> str:
+    """What becomes of one flip of an open recording."""
+    damaged, byte = _flipped(stream, bit), bit // 8
+    try:
+        found = Recording(damaged)
+    except RecordingError:
+        ends = [end for end in frame_ends(stream) if end <= byte]
+        if len(ends) == 0:
+            return "noticed, in the header"
+        before = Recording(damaged, damaged=True)
+        if before.whole != ends[-1] or damaged[: ends[-1]] != stream[: ends[-1]]:
+            return "A FRAME BEFORE IT IS LOST"
+        return "noticed"
+    return "nothing changed" if found.stream == stream else "NOT NOTICED"
+
+
+def _closed_file(stream: bytes, content: bytes, bit: int) -> str:
+    """What becomes of one flip of a closed recording."""
+    damaged = _flipped(content, bit)
+    try:
+        found = recording_of(damaged, "it")
+    except RecordingError:
+        return _read_before(stream, damaged, _length_before(content, bit // 8))
+    return "nothing changed" if found.stream == stream else "NOT NOTICED"
+
+
+def _read_before(stream: bytes, damaged: bytes, length: int) -> str:
+    """Whether all frames are read that end in the first so many bytes of a stream."""
+    ends = [end for end in frame_ends(stream) if end <= length]
+    if len(ends) == 0:
+        return "noticed, in the header"
+    before = recording_of(damaged, "it", damaged=True)
+    if before.whole < ends[-1] or before.stream[: ends[-1]] != stream[: ends[-1]]:
+        return "A BLOCK BEFORE IT IS LOST"
+    return "noticed"
+
+
+@cache
+def _length_before(content: bytes, byte: int) -> int:
+    """Bytes of the stream in the blocks that end before a byte of a closed file."""
+    return len(zstd.ZstdDecompressor().decompress(content[:byte]))
+
+
+def _flipped(content: bytes, bit: int) -> bytes:
+    damaged = bytearray(content)
+    damaged[bit // 8] ^= 1 << bit % 8
+    return bytes(damaged)
+
+
+def flip_some(stream: bytes, bits: Iterable[int], *, closed: bool) -> Counter[str]:
+    """How often each thing became of these flips of a plain stream."""
+    if not closed:
+        return Counter(_open_file(stream, bit) for bit in bits)
+    content = compress(stream)
+    return Counter(_closed_file(stream, content, bit) for bit in bits)
+
+
+def _some(work: tuple[bool, bytes, range]) -> Counter[str]:
+    closed, stream, bits = work
+    return flip_some(stream, bits, closed=closed)
+
+
+def flip_all(stream: bytes, *, closed: bool, jobs: int = JOBS) -> Counter[str]:
+    """How often each thing became of a flip of a plain stream, as an open or a closed file."""
+    bits = 8 * len(compress(stream) if closed else stream)
+    parts = [(closed, stream, range(first, bits, 64)) for first in range(64)]
+    with get_context("spawn").Pool(jobs) as pool:
+        counts = Counter[str]()
+        for part in pool.imap_unordered(_some, parts):
+            counts += part
+    return counts
+
+
+def main() -> int:
+    """The table of a file, or of a small game."""
+    parser = argparse.ArgumentParser(prog="python -m tests.programs.every_bit", description=__doc__)
+    parser.add_argument("files", nargs="*", type=Path)
+    given, failed = parser.parse_args(), False
+    streams = {str(path): unwrap(path.read_bytes()) for path in given.files}
+    if not streams:
+        from tests.support.games import recorded_game
+
+        streams = {"a small game": recorded_game("training/01_synchronous", seed=5, steps=12)}
+    for name, stream in streams.items():
+        for closed in (False, True):
+            counts = flip_all(stream, closed=closed)
+            failed = failed or any(what.isupper() for what in counts)
+            told = ", ".join(f"{count:,} {what}" for what, count in sorted(counts.items()))
+            print(f"{name}, {'closed' if closed else 'open'}: {counts.total():,} flips: {told}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

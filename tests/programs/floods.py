@@ -1,0 +1,403 @@
+"""Floods, and what an honest game notices of them: `python -m tests.programs.floods`.
+
+Each flood comes from a process of its own, from four connections or from sixty, as fast as the
+server takes it. An honest game in real time (20 steps a second) goes on meanwhile: printed are the
+longest wait between two of its deltas, the median of five runs (50 ms is normal), by how much the
+server's memory has grown, and whether newcomers were let in. Exit status 0 says that all of it is
+within the limits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import psutil
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from robotouille_server.auth.keys import FileKeyring
+from robotouille_server.auth.tokens import Role, Tokens
+from tests.support.fuzzing.wire import BINARY, CONTINUATION, PING, PONG, TEXT, frame, request
+from tests.support.server_process import ServerProcess, server_process
+
+__all__ = ["FLOODS", "Flood", "Result", "main", "measure"]
+
+FLAGS = (
+    "--mode", "realtime", "--step-rate", "20", "--max-steps", "1000000", "--log-level", "error",
+    "--task", "multi_agent/01",
+)  # fmt: skip
+MAX_GAP = 0.150
+MAX_GROWTH = 32 * 1024 * 1024
+BLOB = 256 * 1024
+SUBPROTOCOL = Subprotocol("robotouille.v1.json")
+ELSEWHERE = "X-Forwarded-For: 203.0.113.9\r\n"
+"""Who comes through a proxy is no program of this machine."""
+HELLO: dict[str, object] = {"type": "hello", "protocol": 1, "name": "eve", "kind": "bot"}
+
+
+def _message(message: Mapping[str, object]) -> bytes:
+    return frame(json.dumps(message).encode(), TEXT)
+
+
+def _many(piece: bytes) -> bytes:
+    """A piece again and again, as much as is read at a time."""
+    return piece * max(1, BLOB // len(piece))
+
+
+def _fragments(code: str) -> bytes:
+    inner = frame(b"", CONTINUATION, fin=False) * 1020
+    return frame(b"", TEXT, fin=False) + inner + frame(b"{}", CONTINUATION)
+
+
+def _unknown_fields(code: str) -> bytes:
+    fields = ",".join(f'"{i:x}":0' for i in range(7000))
+    return frame(f'{{"type":"hello",{fields}}}'.encode()[:65_000] + b"}", TEXT)
+
+
+def _in_and_out(code: str) -> bytes:
+    join = {"type": "join", "episode": code, "role": "spectator", "view": "both"}
+    return _message(join) + _message({"type": "leave"})
+
+
+@dataclass(frozen=True, slots=True)
+class Flood:
+    """What is sent again and again, after which messages, and whether answers are read. A
+    `silent` one only opens so many connections, and keeps them. From `elsewhere` one is no program
+    of this machine; newcomers then are, too, and have a token. So many other `rooms` there are."""
+
+    what: str
+    piece: Callable[[str], bytes] = lambda code: b""
+    first: tuple[str, ...] = ()
+    reads: bool = True
+    silent: int = 0
+    elsewhere: bool = False
+    rooms: int = 0
+    connections: int = 4
+    subprotocol: str = SUBPROTOCOL
+
+
+FLOODS = {
+    "none": Flood("nothing at all"),
+    "pings": Flood("empty pings before hello", lambda code: frame(b"", PING)),
+    "unread-pings": Flood(
+        "pings whose pongs nobody reads", lambda code: frame(b"x" * 125, PING), reads=False
+    ),
+    "pongs": Flood("empty pongs", lambda code: frame(b"", PONG), ("hello",)),
+    "fragments": Flood("messages of 1,022 fragments", _fragments, ("hello",)),
+    "silence": Flood("1,200 connections that say nothing", silent=1200),
+    "resyncs": Flood(
+        "requests for snapshots", lambda code: _message({"type": "resync"}), ("hello", "join")
+    ),
+    "unread-resyncs": Flood(
+        "requests for snapshots that nobody reads",
+        lambda code: _message({"type": "resync"}),
+        ("hello", "join"),
+        reads=False,
+    ),
+    "joins": Flood("in and out again", _in_and_out, ("hello",)),
+    "lists": Flood(
+        "lists of 300 episodes", lambda code: _message({"type": "list"}), ("hello",), rooms=300
+    ),
+    "fields": Flood("9,900 unknown fields before hello", _unknown_fields),
+    "codes": Flood(
+        "wrong codes",
+        lambda code: _message({"type": "join", "episode": "AAAAA-AAAAA"}),
+        ("hello",),
+        elsewhere=True,
+    ),
+    "places": Flood("80 silent connections of one address", silent=80, elsewhere=True),
+    "arrays": Flood(
+        "lists within lists, in MessagePack",
+        lambda code: frame(b"\xdc\x00\x40" * 1000, BINARY),
+        subprotocol="robotouille.v1.msgpack",
+    ),
+    "crowd": Flood(
+        "in and out again, from 60 connections", _in_and_out, ("hello",), connections=60
+    ),
+    "acts": Flood(
+        "actions of those who do not play, from 60 connections",
+        lambda code: _message({"type": "act", "seq": 1, "action": "x" * 300}),
+        ("hello", "join"),
+        connections=60,
+    ),
+    "tokens": Flood(
+        "hello with a token that is none",
+        lambda code: _message({**HELLO, "resume": "x" * 800}),
+    ),
+}
+
+
+class Attacker:
+    """One connection of a flood; begins anew whenever it is closed."""
+
+    def __init__(self, flood: Flood, port: int, code: str) -> None:
+        self.flood = flood
+        self._address = ("127.0.0.1", port)
+        self._opening = request(flood.subprotocol, more=ELSEWHERE if flood.elsewhere else "")
+        join = {"type": "join", "episode": code, "role": "spectator"}
+        preludes = {"hello": _message(HELLO), "join": _message(join)}
+        self._opening += b"".join(preludes[name] for name in flood.first)
+        self._blob = _many(flood.piece(code))
+        self._socket: socket.socket | None = None
+        self._unsent = memoryview(b"")
+
+    def push(self) -> bool:
+        """Send what is taken, read what is there; False where nothing could be done."""
+        if self._socket is None and not self._open():
+            return False
+        assert self._socket is not None
+        try:
+            done = self._read() if self.flood.reads else False
+            self._unsent = self._unsent or memoryview(self._blob)
+            sent = self._socket.send(self._unsent)
+            self._unsent = self._unsent[sent:]
+            return sent > 0 or done
+        except BlockingIOError:
+            return False
+        except OSError:
+            self._socket.close()
+            self._socket = None
+            return False
+
+    def _open(self) -> bool:
+        try:
+            self._socket = socket.create_connection(self._address, timeout=2)
+        except OSError:
+            return False
+        self._socket.setblocking(False)
+        self._unsent = memoryview(self._opening)
+        return True
+
+    def _read(self) -> bool:
+        assert self._socket is not None
+        with suppress(BlockingIOError):
+            if not self._socket.recv(BLOB):
+                raise ConnectionResetError
+            return True
+        return False
+
+    def fileno(self) -> int:
+        return self._socket.fileno() if self._socket is not None else -1
+
+
+def attack(name: str, port: int, code: str) -> None:
+    """Flood a server until the process is killed."""
+    os.nice(5)
+    flood = FLOODS[name]
+    if name == "none":
+        time.sleep(3600)
+    if flood.silent:
+        _keep_silent(port, flood.silent, flood.elsewhere)
+    attackers = [Attacker(flood, port, code) for _ in range(flood.connections)]
+    while True:
+        if any(attacker.push() for attacker in attackers):
+            continue
+        waiting = [attacker for attacker in attackers if attacker.fileno() >= 0]
+        reading = waiting if flood.reads else []
+        select.select(reading, waiting, [], 0.05)
+
+
+def _keep_silent(port: int, count: int, elsewhere: bool) -> None:
+    """From elsewhere, behind a handshake; programs of this machine say nothing at all."""
+    handshake = request(SUBPROTOCOL, more=ELSEWHERE) if elsewhere else b""
+    held: list[socket.socket] = []
+    while True:
+        while len(held) < count:
+            with suppress(OSError):
+                held.append(socket.create_connection(("127.0.0.1", port), timeout=1))
+                held[-1].sendall(handshake)
+                held[-1].setblocking(False)
+                continue
+            time.sleep(0.05)
+        time.sleep(0.2)
+        held = [one for one in held if not _is_closed(one)]
+
+
+def _is_closed(held: socket.socket) -> bool:
+    try:
+        over = not held.recv(BLOB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        over = True
+    if over:
+        held.close()
+    return over
+
+
+class HonestGame:
+    """Two players in real time, and when the first of them was told each step. So many other
+    `rooms` are there, and wait for players."""
+
+    def __init__(self, server: ServerProcess, rooms: int) -> None:
+        self._open = ExitStack()
+        for number in range(rooms):
+            if number % 30 == 0:
+                host = self._player(server, f"host {number}")
+            self._ask(host, {"type": "create", "task": "multi_agent/01"}, "created")
+        self._players = [self._player(server, f"player {i}") for i in (1, 2)]
+        order = {"type": "create", "clock": "realtime", "step_rate": 20}
+        created = self._ask(self._players[0], order, "created")
+        self.code = str(created["code"])
+        for player in self._players:
+            self._ask(player, {"type": "join", "episode": self.code}, "joined")
+
+    def _player(self, server: ServerProcess, name: str) -> ClientConnection:
+        player = self._open.enter_context(
+            connect(server.url, subprotocols=[SUBPROTOCOL], compression=None)
+        )
+        self._ask(player, {**HELLO, "name": name}, "welcome")
+        return player
+
+    @staticmethod
+    def _ask(player: ClientConnection, message: dict[str, object], kind: str) -> dict[str, object]:
+        player.send(json.dumps(message))
+        while True:
+            answer: dict[str, object] = json.loads(player.recv(timeout=20))
+            if answer["type"] == kind:
+                return answer
+            assert answer["type"] != "error", answer
+
+    def longest_gap(self, seconds: float) -> float:
+        """Seconds between two deltas, the most within a time."""
+        end = time.monotonic() + seconds
+        last, longest = time.monotonic(), 0.0
+        while time.monotonic() < end:
+            for player in self._players[1:]:
+                with suppress(TimeoutError):
+                    while player.recv(timeout=0):
+                        pass
+            answer = json.loads(self._players[0].recv(timeout=60))
+            if answer["type"] == "delta":
+                now = time.monotonic()
+                last, longest = now, max(longest, now - last)
+        return longest
+
+    def close(self) -> None:
+        self._open.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What a flood did to a server: the longest gap of each run, and the growth in bytes."""
+
+    name: str
+    gaps: tuple[float, ...]
+    growth: int
+    log_bytes: int
+    admitted: bool
+
+    @property
+    def gap(self) -> float:
+        return median(self.gaps)
+
+    @property
+    def withstood(self) -> bool:
+        return self.gap < MAX_GAP and self.growth < MAX_GROWTH and self.admitted
+
+
+def measure(name: str, runs: int, seconds: float, *, descriptors: int = 0) -> Result:
+    """One flood against a server of its own; with `descriptors` its soft limit is that."""
+    _limit_descriptors(descriptors)
+    with tempfile.TemporaryDirectory(prefix="robotouille-flood-") as folder:
+        with server_process(Path(folder), *FLAGS) as server:
+            process = psutil.Process(server.process.pid)
+            game = HonestGame(server, FLOODS[name].rooms)
+            game.longest_gap(1.0)
+            before, gaps, most, admitted = process.memory_info().rss, [], 0, True
+            for _ in range(runs):
+                with _flooding(name, server.port, game.code):
+                    time.sleep(0.3)
+                    gaps.append(game.longest_gap(seconds))
+                    most = max(most, process.memory_info().rss)
+                    admitted = _admitted(server, FLOODS[name].elsewhere) and admitted
+            game.close()
+            size = server.log.stat().st_size
+            return Result(name, tuple(gaps), most - before, size, admitted)
+
+
+def _limit_descriptors(soft: int) -> None:
+    """What is started from here has this soft limit; 0 for all that may be had."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft or hard, hard))
+
+
+@contextmanager
+def _flooding(name: str, port: int, code: str) -> Iterator[None]:
+    _limit_descriptors(0)
+    command = [sys.executable, "-m", "tests.programs.floods", "--attack", name, str(port), code]
+    process = subprocess.Popen(command)
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _admitted(server: ServerProcess, elsewhere: bool) -> bool:
+    """Whether a newcomer is let in within five seconds; from elsewhere, with a token."""
+    end, hello = time.monotonic() + 5, {**HELLO, "name": "newcomer"}
+    headers: dict[str, str] = {}
+    if elsewhere:
+        keys = FileKeyring(server.recordings.with_name("recordings.state") / "keys.json")
+        hello["token"] = Tokens(keys, time.time).mint_role(Role.PLAYER, "p-1", seconds=600)
+        name, _, value = ELSEWHERE.strip().partition(": ")
+        headers[name] = value
+    while time.monotonic() < end:
+        with suppress(OSError, TimeoutError, EOFError, WebSocketException):
+            with connect(
+                server.url, subprotocols=[SUBPROTOCOL], open_timeout=3, additional_headers=headers
+            ) as newcomer:
+                newcomer.send(json.dumps(hello))
+                return bool(json.loads(newcomer.recv(timeout=3))["type"] == "welcome")
+        time.sleep(0.1)
+    return False
+
+
+def _rows(names: list[str], runs: int, seconds: float) -> Iterator[Result]:
+    heads = ("flood", "gap", "of all runs", "memory", "log", "newcomers")
+    print("{:16} {:>8}   {:30} {:>10} {:>9}  {}".format(*heads))
+    for name in names:
+        result = measure(name, runs, seconds, descriptors=1024 if FLOODS[name].silent else 0)
+        each = " ".join(f"{gap * 1000:.0f}" for gap in result.gaps)
+        print(
+            f"{name:16} {result.gap * 1000:5.0f} ms   {each:30} {result.growth / 2**20:+6.1f} MiB"
+            f" {result.log_bytes / 1024:5.0f} KiB  {'let in' if result.admitted else 'NOT LET IN'}"
+            f"{'' if result.withstood else '   <-- beyond the limits'}",
+            flush=True,
+        )
+        yield result
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The table; 1 if a flood was not withstood."""
+    parser = argparse.ArgumentParser(prog="python -m tests.programs.floods", description=__doc__)
+    parser.add_argument("floods", nargs="*", help=f"some of: {', '.join(FLOODS)}")
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=4.0, help="of a run")
+    parser.add_argument("--attack", nargs=3, help=argparse.SUPPRESS)
+    given = parser.parse_args(arguments)
+    if given.attack:
+        name, port, code = given.attack
+        attack(name, int(port), code)
+    results = list(_rows(given.floods or list(FLOODS), given.runs, given.seconds))
+    return 0 if all(result.withstood for result in results) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Valid messages, recordings and files, for the damage to begin with."""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import cache
+from typing import Any
+
+from robotouille.episode import Clock
+from robotouille.protocol import messages
+from robotouille.replay.container import compress
+from robotouille.resources import data_folder
+from tests.support.games import recorded_game
+from tests.support.pages import DOCS
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+__all__ = [
+    "FILE_KINDS",
+    "MESSAGE_KINDS",
+    "client_messages",
+    "files",
+    "recordings",
+    "server_messages",
+]
+
+MESSAGE_KINDS = ("client-json", "client-msgpack", "server-json", "server-msgpack")
+FILE_KINDS = ("domain", "problem", "input", "rendering", "plan", "certificate")
+
+MORE: tuple[dict[str, Any], ...] = (
+    {"type": "hello", "protocol": 1, "name": "eve", "kind": "human", "ref": 1},
+    {"type": "hello", "protocol": 1, "name": "eve", "resume": "0" * 32},
+    {"type": "create", "task": "synchronous/01", "clock": "turn", "max_steps": 3, "ref": 5},
+    {"type": "create", "task": "workshop/02", "clock": "lockstep", "seed": 7},
+    {"type": "create", "clock": "realtime", "thinking": "declared", "move_budget": 0.5},
+    {"type": "join", "episode": "AAAAA", "role": "spectator", "view": "text", "known": ["a"]},
+    {"type": "act", "seq": 1, "action": None},
+    {"type": "act", "seq": 2, "action": 3, "basis": 0},
+    {"type": "act", "seq": 3, "action": "Move robot1 from table1 to table2", "think_ms": 10},
+    {"type": "leave"},
+)
+
+
+@cache
+def _examples() -> dict[str, dict[str, Any]]:
+    page = json.loads((DOCS / "messages.json").read_text(encoding="utf-8"))
+    return {name: row["example"] for name, row in page["messages"].items()}
+
+
+def _of(models: tuple[type[messages.Message], ...]) -> list[dict[str, Any]]:
+    return [_examples()[str(model.model_fields["type"].default)] for model in models]
+
+
+@cache
+def client_messages() -> tuple[dict[str, Any], ...]:
+    """One of each type that a client sends, and variants."""
+    return (*_of(messages.CLIENT_MESSAGES), *MORE)
+
+
+@cache
+def server_messages() -> tuple[dict[str, Any], ...]:
+    """One of each type that the server sends."""
+    return tuple(_of(messages.SERVER_MESSAGES))
+
+
+@cache
+def recordings() -> tuple[bytes, ...]:
+    """Recordings of short games: while they were written, and closed; of both versions."""
+    games = (
+        recorded_game("synchronous/01", seed=1, clock=Clock.TURN, steps=12),
+        recorded_game("workshop/02", seed=2, clock=Clock.LOCKSTEP, steps=110),
+        recorded_game("multi_agent/10@3", seed=3, clock=Clock.LOCKSTEP, steps=25),
+        recorded_game("asynchronous/06", seed=4, clock=Clock.REALTIME, steps=20, timing="people"),
+    )
+    first = recorded_game("synchronous/01", seed=1, clock=Clock.TURN, steps=12, version=1)
+    other = recorded_game("workshop/02", seed=5, clock=Clock.LOCKSTEP, steps=30, version=1)
+    return (*games, compress(games[0]), first, other, compress(first), zstd.compress(first))
+
+
+FOLDERS = {
+    "domain": ("domains", ("robotouille.json", "workshop.json")),
+    "input": ("domains", ("robotouille.input.json",)),
+    "problem": (
+        "problems",
+        (
+            "synchronous/01_cheese_sandwich.json",
+            "asynchronous/06_potato_soup.json",
+            "workshop/02_two_workers.json",
+        ),
+    ),
+    "rendering": ("renderings", ("robotouille.json",)),
+    "plan": ("problems", ("synchronous/01_cheese_sandwich.plan", "workshop/01_painted_gear.plan")),
+    "certificate": ("problems", ("synchronous/01_cheese_sandwich.certificate.json",)),
+}
+
+
+@cache
+def files(kind: str) -> tuple[bytes, ...]:
+    """Shipped files of a kind: domain, input, problem, rendering, plan or certificate."""
+    folder, names = FOLDERS[kind]
+    return tuple((data_folder(folder) / name).read_bytes() for name in names)

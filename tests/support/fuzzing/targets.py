@@ -1,0 +1,212 @@
+"""Everything that reads what strangers wrote, as functions of bytes.
+
+Each gives a word for what became of the bytes: "read", or the project's own error that refused
+them. Any other exception is a fault of the project and passes through.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from robotouille import World, load_task
+from robotouille.certification.certificate import Certificate, check, json_text, read_certificate
+from robotouille.domain.files import read_model
+from robotouille.domain.rendering import RenderingFile
+from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
+from robotouille.domain.task import Task, build_task
+from robotouille.errors import FileError, ProtocolError, RecordingError, RobotouilleError
+from robotouille.planning.plan import read_plan
+from robotouille.planning.validation import replay
+from robotouille.protocol import messages
+from robotouille.protocol.codec import JSON, MSGPACK, Codec
+from robotouille.protocol.states import StateReader
+from robotouille.replay.container import pack_frame
+from robotouille.replay.export import json_lines
+from robotouille.replay.recording import read_recording
+from robotouille.world.lint import lint_task
+from tests.support.fuzzing.codes import documented_codes
+
+__all__ = ["Target", "file_targets", "message_targets"]
+
+Target = Callable[[bytes], str]
+
+READ = "read"
+
+
+# Messages
+
+
+def message_targets() -> dict[str, Target]:
+    """The decoders of both subprotocols, of the server's side and of the client's."""
+    return {
+        "client-json": lambda data: _client_message(JSON, _text(data)),
+        "client-msgpack": lambda data: _client_message(MSGPACK, data),
+        "server-json": lambda data: _server_message(JSON, _text(data)),
+        "server-msgpack": lambda data: _server_message(MSGPACK, data),
+    }
+
+
+def _text(data: bytes) -> str:
+    """Text as it comes in a text frame: always UTF-8, without lone surrogates."""
+    return data.decode(errors="replace")
+
+
+def _client_message(codec: Codec, payload: bytes | str) -> str:
+    """Decode as the server does, and encode what it would answer, tell others, and record."""
+    try:
+        message = codec.decode_client(payload)
+    except ProtocolError as error:
+        return _answered(codec, error)
+    for other in (JSON, MSGPACK):
+        _on_the_wire(other, message)
+    pack_frame(message.model_dump(mode="json"))
+    return READ
+
+
+def _answered(codec: Codec, error: ProtocolError) -> str:
+    assert error.code in documented_codes(), f"no documented code: {error.code}"
+    assert error.message, f"{error.code} without words"
+    answer = messages.Error(
+        ref=error.ref, code=error.code, message=error.message, field=error.field
+    )
+    size = _on_the_wire(codec, answer)
+    assert size < 16 * 1024, f"an error of {size} bytes"
+    return error.code
+
+
+def _on_the_wire(codec: Codec, message: messages.Message) -> int:
+    payload = codec.encode(message)
+    return len(payload.encode() if isinstance(payload, str) else payload)
+
+
+def _server_message(codec: Codec, payload: bytes | str) -> str:
+    """Decode as a client does, and read the state of a snapshot."""
+    try:
+        message = codec.decode_server(payload)
+        if isinstance(message, messages.Snapshot) and message.task is not None:
+            plain = message.model_dump()
+            StateReader(World(Task.from_json(message.task)), plain, plain)
+    except ProtocolError as error:
+        assert error.code in documented_codes(), f"no documented code: {error.code}"
+        return error.code
+    except FileError as error:
+        return _refused(error)
+    return READ
+
+
+# Files
+
+
+def file_targets(folder: Path) -> dict[str, Target]:
+    """The readers of recordings and of all files; `folder` holds the file that is read."""
+    return {
+        "recording": lambda data: _recording(_file(folder, "any.rbt", data)),
+        "domain": lambda data: _domain(_file(folder, "any.domain.json", data)),
+        "problem": lambda data: _problem(_file(folder, "any.json", data)),
+        "input": lambda data: _model(_file(folder, "any.input.json", data), InputFile),
+        "rendering": lambda data: _model(_file(folder, "any.rendering.json", data), RenderingFile),
+        "plan": lambda data: _plan(data.decode(errors="replace")),
+        "certificate": lambda data: _certificate(_file(folder, "any.certificate.json", data)),
+    }
+
+
+def _file(folder: Path, name: str, data: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def _refused(error: RobotouilleError) -> str:
+    """The word for an error, which must say something, and in one screen."""
+    assert str(error).strip(), f"{type(error).__name__} without words"
+    if isinstance(error, FileError):
+        assert error.faults, "a FileError without faults"
+    return type(error).__name__
+
+
+def _recording(path: Path) -> str:
+    """All that one can ask of a recording."""
+    try:
+        recording = read_recording(path)
+    except RecordingError as error:
+        return _refused(error)
+    recording.verify()
+    try:
+        list(recording.notes())
+        list(recording.recorded_facts())
+        for line in json_lines(recording, texts=len(recording.steps) < 5):
+            json.loads(line)
+    except RobotouilleError as error:
+        return _refused(error)
+    return READ
+
+
+def _domain(path: Path) -> str:
+    from tests.support.fuzzing.specimens import files
+
+    kind = "workshop/02_two_workers.json" if b'"workshop"' in path.read_bytes() else ""
+    problem = json.loads(files("problem")[2 if kind else 0])
+    try:
+        domain = read_model(path, DomainFile)
+        return _played(build_task("any", domain, ProblemFile.model_validate(problem)))
+    except FileError as error:
+        return _refused(error)
+
+
+def _problem(path: Path) -> str:
+    try:
+        return _played(load_task(str(path)))
+    except FileError as error:
+        return _refused(error)
+
+
+def _played(task: Task) -> str:
+    world = World(task)
+    state = world.initial
+    for turn in range(3):
+        actions = [action for player in world.players for action in state.actions(player)]
+        if actions:
+            state = state.step(actions[turn % len(actions)]).state
+    assert state.text()
+    lint_task(task)
+    assert Task.from_json(task.to_json()).digest == task.digest
+    return READ
+
+
+def _model(path: Path, model: type[InputFile] | type[RenderingFile]) -> str:
+    try:
+        read = read_model(path, model)
+    except FileError as error:
+        return _refused(error)
+    if isinstance(read, RenderingFile):
+        assert all(isinstance(name, str) for name in read.files())
+    return READ
+
+
+def _plan(text: str) -> str:
+    world = _kitchen()
+    try:
+        report = replay(read_plan(text, world), world)
+    except FileError as error:
+        return _refused(error)
+    assert report.ok or str(report)
+    return READ
+
+
+@cache
+def _kitchen() -> World:
+    return World(load_task("synchronous/01"))
+
+
+def _certificate(path: Path) -> str:
+    try:
+        certificate = read_certificate(path)
+        faults = check(certificate, load_task("synchronous/01"))
+        assert all(faults)
+        assert Certificate.model_validate_json(json_text(certificate)) == certificate
+    except FileError as error:
+        return _refused(error)
+    return READ
