@@ -9,7 +9,7 @@ QUICK := smoke or not (slow or process or browser or nightly)
 SEEDS ?= 0:2000
 HOSTILE ?= 1000000
 
-.PHONY: help demo test test-all nightly check bench format clean
+.PHONY: help demo test test-all nightly check docs bench format clean
 
 help:  ## This list
 	@sed -nE 's/^([a-z-]+):.*## (.*)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -45,7 +45,13 @@ check: $(STAMP)  ## Lint, format, types, import direction
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m pytest tests/test_architecture.py
+
+docs: $(STAMP)  ## The documentation as a site, in out/site; every link is checked
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "out/site/index.html"
 
 bench: $(STAMP)  ## Measure the hot paths and the server on this machine
 	$(BIN)/python benchmarks/run.py

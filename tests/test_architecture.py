@@ -14,111 +14,23 @@ from tests.support.sources import (
     MODULES,
     ROOT,
     SOURCES,
-    circles,
-    import_graph,
     imported,
     module_name,
     parsed,
 )
 
-ALLOWED = {
-    "robotouille": {"robotouille"},
-    "robotouille_server": {"robotouille", "robotouille_server"},
-    "robotouille_client": {"robotouille", "robotouille_client"},
-}
-
-LAYERS: dict[str, tuple[tuple[str, ...], ...]] = {
-    "robotouille": (
-        ("absence", "errors", "lazy_exports", "program", "release", "resources"),
-        ("domain",),
-        ("world",),
-        ("planning", "episode"),
-        ("planners",),
-        ("certification",),
-        ("generation",),
-        ("protocol",),
-        ("replay",),
-    ),
-    "robotouille_server": (
-        ("runtime",),
-        ("auth",),
-        ("transport",),
-        ("rooms",),
-        ("health", "alerts", "conversation", "app"),
-        ("admin",),
-        ("cli", "limit_table", "__main__"),
-    ),
-    "robotouille_client": (
-        (
-            "addresses",
-            "backoff",
-            "client",
-            "client_protocol",
-            "client_state",
-            "errors",
-            "events",
-            "game",
-            "game_replica",
-            "kept_seat",
-            "sockets",
-        ),
-        ("bots",),
-        ("window", "loadtest"),
-        ("cli",),
-    ),
-}
-"""For each package its modules and sub-packages, the lowest first: a layer imports from those below
-and nothing from above. Sub-packages of one layer do not import each other; single modules may."""
-
-OPEN_IMPORTS = {
-    ("robotouille_client.bots", "robotouille_client.cli"),
-    ("robotouille_client.loadtest", "robotouille_client.cli"),
-    ("robotouille_client.window", "robotouille_client.cli"),
-}
-"""Imports from above that are being mended; no other may be added."""
-
 MAX_IN_FOLDER = 12
-WIDE_FOLDERS = {"robotouille": 15, "robotouille.planners.kitchen": 14, "robotouille_client": 15}
+WIDE_FOLDERS = {"robotouille": 15, "robotouille.planners.kitchen": 14}
 """Folders that hold more than they should, and how much they hold at most."""
 
 TEST_FILES = sorted((ROOT / "tests").rglob("*.py"))
 
 
-def rank(package: str, part: str) -> int:
-    return next(i for i, layer in enumerate(LAYERS[package]) if part in layer)
-
-
-def test_every_module_has_its_layer() -> None:
-    for package, folder in SOURCES.items():
-        held = {p.relative_to(folder).parts[0].removesuffix(".py") for p in folder.rglob("*.py")}
-        ranked = [part for layer in LAYERS[package] for part in layer]
-        assert sorted(held - {"__init__"}) == sorted(ranked)
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_point_one_way(path: Path) -> None:
-    package = next(name for name, folder in SOURCES.items() if path.is_relative_to(folder))
-    inside = path.relative_to(SOURCES[package])
-    own = inside.parts[0].removesuffix(".py")
-    for name in imported(path):
-        top, *parts = name.split(".")
-        if top.startswith("robotouille"):
-            assert top in ALLOWED[package], f"{path} imports {name}"
-        ranked = {part for layer in LAYERS[package] for part in layer}
-        if top != package or own == "__init__" or not parts or parts[0] not in ranked:
-            continue
-        other, here = rank(package, parts[0]), rank(package, own)
-        if (f"{package}.{own}", f"{package}.{parts[0]}") in OPEN_IMPORTS:
-            continue
-        assert other <= here, f"{own} imports {name} from above"
-        neighbours = other == here and parts[0] != own
-        folders = (SOURCES[package] / own).is_dir() and (SOURCES[package] / parts[0]).is_dir()
-        assert not (neighbours and folders), f"{own} imports its neighbour {name}"
-
-
-def test_no_two_files_import_each_other() -> None:
-    """Not even for types."""
-    assert not circles(import_graph(MODULES))
+def test_imports_keep_their_contracts() -> None:
+    """Layers and no circles, type-only imports included: the contracts are in pyproject.toml."""
+    program = [str(Path(sys.executable).with_name("lint-imports")), "--no-logo", "--no-cache"]
+    result = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
 
 
 def test_folders_are_small() -> None:

@@ -1,9 +1,8 @@
-"""The modules of the three packages and of the tests, and who imports whom."""
+"""The modules of the three packages and of the tests, and what they import."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -11,8 +10,6 @@ __all__ = [
     "MODULES",
     "ROOT",
     "SOURCES",
-    "circles",
-    "import_graph",
     "imported",
     "module_name",
     "parsed",
@@ -51,34 +48,3 @@ def imported(path: Path) -> tuple[str, ...]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             found += [f"{node.module}.{alias.name}" for alias in node.names]
     return tuple(found)
-
-
-def import_graph(paths: Iterable[Path]) -> dict[str, set[str]]:
-    """The files that each file imports, as names of modules; only those among `paths`."""
-    names = {module_name(path): path for path in paths}
-    graph: dict[str, set[str]] = {}
-    for name, path in names.items():
-        found = (whole if whole in names else whole.rpartition(".")[0] for whole in imported(path))
-        graph[name] = {one for one in found if one in names and one != name}
-    return graph
-
-
-def circles(graph: Mapping[str, set[str]]) -> set[frozenset[str]]:
-    """The groups of modules that import each other, directly or through others."""
-    reach = {name: _reached(graph, name) for name in graph}
-    return {
-        frozenset({name} | {other for other in reach[name] if name in reach[other]})
-        for name in graph
-        if name in reach[name]
-    }
-
-
-def _reached(graph: Mapping[str, set[str]], start: str) -> set[str]:
-    found: set[str] = set()
-    waiting = list(graph[start])
-    while waiting:
-        name = waiting.pop()
-        if name not in found:
-            found.add(name)
-            waiting += graph[name]
-    return found
