@@ -26,6 +26,8 @@ WIDE_FOLDERS = {"robotouille": 15, "robotouille.planners.kitchen": 14}
 TEST_FILES = sorted((ROOT / "tests").rglob("*.py"))
 
 
+@pytest.mark.process
+@pytest.mark.smoke
 def test_imports_keep_their_contracts() -> None:
     """Layers and no circles, type-only imports included: the contracts are in pyproject.toml."""
     program = [str(Path(sys.executable).with_name("lint-imports")), "--no-logo", "--no-cache"]
