@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         StrangerError,
     )
     from robotouille_client.game import Game
-    from robotouille_client.sansio.events import (
+    from robotouille_client.sansio.game_events import (
         ActResult,
         Announced,
         Changed,
@@ -37,7 +37,7 @@ else:
     __getattr__ = lazy_exports(
         __name__,
         "robotouille_client.errors",
-        "robotouille_client.sansio.events",
+        "robotouille_client.sansio.game_events",
         "robotouille_client.game",
         "robotouille_client.client",
     )

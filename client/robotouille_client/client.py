@@ -25,7 +25,7 @@ from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.game import Game
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_requests import Request, RequestDone
-from robotouille_client.sansio.client_state import State
+from robotouille_client.sansio.client_state import ClientState
 from robotouille_client.sockets import open_socket, why_not
 
 __all__ = ["Client", "connect"]
@@ -188,7 +188,7 @@ class Client:
         """One connection after the other, until the end."""
         loop = asyncio.get_running_loop()
         try:
-            while self.protocol.state is not State.CLOSED:
+            while self.protocol.state is not ClientState.CLOSED:
                 if self.protocol.connect_at > loop.time():
                     await asyncio.sleep(self.protocol.connect_at - loop.time())
                 try:

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 
 from robotouille.protocol import messages
-from robotouille_client.sansio.events import ActResult, GameEvent, Over
+from robotouille_client.sansio.game_events import ActResult, GameEvent, Over
 from robotouille_client.sansio.game_replica import ActionRequest, GameReplica
 
 __all__ = ["ActionRequest", "Game"]

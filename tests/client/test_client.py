@@ -16,7 +16,7 @@ from websockets.typing import Subprotocol
 from robotouille import ProtocolError
 from robotouille.protocol.codec import JSON
 from robotouille_client import Client, ConnectionFailedError, NotYetError, connect
-from robotouille_client.sansio.client_state import State
+from robotouille_client.sansio.client_state import ClientState
 from tests.support.scripted_server import ScriptedServer
 from tests.support.virtual_time import run
 
@@ -158,7 +158,7 @@ def test_a_client_that_is_closed_leaves_no_task_behind() -> None:
                 assert len(tasks()) > len(before) + 1
             with pytest.raises(ConnectionFailedError, match="the connection was closed"):
                 await asking
-            assert client.protocol.state is State.CLOSED
+            assert client.protocol.state is ClientState.CLOSED
             await asyncio.sleep(1)
             assert {t for t in tasks() if "robotouille" in t.get_name()} == set()
 

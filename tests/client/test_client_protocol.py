@@ -13,8 +13,8 @@ from robotouille.protocol import messages
 from robotouille_client.errors import ConnectionFailedError, NotYetError, StrangerError
 from robotouille_client.sansio.client_protocol import ClientProtocol
 from robotouille_client.sansio.client_requests import RequestDone, RequestFailed
-from robotouille_client.sansio.client_state import State
-from robotouille_client.sansio.events import Over
+from robotouille_client.sansio.client_state import ClientState
+from robotouille_client.sansio.game_events import Over
 from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import CODE, ScriptedServer
 
@@ -205,7 +205,7 @@ def test_a_seat_that_is_lost_ends_the_game_and_not_the_connection(server: Script
     assert isinstance(join, messages.Join)
     client.receive(server.error("episode/full", join.ref), 1.0)
     assert game.poll()[-1] == Over({}, "no")
-    assert (client.state, client.membership) == (State.LOBBY, None)
+    assert (client.state, client.membership) == (ClientState.LOBBY, None)
 
 
 @pytest.mark.parametrize("code", ["auth/expired", "auth/invalid", "auth/required", "auth/revoked"])
@@ -243,7 +243,7 @@ def test_pauses_grow_while_it_is_away_and_begin_anew(server: ScriptedServer) -> 
 def test_the_first_connection_is_sought_once(server: ScriptedServer) -> None:
     client = new()
     client.connection_failed(ConnectionFailedError("nobody there"), 0.0)
-    assert client.state is State.CLOSED
+    assert client.state is ClientState.CLOSED
     assert str(client.error) == "nobody there"
     with pytest.raises(ConnectionFailedError, match="nobody there"):
         client.request(JOIN, 0.0)
@@ -253,7 +253,7 @@ def test_without_reconnect_a_lost_connection_is_the_end(server: ScriptedServer) 
     client = playing(server, reconnect=False)
     assert client.game is not None
     client.connection_lost(1.0)
-    assert client.state is State.CLOSED
+    assert client.state is ClientState.CLOSED
     assert client.farewell == "the connection was closed"
     assert isinstance(client.game.poll()[-1], Over)
 
@@ -273,7 +273,7 @@ def test_hello_may_be_refused(answer: messages.ServerMessage, kind: type[Excepti
     client = new()
     client.connection_made(0.0)
     client.receive(answer, 0.0)
-    assert client.state is State.CLOSED
+    assert client.state is ClientState.CLOSED
     assert type(client.error) is kind
 
 
@@ -282,18 +282,18 @@ def test_hello_without_an_answer_is_given_up() -> None:
     client.connection_made(0.0)
     assert client.get_timer() == 15.0
     client.handle_timer(15.0)
-    assert client.state is State.CLOSED
+    assert client.state is ClientState.CLOSED
     assert "did not welcome us" in client.farewell
 
 
 def test_hello_is_not_sent_round_and_round(server: ScriptedServer) -> None:
     client = new()
     for port in range(9001, 9005):
-        assert client.state in (State.OFFLINE, State.MOVING)
+        assert client.state in (ClientState.OFFLINE, ClientState.MOVING)
         client.connection_made(0.0)
         client.receive(server.moved(port=port), 0.0)
         assert client.url == f"ws://127.0.0.1:{port}"
-    assert client.state is State.CLOSED
+    assert client.state is ClientState.CLOSED
     assert "from one process to the next" in client.farewell
 
 
@@ -302,7 +302,7 @@ def test_a_join_goes_where_it_is_sent(server: ScriptedServer) -> None:
     ref = client.request(JOIN, 0.0)
     (join,) = sent(client)
     client.receive(server.moved(ref), 0.0)
-    assert (client.state, client.url) == (State.MOVING, "ws://127.0.0.1:9000")
+    assert (client.state, client.url) == (ClientState.MOVING, "ws://127.0.0.1:9000")
     assert 0.1 <= client.connect_at <= 0.2
     client.connection_made(0.2)
     (hello,) = sent(client)
@@ -321,7 +321,7 @@ def test_a_join_is_not_sent_round_and_round(server: ScriptedServer) -> None:
         client.receive(server.welcome(), 0.0)
     client.receive(server.moved(ref), 0.0)
     assert "from one process to the next" in str(failure(client))
-    assert client.state is State.LOBBY
+    assert client.state is ClientState.LOBBY
 
 
 def test_a_join_that_is_sent_to_strangers_fails_alone(server: ScriptedServer) -> None:
@@ -329,7 +329,7 @@ def test_a_join_that_is_sent_to_strangers_fails_alone(server: ScriptedServer) ->
     ref = client.request(JOIN, 0.0)
     client.receive(server.moved(ref, url="ws://evil.example"), 0.0)
     assert isinstance(failure(client), StrangerError)
-    assert (client.state, client.url) == (State.LOBBY, URL)
+    assert (client.state, client.url) == (ClientState.LOBBY, URL)
 
 
 def test_a_request_is_repeated_where_the_server_asks_for_it(server: ScriptedServer) -> None:
@@ -382,10 +382,10 @@ def test_a_bye_with_retry_is_no_end_and_one_without_is(server: ScriptedServer) -
     game = client.game
     assert game is not None
     client.receive(messages.Bye(reason="restart", retry=True), 0.0)
-    assert (client.state, game.ended) == (State.PLAYING, False)
+    assert (client.state, game.ended) == (ClientState.PLAYING, False)
     ref = client.request(messages.ListEpisodes(), 0.0)
     client.receive(messages.Bye(reason="elsewhere", code="session/elsewhere"), 0.0)
-    assert (client.state, client.farewell) == (State.CLOSED, "elsewhere")
+    assert (client.state, client.farewell) == (ClientState.CLOSED, "elsewhere")
     assert game.poll()[-1] == Over({}, "elsewhere", "session/elsewhere")
     assert [event.ref for event in client.events()] == [ref]
 

@@ -11,13 +11,13 @@ from robotouille import ProtocolError
 from robotouille.protocol import messages
 from robotouille_client.errors import ConnectionFailedError
 from robotouille_client.sansio.client_protocol import ClientProtocol
-from robotouille_client.sansio.client_state import TRANSITIONS, State, Trigger, next_state
+from robotouille_client.sansio.client_state import TRANSITIONS, ClientState, Trigger, next_state
 from robotouille_client.sansio.game_replica import GameReplica
 from tests.support.scripted_server import CODE, ScriptedServer
 
 Protocol = ClientProtocol[GameReplica]
 ROWS = [(state, trigger) for state, row in TRANSITIONS.items() for trigger in row]
-ILLEGAL = [(s, t) for s in State for t in Trigger if t not in TRANSITIONS[s]]
+ILLEGAL = [(s, t) for s in ClientState for t in Trigger if t not in TRANSITIONS[s]]
 JOIN = messages.Join(episode=CODE)
 NOW = 100.0
 
@@ -119,7 +119,7 @@ class Script:
         self.tell(messages.Left(episode="e1"))
 
     def moved(self) -> None:
-        greeting = self.client.state is State.GREETING
+        greeting = self.client.state is ClientState.GREETING
         self.tell(self.server.moved(None if greeting else self.join()))
 
     def lost(self) -> None:
@@ -128,7 +128,7 @@ class Script:
     def close(self) -> None:
         self.client.close()
 
-    def reach(self, state: State) -> None:
+    def reach(self, state: ClientState) -> None:
         arrive: Callable[[], None] = getattr(self, f"to_{state.name.lower()}")
         arrive()
         assert self.client.state is state
@@ -139,7 +139,7 @@ class Script:
 
 
 @pytest.mark.parametrize(("state", "trigger"), ROWS, ids=lambda x: x.name.lower())
-def test_each_row_is_what_happens(state: State, trigger: Trigger) -> None:
+def test_each_row_is_what_happens(state: ClientState, trigger: Trigger) -> None:
     script = Script()
     script.reach(state)
     script.cause(trigger)
@@ -147,7 +147,7 @@ def test_each_row_is_what_happens(state: State, trigger: Trigger) -> None:
 
 
 @pytest.mark.parametrize(("state", "trigger"), ILLEGAL, ids=lambda x: x.name.lower())
-def test_all_else_is_illegal(state: State, trigger: Trigger) -> None:
+def test_all_else_is_illegal(state: ClientState, trigger: Trigger) -> None:
     with pytest.raises(ProtocolError) as caught:
         next_state(state, trigger)
     assert caught.value.code == "message/unexpected"
@@ -156,19 +156,19 @@ def test_all_else_is_illegal(state: State, trigger: Trigger) -> None:
 @pytest.mark.parametrize(
     ("state", "trigger"),
     [
-        (State.LOBBY, Trigger.CONNECTED),
-        (State.LOBBY, Trigger.FAILED),
-        (State.LOBBY, Trigger.WELCOMED),
-        (State.PLAYING, Trigger.RESUMED),
-        (State.OFFLINE, Trigger.RETURNED),
-        (State.OFFLINE, Trigger.LOST),
-        (State.MOVING, Trigger.LEFT),
-        (State.CLOSED, Trigger.CONNECTED),
-        (State.CLOSED, Trigger.WELCOMED),
+        (ClientState.LOBBY, Trigger.CONNECTED),
+        (ClientState.LOBBY, Trigger.FAILED),
+        (ClientState.LOBBY, Trigger.WELCOMED),
+        (ClientState.PLAYING, Trigger.RESUMED),
+        (ClientState.OFFLINE, Trigger.RETURNED),
+        (ClientState.OFFLINE, Trigger.LOST),
+        (ClientState.MOVING, Trigger.LEFT),
+        (ClientState.CLOSED, Trigger.CONNECTED),
+        (ClientState.CLOSED, Trigger.WELCOMED),
     ],
     ids=lambda x: x.name.lower(),
 )
-def test_what_is_illegal_changes_nothing(state: State, trigger: Trigger) -> None:
+def test_what_is_illegal_changes_nothing(state: ClientState, trigger: Trigger) -> None:
     script = Script()
     script.reach(state)
     game, url = script.client.game, script.client.url
@@ -180,6 +180,6 @@ def test_what_is_illegal_changes_nothing(state: State, trigger: Trigger) -> None
 
 def test_every_state_is_reached_and_every_trigger_leads_somewhere() -> None:
     reached = {state for row in TRANSITIONS.values() for state in row.values()}
-    assert reached == set(State)
+    assert reached == set(ClientState)
     assert {trigger for row in TRANSITIONS.values() for trigger in row} == set(Trigger)
-    assert set(TRANSITIONS) == set(State)
+    assert set(TRANSITIONS) == set(ClientState)

@@ -6,7 +6,7 @@ import asyncio
 
 from robotouille.protocol import messages
 from robotouille_client.game import Game
-from robotouille_client.sansio.events import Announced, Over
+from robotouille_client.sansio.game_events import Announced, Over
 from tests.support.scripted_server import ScriptedServer
 from tests.support.virtual_time import run
 

@@ -7,7 +7,7 @@ import pytest
 from robotouille import GroundAction, ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.unmet import Unmet, UnmetKind, from_words
-from robotouille_client.sansio.events import (
+from robotouille_client.sansio.game_events import (
     ActResult,
     Announced,
     Changed,

@@ -9,7 +9,7 @@ import pytest
 
 from robotouille_client import Announced, Client, Game, Heard, connect
 from robotouille_client.errors import ConnectionFailedError
-from robotouille_client.sansio.events import GameEvent
+from robotouille_client.sansio.game_events import GameEvent
 from robotouille_server import Server
 from tests.support.disks import FullDisk
 from tests.support.lost_connections import cut, start

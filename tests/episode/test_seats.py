@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from robotouille.episode import ActionAnswer, Controller, Departure, SeatTally
 from robotouille.episode.lifecycle import SeatState
-from robotouille.episode.seats import Pending, Seat, joint_action, tally
+from robotouille.episode.seats import PendingAction, Seat, joint_action, tally
 from tests.support.episodes import TWO
 
 ADA, BOB = TWO.players
 STATE = TWO.initial
 
 
-def seat(player: str, pending: Pending | None = None) -> Seat:
+def seat(player: str, pending: PendingAction | None = None) -> Seat:
     sat = Seat(player, tally=SeatTally(player))
     sat.take(player.upper(), "human", f"s-{player}", f"p-{player}", 0.0)
     sat.pending = pending
     return sat
 
 
-def pending(player: str, seq: int, order: int, due_step: int = 0) -> Pending:
-    return Pending(STATE.actions(player)[0], seq, 0.5, order, due_step)
+def pending(player: str, seq: int, order: int, due_step: int = 0) -> PendingAction:
+    return PendingAction(STATE.actions(player)[0], seq, 0.5, order, due_step)
 
 
 def test_moves_come_in_seat_order_or_in_that_of_their_arrival() -> None:
@@ -41,7 +41,10 @@ def test_a_decision_for_later_waits() -> None:
 
 
 def test_nothing_is_a_decision_of_a_participant_and_none_of_a_stand_in() -> None:
-    seats = [seat(ADA, Pending(None, 3, 0.0, 1, 0)), seat(BOB, Pending(None, 0, 0.0, 2, 0))]
+    seats = [
+        seat(ADA, PendingAction(None, 3, 0.0, 1, 0)),
+        seat(BOB, PendingAction(None, 0, 0.0, 2, 0)),
+    ]
     assert joint_action(seats, 5, by_arrival=False) == ((), ((ADA, 3),))
     assert [one.answer for one in seats] == [ActionAnswer(3, 6), ActionAnswer(0, 0)]
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from robotouille_client import connect
-from robotouille_client.sansio.events import RosterChanged
+from robotouille_client.sansio.game_events import RosterChanged
 from robotouille_server import Server
 from tests.support.servers import Raw, crash, raw, serving
 from tests.support.virtual_time import run

@@ -10,7 +10,7 @@ from robotouille.planning.policies.policy import Policy
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.game import Game
-from robotouille_client.sansio.events import Changed, GameEvent
+from robotouille_client.sansio.game_events import Changed, GameEvent
 
 __all__ = ["MakePolicy", "play"]
 

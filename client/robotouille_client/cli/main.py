@@ -23,7 +23,7 @@ class _Commands(LazyGroup):
             "Play a task in a window, without a server. Bots play the other seats.",
         ),
         "pddl": LazyCommand(
-            "robotouille_client.cli.export:pddl",
+            "robotouille_client.cli.pddl_export:pddl",
             "Write a task in PDDL, for planners of other people.",
         ),
         "plan": LazyCommand(

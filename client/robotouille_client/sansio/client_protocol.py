@@ -25,13 +25,13 @@ from robotouille_client.sansio.backoff import pauses
 from robotouille_client.sansio.client_requests import (
     AGAIN_SECONDS,
     ANSWER_SECONDS,
-    Pending,
+    PendingRequest,
     Request,
     RequestDone,
     RequestFailed,
     Requests,
 )
-from robotouille_client.sansio.client_state import State, Trigger, next_state
+from robotouille_client.sansio.client_state import ClientState, Trigger, next_state
 from robotouille_client.sansio.game_replica import GameReplica
 
 __all__ = ["ClientProtocol"]
@@ -69,7 +69,7 @@ class ClientProtocol(Generic[G]):
         resume: str | None = None,
         rng: random.Random,
     ) -> None:
-        self.state = State.OFFLINE
+        self.state = ClientState.OFFLINE
         self.url = url
         self.name = name
         self.kind: messages.Kind = kind
@@ -120,7 +120,7 @@ class ClientProtocol(Generic[G]):
 
     def connection_lost(self, now: float, reason: str = "") -> None:
         """The connection is gone."""
-        if self.state is State.GREETING:
+        if self.state is ClientState.GREETING:
             self._not_welcome(reason, now)
         elif self.reconnect:
             self._enter(Trigger.LOST)
@@ -130,13 +130,13 @@ class ClientProtocol(Generic[G]):
 
     def fail(self, error: RobotouilleError) -> None:
         """What the server sends cannot be made sense of."""
-        greeting = self.state is State.GREETING
+        greeting = self.state is ClientState.GREETING
         prefix = "" if greeting else "the server's messages cannot be read: "
         self.close(f"{prefix}{error}", error)
 
     def close(self, reason: str = "", error: RobotouilleError | None = None) -> None:
         """The end, and why; without a reason we have had enough."""
-        if self.state is State.CLOSED:
+        if self.state is ClientState.CLOSED:
             return
         self._enter(Trigger.CLOSE)
         self.farewell, self.error = reason, error
@@ -145,7 +145,7 @@ class ClientProtocol(Generic[G]):
         if self.game is not None and not self.game.over:
             self.game.receive(messages.Bye(reason=reason or CLOSED), 0.0)
 
-    def _gone(self, pending: Pending | None = None) -> ConnectionFailedError:
+    def _gone(self, pending: PendingRequest | None = None) -> ConnectionFailedError:
         """Why a request is not answered."""
         reason = self.farewell or CLOSED
         if pending is not None and pending.moves:
@@ -159,7 +159,7 @@ class ClientProtocol(Generic[G]):
 
         Raises ConnectionFailedError where the connection is closed for good.
         """
-        if self.state is State.CLOSED:
+        if self.state is ClientState.CLOSED:
             raise self._gone()
         ref, numbered = self._requests.add(request, now)
         self._outbox.append(numbered)
@@ -207,18 +207,22 @@ class ClientProtocol(Generic[G]):
         if not isinstance(message, messages.Act):
             return True
         game = self.game
-        return self.state is not State.REJOINING and game is not None and game.unanswered is message
+        return (
+            self.state is not ClientState.REJOINING
+            and game is not None
+            and game.unanswered is message
+        )
 
     # Time
 
     def get_timer(self) -> float | None:
         """When to call `handle_timer`; None while there is nothing to wait for."""
-        if self.state is State.GREETING:
+        if self.state is ClientState.GREETING:
             return self._greeting_due
-        if self.state is State.CLOSED:
+        if self.state is ClientState.CLOSED:
             return None
         times = self._requests.timers()
-        if self.state is State.REJOINING and self._rejoin_at is not None:
+        if self.state is ClientState.REJOINING and self._rejoin_at is not None:
             times.append(self._rejoin_at)
         if (game_timer := self._game_timer()) is not None:
             times.append(game_timer)
@@ -226,12 +230,12 @@ class ClientProtocol(Generic[G]):
 
     def handle_timer(self, now: float) -> None:
         """Send again what is due, and give up what has had no answer for too long."""
-        if self.state is State.GREETING and self._greeting_due <= now:
+        if self.state is ClientState.GREETING and self._greeting_due <= now:
             self._not_welcome("", now)
         self._outbox.extend(self._requests.to_repeat(now))
         for ref, pending in self._requests.overdue(now):
             self._overdue(ref, pending, now)
-        if self.state is State.REJOINING and self._rejoin is not None:
+        if self.state is ClientState.REJOINING and self._rejoin is not None:
             self._join_again(self._rejoin, now)
         game_timer = self._game_timer()
         if game_timer is not None and game_timer <= now and self.game is not None:
@@ -244,10 +248,10 @@ class ClientProtocol(Generic[G]):
 
     def _game_timer(self) -> float | None:
         """Nothing is sent again before the server has told what we missed."""
-        here = self.state in (State.SYNCING, State.PLAYING)
+        here = self.state in (ClientState.SYNCING, ClientState.PLAYING)
         return self.game.get_timer() if here and self.game is not None else None
 
-    def _overdue(self, ref: int, pending: Pending, now: float) -> None:
+    def _overdue(self, ref: int, pending: PendingRequest, now: float) -> None:
         if self.state.online and now - self._up_since >= ANSWER_SECONDS:
             self._requests.fail(ref, ConnectionFailedError(f"{self.url} does not answer"))
         else:
@@ -358,7 +362,7 @@ class ClientProtocol(Generic[G]):
 
         Raises ProtocolError where it must not come now, or cannot be applied.
         """
-        if self.state is State.GREETING:
+        if self.state is ClientState.GREETING:
             self._greeted(message, now)
             return
         if not self.state.online or isinstance(message, messages.Welcome):
@@ -396,7 +400,7 @@ class ClientProtocol(Generic[G]):
 
     def _synced(self) -> None:
         """A join is answered once its first snapshot or observation is there."""
-        if self.state is State.SYNCING:
+        if self.state is ClientState.SYNCING:
             self._enter(Trigger.SYNCED)
             for ref, pending in list(self._requests.pending.items()):
                 if pending.joined is not None:
@@ -415,7 +419,7 @@ class ClientProtocol(Generic[G]):
         if isinstance(message, messages.Error):
             message = self._done_before(pending.request, message)
         match message:
-            case messages.Joined() if self.state is State.SYNCING:
+            case messages.Joined() if self.state is ClientState.SYNCING:
                 pending.joined = message
             case messages.Error(code=ErrorCode.SERVER_HANDOVER):
                 pending.again_at = now + AGAIN_SECONDS
@@ -440,7 +444,7 @@ class ClientProtocol(Generic[G]):
         return error
 
     def _join_elsewhere(
-        self, ref: int, pending: Pending, moved: messages.Moved, now: float
+        self, ref: int, pending: PendingRequest, moved: messages.Moved, now: float
     ) -> None:
         """The episode is with another process: join there."""
         pending.moves += 1

@@ -10,7 +10,7 @@ from robotouille.protocol import messages
 __all__ = [
     "AGAIN_SECONDS",
     "ANSWER_SECONDS",
-    "Pending",
+    "PendingRequest",
     "Request",
     "RequestDone",
     "RequestFailed",
@@ -42,7 +42,7 @@ class RequestFailed:
 
 
 @dataclass(slots=True)
-class Pending:
+class PendingRequest:
     """A request without an answer.
 
     `sent`: it went out, over this connection or an earlier one. `again_at`: when it is to be sent
@@ -64,7 +64,7 @@ class Requests:
     def __init__(self) -> None:
         self._refs = 0
         self._events: list[RequestDone | RequestFailed] = []
-        self.pending: dict[int, Pending] = {}
+        self.pending: dict[int, PendingRequest] = {}
 
     def next_ref(self) -> int:
         """A number that no request has had."""
@@ -75,10 +75,10 @@ class Requests:
         """A request gets its number."""
         ref = self.next_ref()
         numbered = request.model_copy(update={"ref": ref})
-        self.pending[ref] = Pending(numbered, now + ANSWER_SECONDS)
+        self.pending[ref] = PendingRequest(numbered, now + ANSWER_SECONDS)
         return ref, numbered
 
-    def find(self, message: messages.Message) -> Pending | None:
+    def find(self, message: messages.Message) -> PendingRequest | None:
         """The request that a message is, or answers."""
         return self.pending.get(getattr(message, "ref", None) or 0)
 
@@ -114,6 +114,6 @@ class Requests:
             pending.again_at = None
         return [pending.request for pending in due]
 
-    def overdue(self, now: float) -> list[tuple[int, Pending]]:
+    def overdue(self, now: float) -> list[tuple[int, PendingRequest]]:
         """Those that should have had an answer by now."""
         return [(ref, pending) for ref, pending in self.pending.items() if pending.due <= now]

@@ -7,10 +7,10 @@ from enum import Enum
 from robotouille.errors import ProtocolError
 from robotouille.protocol.error_codes import ErrorCode
 
-__all__ = ["TRANSITIONS", "State", "Trigger", "next_state"]
+__all__ = ["TRANSITIONS", "ClientState", "Trigger", "next_state"]
 
 
-class State(Enum):
+class ClientState(Enum):
     """Where a client stands with its server."""
 
     OFFLINE = "there is no connection"
@@ -26,12 +26,12 @@ class State(Enum):
     @property
     def connected(self) -> bool:
         """Whether there is a connection."""
-        return self not in (State.OFFLINE, State.MOVING, State.CLOSED)
+        return self not in (ClientState.OFFLINE, ClientState.MOVING, ClientState.CLOSED)
 
     @property
     def online(self) -> bool:
         """Whether there is a connection on which the server has welcomed us."""
-        return self.connected and self is not State.GREETING
+        return self.connected and self is not ClientState.GREETING
 
 
 class Trigger(Enum):
@@ -53,72 +53,72 @@ class Trigger(Enum):
     CLOSE = "the end"
 
 
-TRANSITIONS: dict[State, dict[Trigger, State]] = {
-    State.OFFLINE: {
-        Trigger.CONNECTED: State.GREETING,
-        Trigger.FAILED: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+TRANSITIONS: dict[ClientState, dict[Trigger, ClientState]] = {
+    ClientState.OFFLINE: {
+        Trigger.CONNECTED: ClientState.GREETING,
+        Trigger.FAILED: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.MOVING: {
-        Trigger.CONNECTED: State.GREETING,
-        Trigger.FAILED: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.MOVING: {
+        Trigger.CONNECTED: ClientState.GREETING,
+        Trigger.FAILED: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.GREETING: {
-        Trigger.UNKNOWN: State.GREETING,
-        Trigger.WELCOMED: State.LOBBY,
-        Trigger.RESUMED: State.RESUMING,
-        Trigger.FORGOTTEN: State.REJOINING,
-        Trigger.MOVED: State.MOVING,
-        Trigger.FAILED: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.GREETING: {
+        Trigger.UNKNOWN: ClientState.GREETING,
+        Trigger.WELCOMED: ClientState.LOBBY,
+        Trigger.RESUMED: ClientState.RESUMING,
+        Trigger.FORGOTTEN: ClientState.REJOINING,
+        Trigger.MOVED: ClientState.MOVING,
+        Trigger.FAILED: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.LOBBY: {
-        Trigger.ENTERED: State.SYNCING,
-        Trigger.LEFT: State.LOBBY,
-        Trigger.MOVED: State.MOVING,
-        Trigger.LOST: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.LOBBY: {
+        Trigger.ENTERED: ClientState.SYNCING,
+        Trigger.LEFT: ClientState.LOBBY,
+        Trigger.MOVED: ClientState.MOVING,
+        Trigger.LOST: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.RESUMING: {
-        Trigger.ENTERED: State.SYNCING,
-        Trigger.RETURNED: State.PLAYING,
-        Trigger.LEFT: State.LOBBY,
-        Trigger.MOVED: State.MOVING,
-        Trigger.LOST: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.RESUMING: {
+        Trigger.ENTERED: ClientState.SYNCING,
+        Trigger.RETURNED: ClientState.PLAYING,
+        Trigger.LEFT: ClientState.LOBBY,
+        Trigger.MOVED: ClientState.MOVING,
+        Trigger.LOST: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.REJOINING: {
-        Trigger.ENTERED: State.SYNCING,
-        Trigger.RETURNED: State.PLAYING,
-        Trigger.REFUSED: State.LOBBY,
-        Trigger.LEFT: State.LOBBY,
-        Trigger.MOVED: State.MOVING,
-        Trigger.LOST: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.REJOINING: {
+        Trigger.ENTERED: ClientState.SYNCING,
+        Trigger.RETURNED: ClientState.PLAYING,
+        Trigger.REFUSED: ClientState.LOBBY,
+        Trigger.LEFT: ClientState.LOBBY,
+        Trigger.MOVED: ClientState.MOVING,
+        Trigger.LOST: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.SYNCING: {
-        Trigger.ENTERED: State.SYNCING,
-        Trigger.SYNCED: State.PLAYING,
-        Trigger.LEFT: State.LOBBY,
-        Trigger.MOVED: State.MOVING,
-        Trigger.LOST: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.SYNCING: {
+        Trigger.ENTERED: ClientState.SYNCING,
+        Trigger.SYNCED: ClientState.PLAYING,
+        Trigger.LEFT: ClientState.LOBBY,
+        Trigger.MOVED: ClientState.MOVING,
+        Trigger.LOST: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.PLAYING: {
-        Trigger.ENTERED: State.SYNCING,
-        Trigger.RETURNED: State.PLAYING,
-        Trigger.LEFT: State.LOBBY,
-        Trigger.MOVED: State.MOVING,
-        Trigger.LOST: State.OFFLINE,
-        Trigger.CLOSE: State.CLOSED,
+    ClientState.PLAYING: {
+        Trigger.ENTERED: ClientState.SYNCING,
+        Trigger.RETURNED: ClientState.PLAYING,
+        Trigger.LEFT: ClientState.LOBBY,
+        Trigger.MOVED: ClientState.MOVING,
+        Trigger.LOST: ClientState.OFFLINE,
+        Trigger.CLOSE: ClientState.CLOSED,
     },
-    State.CLOSED: {},
+    ClientState.CLOSED: {},
 }
 """What may happen in each state, and where it leads; nothing else is legal."""
 
 
-def next_state(state: State, trigger: Trigger) -> State:
+def next_state(state: ClientState, trigger: Trigger) -> ClientState:
     """Where a trigger leads; ProtocolError where it is illegal."""
     try:
         return TRANSITIONS[state][trigger]

@@ -19,7 +19,7 @@ from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, from_words, only_words
 from robotouille.world.world import State, World, shared_world
-from robotouille_client.sansio.events import (
+from robotouille_client.sansio.game_events import (
     ActResult,
     Announced,
     Changed,

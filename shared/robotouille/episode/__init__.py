@@ -25,7 +25,7 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.lifecycle import Phase
 from robotouille.episode.pauses import PauseReason
-from robotouille.episode.recovery import RecoveredEpisode
+from robotouille.episode.recovered_episode import RecoveredEpisode
 from robotouille.episode.rules import Absence, Clock, Rules
 from robotouille.episode.seats import ActionAnswer, Seat
 

@@ -1,6 +1,6 @@
 """The clocks of an episode: when a step is due, who may act, and whose decision it waits for.
 
-A clock holds no episode. It is told the time and looks at the `Game`, and says at which times steps
+A clock holds no episode. It is told the time and looks at the `ClockedEpisode`, and says at which times steps
 are to be taken now. What it does not know is what a step does.
 """
 
@@ -15,8 +15,8 @@ from robotouille.episode.rules import Clock, Rules
 __all__ = [
     "MAX_CATCH_UP",
     "MAX_STEPS_AT_ONCE",
+    "ClockedEpisode",
     "DeclaredClock",
-    "Game",
     "LockstepClock",
     "RealTimeClock",
     "StepClock",
@@ -30,7 +30,7 @@ MAX_STEPS_AT_ONCE = 50
 """Steps taken for one message; what is left is taken when time is told next."""
 
 
-class Game(Protocol):
+class ClockedEpisode(Protocol):
     """What a clock sees of an episode."""
 
     step: int
@@ -74,11 +74,11 @@ class StepClock(Protocol):
     def delay(self, think_ms: int) -> int:
         """The steps after which an action takes effect that took so long to think of."""
 
-    def on_decision(self, now: float, game: Game) -> Iterable[float]:
+    def on_decision(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         """Somebody has decided, or need not any more: the times of the steps to take. They are
         taken one by one, while this goes on."""
 
-    def on_tick(self, now: float, game: Game) -> Iterable[float]:
+    def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         """Time has passed: the times of the steps to take, likewise."""
 
 
@@ -114,7 +114,7 @@ class LockstepClock:
     def delay(self, think_ms: int) -> int:
         return 0
 
-    def on_decision(self, now: float, game: Game) -> Iterable[float]:
+    def on_decision(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         self._backlog = None
         for _ in range(MAX_STEPS_AT_ONCE):
             if not game.running or not game.all_decided(self.awaited(game.step)):
@@ -122,7 +122,7 @@ class LockstepClock:
             yield now
         self._backlog = now
 
-    def on_tick(self, now: float, game: Game) -> Iterable[float]:
+    def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         if self._backlog is None:
             if self._deadline is None or now < self._deadline:
                 return
@@ -182,10 +182,10 @@ class RealTimeClock:
     def delay(self, think_ms: int) -> int:
         return 0
 
-    def on_decision(self, now: float, game: Game) -> Iterable[float]:
+    def on_decision(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         return ()
 
-    def on_tick(self, now: float, game: Game) -> Iterable[float]:
+    def on_tick(self, now: float, game: ClockedEpisode) -> Iterable[float]:
         taken = 0
         while game.running and now >= self._next_step:
             yield self._next_step

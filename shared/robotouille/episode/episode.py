@@ -24,7 +24,7 @@ from robotouille.episode.pauses import PauseReason
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import size_of_rejection
 from robotouille.episode.rules import Absence, Rules
-from robotouille.episode.seats import ActionAnswer, Pending, Seat, joint_action
+from robotouille.episode.seats import ActionAnswer, PendingAction, Seat, joint_action
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -236,7 +236,7 @@ class Episode(EpisodeState):
             self._take_quota(seat.quota, len(reasoning.encode()), player, now, "act without")
         seat.seq = seq
         if unmet := self._faults(seat, action):
-            self._reject(seat, Pending(action, seq, 0.0, 0, 0, reasoning), unmet, now)
+            self._reject(seat, PendingAction(action, seq, 0.0, 0, 0, reasoning), unmet, now)
             return
         if seat.pending is not None and seat.pending.seq > 0:
             superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
@@ -262,7 +262,7 @@ class Episode(EpisodeState):
         self._arrivals += 1
         latency = max(0.0, now - seat.asked_at)
         due = self.step + delay
-        seat.pending = Pending(action, seq, latency, self._arrivals, due, reasoning)
+        seat.pending = PendingAction(action, seq, latency, self._arrivals, due, reasoning)
         self._take_decided_steps(now)
 
     def _check_begun(self) -> None:
@@ -286,7 +286,9 @@ class Episode(EpisodeState):
             return ()
         return self.world.unmet(self.state, action)
 
-    def _reject(self, seat: Seat, rejected: Pending, unmet: tuple[Unmet, ...], now: float) -> None:
+    def _reject(
+        self, seat: Seat, rejected: PendingAction, unmet: tuple[Unmet, ...], now: float
+    ) -> None:
         action, seq = rejected.action, rejected.seq
         sentence = action.sentence if action is not None else "nothing"
         reasons = tuple(each.words for each in unmet)

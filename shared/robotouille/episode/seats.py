@@ -12,11 +12,11 @@ from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["ActionAnswer", "Pending", "Seat", "joint_action", "tally"]
+__all__ = ["ActionAnswer", "PendingAction", "Seat", "joint_action", "tally"]
 
 
 @dataclass(slots=True)
-class Pending:
+class PendingAction:
     """An action that waits for its step; None is the decision to do nothing. A stand-in's has
     the sequence number 0."""
 
@@ -57,7 +57,7 @@ class Seat:
     seq: int = 0
     asked_at: float = 0.0
     away: float = 0.0
-    pending: Pending | None = None
+    pending: PendingAction | None = None
     answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
     quota: Quota = field(default_factory=lambda: Quota(SEAT_QUOTA_BYTES))
@@ -121,7 +121,7 @@ class Seat:
             why=why,
         )
 
-    def take_pending(self, step: int) -> Pending | None:
+    def take_pending(self, step: int) -> PendingAction | None:
         """What it has decided on for the step after `step`, which is its answer; None: nothing."""
         pending = self.pending
         if pending is None or pending.due_step > step:

@@ -10,11 +10,11 @@ from robotouille.world.grounding.ground_task import GroundTask
 
 __all__ = ["JointAction", "in_order", "not_an_action", "read", "said"]
 
-Wish = GroundAction | str | None
+ActionLike = GroundAction | str | None
 """One player's action, the sentence of a valid one, or nothing."""
 
-JointAction = Wish | Sequence[Wish] | Mapping[str, Wish]
-"""One wish, several in the order in which they apply, or one for each player."""
+JointAction = ActionLike | Sequence[ActionLike] | Mapping[str, ActionLike]
+"""One action, several in the order in which they apply, or one for each player."""
 
 _EXPECTED = (
     "expected an action (`state.actions(player)` lists the valid ones), its sentence, None for "
@@ -29,26 +29,26 @@ def in_order(
     if isinstance(joint, GroundAction | str):
         yield None, joint
     elif isinstance(joint, Mapping):
-        for player, wish in joint.items():
+        for player, action in joint.items():
             if player not in players:
                 raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}")
-            if wish is not None:
-                yield player, wish
+            if action is not None:
+                yield player, action
     elif isinstance(joint, Iterable):
-        for wish in joint:
-            if wish is not None:
-                yield None, wish
+        for action in joint:
+            if action is not None:
+                yield None, action
     elif joint is not None:
         raise WrongArgumentError(f"{_EXPECTED}; found {joint!r}")
 
 
-def read(wish: object, task: GroundTask, valid: Iterable[GroundAction]) -> GroundAction:
+def read(action: object, task: GroundTask, valid: Iterable[GroundAction]) -> GroundAction:
     """The action of a task that is meant by a sentence, or by an action of another world."""
-    if isinstance(wish, GroundAction):
-        return _own(wish, task)
-    if isinstance(wish, str):
-        return said(wish, valid)
-    raise WrongArgumentError(f"{_EXPECTED}; found {wish!r}")
+    if isinstance(action, GroundAction):
+        return _own(action, task)
+    if isinstance(action, str):
+        return said(action, valid)
+    raise WrongArgumentError(f"{_EXPECTED}; found {action!r}")
 
 
 def not_an_action(found: object) -> WrongArgumentError:

@@ -51,7 +51,7 @@ class Change(NamedTuple):
     timers: Timers
 
 
-class Outcome(NamedTuple):
+class TimerOutcome(NamedTuple):
     """What an update does to the effects alone, and whether it depends only on what they read."""
 
     touched: int
@@ -148,7 +148,7 @@ class TimerTable:
         self._known: WeakValueDictionary[
             tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers
         ] = WeakValueDictionary()
-        self._outcomes: dict[Key, Outcome] = {}
+        self._outcomes: dict[Key, TimerOutcome] = {}
         self._transitions = 0
         self.none = self.get((), ())
 
@@ -195,7 +195,7 @@ class TimerTable:
         key: Key,
         busy: tuple[tuple[str, int], ...],
         shared: bool,
-        work_out: Callable[[], Outcome],
+        work_out: Callable[[], TimerOutcome],
     ) -> tuple[Change, bool]:
         """Effects do the same whoever is busy: where somebody is, that is worked out once."""
         outcome = self._outcomes.get(key) if shared else None
@@ -207,7 +207,7 @@ class TimerTable:
         timers = self.get(outcome.entries, busy)
         return Change(outcome.touched, outcome.removed, timers), outcome.repeatable
 
-    def _begin(self, before: tuple[Entry, ...], action: GroundAction, facts: int) -> Outcome:
+    def _begin(self, before: tuple[Entry, ...], action: GroundAction, facts: int) -> TimerOutcome:
         run = self.source.effect_run(facts)
         entries = list(before)
         for effect in action.effects:
@@ -221,7 +221,7 @@ class TimerTable:
             self._settle(run, entries)
         return self._outcome(run, entries)
 
-    def _tick(self, before: tuple[Entry, ...], facts: int) -> Outcome:
+    def _tick(self, before: tuple[Entry, ...], facts: int) -> TimerOutcome:
         run = self.source.effect_run(facts)
         entries = [
             (effect, run.update(effect, progress, active=False))
@@ -242,6 +242,6 @@ class TimerTable:
         if run.deleted:
             entries[:] = [entry for entry in entries if not run.concerns_deleted(entry[0])]
 
-    def _outcome(self, run: EffectRun, entries: list[Entry]) -> Outcome:
+    def _outcome(self, run: EffectRun, entries: list[Entry]) -> TimerOutcome:
         repeatable = not run.written & self.source.table.internal
-        return Outcome(run.written, run.written & ~run.facts, tuple(entries), repeatable)
+        return TimerOutcome(run.written, run.written & ~run.facts, tuple(entries), repeatable)

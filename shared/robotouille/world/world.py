@@ -352,10 +352,10 @@ class World(GroundTask):
         if type(joint) is GroundAction and joint.source is self:
             return ((None, joint),)
         return [
-            (player, wish)
-            if type(wish) is GroundAction and wish.source is self
-            else (player, read(wish, self, self._valid(state, player)))
-            for player, wish in in_order(joint, self.players)
+            (player, action)
+            if type(action) is GroundAction and action.source is self
+            else (player, read(action, self, self._valid(state, player)))
+            for player, action in in_order(joint, self.players)
         ]
 
     def _valid(self, state: State, player: str | None) -> Iterator[GroundAction]:

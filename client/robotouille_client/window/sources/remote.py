@@ -11,7 +11,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.game import Game
-from robotouille_client.sansio.events import Announced, Changed, Heard, Over, Refused
+from robotouille_client.sansio.game_events import Announced, Changed, Heard, Over, Refused
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import (
     clock_words,

@@ -10,7 +10,7 @@ from typing import get_args
 import pytest
 
 from robotouille_client import ActResult, GameEvent, Over
-from robotouille_client.sansio.events import Announced
+from robotouille_client.sansio.game_events import Announced
 
 ROOT = Path(__file__).resolve().parents[2]
 
