@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robotouille import FileError, World
 from robotouille.domain.extends import FileKind, read_extending
 from robotouille.domain.files import validate
-from robotouille.domain.inputs import INPUT_FILES
+from robotouille.domain.input_bindings import INPUT_FILES
 from robotouille.domain.rendering import RENDERING_FILES
 from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.domain.task import DOMAIN_FILES, Task, build_task, read_domain

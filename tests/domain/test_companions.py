@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from robotouille import Task, load_task
-from robotouille.domain.inputs import WINDOW_KEYS, bindings_of, made_up_keys
+from robotouille.domain.input_bindings import WINDOW_KEYS, bindings_of, made_up_keys
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.domain.task import read_domain

@@ -8,7 +8,7 @@ import pytest
 
 from robotouille import FileError, Task, World, load_task
 from robotouille.domain.extends import MAX_EXTENDS, read_extending
-from robotouille.domain.inputs import INPUT_FILES
+from robotouille.domain.input_bindings import INPUT_FILES
 from robotouille.domain.rendering import RENDERING_FILES
 from robotouille.domain.schema import DomainFile
 from robotouille.domain.task import DOMAIN_FILES, read_domain

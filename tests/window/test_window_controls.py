@@ -9,7 +9,7 @@ import pytest
 
 from robotouille import Timing, World, load_task
 from robotouille.domain.files import read_model
-from robotouille.domain.inputs import bindings_of
+from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.schema import InputFile
 from robotouille.planning.plan import read_plan
 from robotouille.resources import data_folder

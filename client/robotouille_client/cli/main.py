@@ -145,7 +145,7 @@ def _lint_domain(path: Path) -> list[Fault]:
 
 def _lint_input(path: Path, domain: str | None) -> list[Fault]:
     from robotouille.domain.extends import read_extending
-    from robotouille.domain.inputs import INPUT_FILES
+    from robotouille.domain.input_bindings import INPUT_FILES
     from robotouille.domain.task import read_domain
     from robotouille.world.lint_companions import lint_input
 

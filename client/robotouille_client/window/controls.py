@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from robotouille.domain.inputs import bindings_of
+from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.scene import Placed, scene

@@ -1,7 +1,7 @@
 """The clocks of an episode: when a step is due, who may act, and whose decision it waits for.
 
-A clock holds no episode. It is told the time and looks at the `ClockedEpisode`, and says at which times steps
-are to be taken now. What it does not know is what a step does.
+A clock holds no episode. It is told the time and looks at the `ClockedEpisode`, and says at which
+times steps are to be taken now. What it does not know is what a step does.
 """
 
 from __future__ import annotations

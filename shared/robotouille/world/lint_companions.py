@@ -12,7 +12,7 @@ from pathlib import Path
 from robotouille.domain.checks import check_input, created_kinds
 from robotouille.domain.companions import KITCHEN_RENDERING, input_path, rendering_path
 from robotouille.domain.extends import read_extending
-from robotouille.domain.inputs import INPUT_FILES, made_up_keys
+from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys
 from robotouille.domain.rendering import RENDERING_FILES, RenderingFile
 from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.errors import Fault, FileError

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from robotouille.planning.beam.goal_ordering import Ordering
-from robotouille.planning.beam.remaining_work import REDOING, GoalBinding, HeuristicContext
+from robotouille.planning.beam.remaining_work_heuristic import (
+    REDOING,
+    GoalBinding,
+    HeuristicContext,
+)
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import State

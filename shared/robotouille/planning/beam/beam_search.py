@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from robotouille.planning.beam.projection import DEAD
 from robotouille.planning.beam.relevance import Relevance
-from robotouille.planning.beam.remaining_work import RemainingWork
+from robotouille.planning.beam.remaining_work_heuristic import RemainingWork
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.timers import Timers
 from robotouille.world.world import State, World

@@ -14,7 +14,11 @@ from dataclasses import replace
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.beam.beam_search import BeamSearch, SearchStyle
 from robotouille.planning.beam.relevance import Relevance
-from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
+from robotouille.planning.beam.remaining_work_heuristic import (
+    GoalBinding,
+    HeuristicContext,
+    RemainingWork,
+)
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import State, World

@@ -16,7 +16,11 @@ from robotouille.planning.beam.assignment import goal_assignments
 from robotouille.planning.beam.beam_search import BeamResult, BeamSearch, SearchStyle
 from robotouille.planning.beam.goal_ordering import Ordering
 from robotouille.planning.beam.relevance import Relevance
-from robotouille.planning.beam.remaining_work import GoalBinding, HeuristicContext, RemainingWork
+from robotouille.planning.beam.remaining_work_heuristic import (
+    GoalBinding,
+    HeuristicContext,
+    RemainingWork,
+)
 from robotouille.planning.plan import Plan
 from robotouille.world.world import State, World
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille.planning.beam.remaining_work import HeuristicContext, RemainingWork
+from robotouille.planning.beam.remaining_work_heuristic import HeuristicContext, RemainingWork
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.world import State

@@ -222,7 +222,7 @@ def _share(made: list[list[GoalPart]], facts: int) -> list[GoalPart]:
 class RemainingWork:
     """The work left until one choice of objects meets the goal.
 
-    `atoms` are the goal's under that choice, or some of them; `rules` come from `ordering.py`;
+    `atoms` are the goal's under that choice, or some of them; `rules` come from `goal_ordering.py`;
     `kept` is a mask of facts without which a state is worthless.
     """
 
