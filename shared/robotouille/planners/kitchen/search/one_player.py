@@ -29,12 +29,12 @@ __all__ = ["best_successor", "expand_alone"]
 @kernel
 def expand_alone(
     kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int, weight: int, greedy: bool
-) -> None:
+) -> int:
     """The successors of one player's state: what can be done here, elsewhere, or by waiting.
 
     Walks are not states of their own: who walks somewhere does something there. Walking takes a
     step, in which time passes. Greedily, waiting comes last, and no other successors are made once
-    one is good enough.
+    one is good enough; then the best new one is returned, -1 if there is none.
     """
     now, later, after = nodes.states[0], nodes.states[1], nodes.states[2]
     unpack_state(kitchen, nodes.keys, node * kitchen.words, now)
@@ -55,7 +55,8 @@ def expand_alone(
         steps = follow(kitchen, now, later, actions[i], i < here, after)
         insert(kitchen, goals, nodes, after, node, actions[i], nodes.g[node] + steps, weight)
         if greedy and is_good_enough(nodes, node, first):
-            return
+            break
+    return lowest_f(nodes, first) if greedy else -1
 
 
 @kernel
@@ -82,15 +83,6 @@ def follow(
 
 
 @kernel
-def best_successor(kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int) -> int:
-    """Of the new successors of one player's state that with the lowest f, then the lowest h, for
-    greedy search; -1 if none is new."""
-    first = nodes.status[COUNT]
-    expand_alone(kitchen, goals, nodes, node, UNIT, True)
-    return lowest_f(nodes, first)
-
-
-@kernel
 def is_good_enough(nodes: Nodes, node: int, first: int) -> bool:
     """Whether the goal is reached, or the newest of a node's successors has the f of the node."""
     if nodes.status[GOAL] >= 0:
@@ -112,3 +104,9 @@ def lowest_f(nodes: Nodes, first: int) -> int:
         ):
             best = node
     return best
+
+
+def best_successor(kitchen: Kitchen, goals: Sequence[Goal], nodes: Nodes, node: int) -> int:
+    """Of the new successors of one player's state that with the lowest f, then the lowest h, for
+    greedy search; -1 if none is new."""
+    return int(expand_alone(kitchen, goals, nodes, node, UNIT, True))
