@@ -53,6 +53,7 @@ def test_planning_is_measured() -> None:
     assert planning.transitions("synchronous/01", 200) > 0
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("which", [BARE, OURS])
 def test_both_servers_answer_a_hello(which: str) -> None:
     everyone = tuple(range(os.cpu_count() or 1))
@@ -64,6 +65,8 @@ def test_both_servers_answer_a_hello(which: str) -> None:
     assert ("bare" in welcome["server"]) == (which == BARE)
 
 
+@pytest.mark.process
+@pytest.mark.slow
 def test_the_memory_is_looked_at_over_some_thousand_steps() -> None:
     growth = memory_over_steps(2000)
     assert 1900 < growth.steps < 2100

@@ -71,6 +71,7 @@ def test_every_task_has_ten_instances(folder: str) -> None:
 # Hashes, claims and plans
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_certificates_hold(folder: str) -> None:
     wrong = []
@@ -188,6 +189,7 @@ def row(folder: Path, instance: DatasetEntry) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DATASETS)
 def test_the_manifest_is_that_of_the_files(name: str) -> None:
     folder = PROBLEMS / name
@@ -199,6 +201,7 @@ def test_the_manifest_is_that_of_the_files(name: str) -> None:
 # Bounds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", [f for f in FOLDERS if "multi_agent" not in f])
 def test_bounds_are_proven_again(folder: str) -> None:
     again = 0

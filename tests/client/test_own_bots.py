@@ -20,6 +20,7 @@ def run_bot(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*BOT, *words], capture_output=True, text=True, timeout=90, cwd=folder)
 
 
+@pytest.mark.process
 def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
     (tmp_path / "my_bot.py").write_text(titled("api.md", "my_bot.py"))
     flags = ("--task", "synchronous/01", "--mode", "turn", "--max-steps", "40")
@@ -33,6 +34,7 @@ def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
     assert outcome["seats"][0]["applied"] >= 8
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("bot", "message"),
     [

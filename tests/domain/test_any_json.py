@@ -138,6 +138,7 @@ def test_any_task(value: Any) -> None:
             assert error.faults
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind", [DOMAIN_FILES, INPUT_FILES, RENDERING_FILES], ids=lambda k: k.beside
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -133,6 +134,7 @@ def test_as_much_is_added_as_was_asked_for(source: Generator, seed: int) -> None
     assert all(len(row) == after.width for row in after.ground or ())
 
 
+@pytest.mark.slow
 @FEW
 @given(generators, seeds)
 def test_the_linter_finds_nothing(source: Generator, seed: int) -> None:
@@ -144,6 +146,7 @@ def test_the_linter_finds_nothing(source: Generator, seed: int) -> None:
         assert not world.initial.goal_reached
 
 
+@pytest.mark.slow
 @QUICK
 @given(noisy, seeds)
 def test_plans_for_the_original_work_in_noisy_instances(source: Generator, seed: int) -> None:

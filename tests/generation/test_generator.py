@@ -321,6 +321,7 @@ def test_the_dataset() -> None:
     assert [i.provenance.kind for i in found] == ["free", "noisy", "free", "noisy"]
 
 
+@pytest.mark.slow
 def test_instances_of_all_tasks_can_be_drawn() -> None:
     for name in paper_tasks()[::7]:
         for kind in Kind:

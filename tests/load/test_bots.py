@@ -106,6 +106,7 @@ def test_what_cannot_begin_is_counted_with_the_reason(tmp_path: Path) -> None:
     run(load())
 
 
+@pytest.mark.slow
 def test_after_a_storm_all_are_back_in_their_own_seats(tmp_path: Path) -> None:
     async def load() -> None:
         plan = {"rooms": 6, "mix": ONE_OF_EACH, "storm": 10}
@@ -142,6 +143,7 @@ def test_slow_readers_get_dropped_and_nobody_else(tmp_path: Path) -> None:
     run(load())
 
 
+@pytest.mark.slow
 def test_spectators_idle_in_quiet_episodes(tmp_path: Path) -> None:
     async def load() -> None:
         plan = {"rooms": 0, "spectators": 25, "spectators_per_room": 10}

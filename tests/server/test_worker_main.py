@@ -36,6 +36,7 @@ def replies(*requests: bytes) -> list[Any]:
     return list(unpacker)
 
 
+@pytest.mark.process
 def test_a_question_about_a_task_that_was_shown_is_answered() -> None:
     asked = ask_request(2, TASK.digest, question(START, kind="random"))
     ((number, how, answer),) = replies(task_request(TASK), asked)
@@ -43,6 +44,7 @@ def test_a_question_about_a_task_that_was_shown_is_answered() -> None:
     assert shared_world(TASK).action(answer[0], *answer[1:])
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "request_bytes",
     [
@@ -55,6 +57,7 @@ def test_one_about_another_task_is_not(request_bytes: bytes) -> None:
     assert replies(request_bytes) == [(1, UNKNOWN, None)]
 
 
+@pytest.mark.process
 def test_a_request_that_fails_does_not_end_the_process() -> None:
     nonsense = question(START, player="nobody", kind="random")
     fine = question(START, bot=2, kind="random")

@@ -92,16 +92,19 @@ def test_a_team_of_two_is_faster_than_one_could_be(name: str) -> None:
     assert outcome.steps <= PLAYED[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["multi_agent/01@3", "multi_agent/05@4", "multi_agent/07@3"])
 def test_larger_teams(name: str) -> None:
     assert play(name, Clock.LOCKSTEP).success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["multi_agent/01@3", "multi_agent/04@2", "multi_agent/07@4"])
 def test_turn_by_turn(name: str) -> None:
     assert play(name, Clock.TURN, limit=600).success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["multi_agent/01", "multi_agent/04", "multi_agent/07"])
 def test_in_real_time_where_walking_takes_time(name: str) -> None:
     assert play(name, Clock.REALTIME, timing="people", limit=900).success
@@ -113,6 +116,7 @@ def test_with_a_partner_who_is_no_help(name: str, partner: type[Chance]) -> None
     assert play(name, Clock.LOCKSTEP, partner=partner).success
 
 
+@pytest.mark.slow
 def test_one_seed_one_course() -> None:
     first, second = (play("multi_agent/03", Clock.LOCKSTEP) for _ in range(2))
     assert first == second
@@ -239,6 +243,7 @@ def test_a_bot_says_that_it_finds_no_plan(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err == "robot1 finds no plan from here\n"
 
 
+@pytest.mark.slow
 def test_the_shipped_pancakes_are_made() -> None:
     """The dish of the page on formats: nothing of it is known to any planner beforehand."""
     outcome = play("examples/pancakes", Clock.TURN, limit=60)
