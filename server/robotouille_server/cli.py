@@ -17,10 +17,8 @@ from pydantic import SecretStr, ValidationError
 from pydantic_core import ErrorDetails, PydanticUndefined
 from pydantic_settings import BaseSettings
 
-from robotouille.episode import Phase
 from robotouille.errors import MissingExtraError, ProtocolError, RobotouilleError, did_you_mean
 from robotouille.program import VersionOption, tell
-from robotouille.protocol import messages
 from robotouille_server.runtime.gc_policy import rare_collections
 from robotouille_server.runtime.settings import ServerSettings
 
@@ -201,7 +199,9 @@ async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None
 def first_room(server: Server) -> Room | None:
     """The episode that is there from the start: a new one, or one that was there before; None
     where no new one can be recorded."""
-    live = [r for r in server.lobby.rooms.values() if r.episode.phase is not Phase.ENDED]
+    from robotouille.protocol import messages
+
+    live = [r for r in server.lobby.rooms.values() if not r.episode.ended]
     if live:
         return min(live, key=lambda room: (room.owner != SERVER, room.episode.step))
     from robotouille_server.runtime.logs import get_logger

@@ -1,33 +1,51 @@
 """Seats, turn order, clocks as data and the outcome: a state machine without I/O."""
 
-from robotouille.episode.episode import Episode
-from robotouille.episode.events import (
-    Announced,
-    Controller,
-    Departure,
-    Ended,
-    Event,
-    Moderated,
-    Moderation,
-    Move,
-    Outcome,
-    Paused,
-    QuotaReached,
-    Reason,
-    Rejected,
-    Restarted,
-    Resumed,
-    RosterChanged,
-    Said,
-    SeatTally,
-    Started,
-    Stepped,
-)
-from robotouille.episode.lifecycle import Phase
-from robotouille.episode.pauses import PauseReason
-from robotouille.episode.recovered_episode import RecoveredEpisode
-from robotouille.episode.rules import Absence, Clock, Rules
-from robotouille.episode.seats import ActionAnswer, Seat
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robotouille.episode.episode import Episode
+    from robotouille.episode.events import (
+        Announced,
+        Controller,
+        Departure,
+        Ended,
+        Event,
+        Moderated,
+        Moderation,
+        Move,
+        Outcome,
+        Paused,
+        QuotaReached,
+        Reason,
+        Rejected,
+        Restarted,
+        Resumed,
+        RosterChanged,
+        Said,
+        SeatTally,
+        Started,
+        Stepped,
+    )
+    from robotouille.episode.lifecycle import Phase
+    from robotouille.episode.pauses import PauseReason
+    from robotouille.episode.recovered_episode import RecoveredEpisode
+    from robotouille.episode.rules import Absence, Clock, Rules
+    from robotouille.episode.seats import ActionAnswer, Seat
+else:
+    from robotouille.lazy_exports import lazy_exports
+
+    __getattr__ = lazy_exports(
+        __name__,
+        "robotouille.episode.rules",
+        "robotouille.episode.lifecycle",
+        "robotouille.episode.pauses",
+        "robotouille.episode.events",
+        "robotouille.episode.seats",
+        "robotouille.episode.episode",
+        "robotouille.episode.recovered_episode",
+    )
 
 __all__ = [
     "Absence",
