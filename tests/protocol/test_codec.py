@@ -98,3 +98,13 @@ def test_sizes_frames_and_depth_are_limited(codec: Codec) -> None:
         "message/malformed",
         "message/invalid-field",
     )
+
+
+@pytest.mark.parametrize("codec", [MSGPACK, JSON])
+def test_fields_of_a_newer_server_are_left_out(codec: Codec) -> None:
+    seat = {"player": "robot1", "mood": "good"}
+    plain = {"type": "roster", "phase": "running", "seats": [seat], "weather": {"rain": True}}
+    read = codec.decode_server(codec.pack(plain))
+    assert isinstance(read, messages.Roster)
+    assert read.seats[0].player == "robot1"
+    assert not hasattr(read, "weather")

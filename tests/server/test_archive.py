@@ -198,7 +198,7 @@ def test_who_has_said_hello_is_not_silent_however_long_it_takes(
                 await bob.send({**HELLO, "resume": token})
                 await asyncio.sleep(12)
             await asyncio.sleep(1)
-            waiting = [t for t in asyncio.all_tasks() if "_greet_later" in str(t.get_coro())]
+            waiting = [t for t in asyncio.all_tasks() if "_handle_hello_later" in str(t.get_coro())]
             assert not waiting, "who has gone is still being looked for"
 
     run(main())

@@ -1,7 +1,7 @@
 """`robotouille-bot MODULE:NAME`: a policy of the user's own.
 
-It is imported as Python would import it in the current folder. Whoever starts the program names
-it: nothing that comes from a server is ever imported.
+It is imported from the current folder, or from what is installed, which comes first. Whoever starts
+the program names it: nothing that comes from a server is ever imported.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ def own_policy_maker(name: str) -> MakePolicy:
     if not hasattr(module, attribute):
         known = [n for n in vars(module) if not n.startswith("_")]
         near = did_you_mean(attribute, known)
-        raise RobotouilleError(f"{module.__file__} has no {attribute!r}{near}")
+        raise RobotouilleError(
+            f"{getattr(module, '__file__', None) or module_name} has no {attribute!r}{near}"
+        )
     maker = getattr(module, attribute)
     if not _takes_two(maker):
         raise RobotouilleError(f"{name} has to be {WHAT_IT_IS}")
@@ -52,7 +54,7 @@ def own_policy_maker(name: str) -> MakePolicy:
 def _import(name: str) -> Any:
     folder = str(Path.cwd())
     if folder not in sys.path:
-        sys.path.insert(0, folder)
+        sys.path.append(folder)  # Last: no file of the folder takes the place of a library.
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:

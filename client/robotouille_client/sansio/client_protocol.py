@@ -178,7 +178,10 @@ class ClientProtocol(Generic[G]):
         if isinstance(request, messages.Join):
             self.membership = request
         elif isinstance(request, messages.Leave):
-            self.game = None
+            self.game = self.membership = None
+            if self.state is ClientState.REJOINING:
+                self._rejoin = self._rejoin_at = None
+                self._enter(Trigger.LEFT)
 
     # What is sent
 

@@ -225,6 +225,7 @@ class Connection(ServerConnection):
         if self._receiver is not None:
             self._take_frames()
         elif len(self._reader.rest) > MAX_REQUEST:
+            self._reader.clear()
             self.drop("early")
 
     def _take_frames(self) -> None:

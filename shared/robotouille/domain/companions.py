@@ -10,6 +10,7 @@ from pathlib import Path
 
 from robotouille.domain.files import is_file, read_json
 from robotouille.domain.schema import DomainFile
+from robotouille.errors import FileError
 from robotouille.resources import data_folder
 
 __all__ = ["KITCHEN_RENDERING", "companion_folder", "input_path", "rendering_path"]
@@ -49,6 +50,9 @@ def companion_folder(folder: str, name: str, beside: Path | None) -> Path:
 
 
 def _is_domain(path: Path) -> bool:
-    """Renderings have no name."""
-    raw = read_json(path)
+    """Renderings have no name; a file that is no JSON is told of where it is read as one."""
+    try:
+        raw = read_json(path)
+    except FileError:
+        return False
     return isinstance(raw, dict) and "name" in raw

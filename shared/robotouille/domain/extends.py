@@ -128,6 +128,11 @@ def _as_json(base: Schema, own: Json) -> Json:
     return {name: value for name, value in raw.items() if name != "name"}
 
 
+def _is_within(path: Path, folders: tuple[Path, ...]) -> bool:
+    """Whether a file is in one of the folders, links followed."""
+    return any(path.is_relative_to(folder) for folder in folders)
+
+
 def _find(name: Any, path: Path, kind: FileKind[Any], chain: tuple[Path, ...]) -> Path:
     if not isinstance(name, str) or not name:
         raise FileError(str(path), [Fault("extends", f"should be a name, found {name!r}")])
@@ -140,7 +145,8 @@ def _find(name: Any, path: Path, kind: FileKind[Any], chain: tuple[Path, ...]) -
         candidates = [path.parent / name, shipped / name]
     else:
         candidates = [path.parent / f"{name}{kind.beside}", shipped / f"{name}{kind.shipped}"]
-    found = [c for c in candidates if is_file(c)]
+    allowed = (path.parent.resolve(), shipped.resolve())
+    found = [c for c in candidates if is_file(c) and _is_within(c.resolve(), allowed)]
     others = [c for c in found if c.resolve() != path.resolve()]
     if not found:
         known = [p.name.removesuffix(kind.shipped) for p in shipped.glob(f"*{kind.shipped}")]

@@ -242,7 +242,7 @@ _fields = each(
 def _extend(base: Any, own: Any) -> Any:
     """A rendering with pictures of its own needs those of the extended one as well."""
     merged = _fields(base, own)
-    if isinstance(merged, dict) and "assets" in own:
+    if isinstance(merged, dict) and "assets" in own and "inherited_assets" not in own:
         inherited = [base.get("assets", "kitchen"), *base.get("inherited_assets", ())]
         merged["inherited_assets"] = inherited
     return merged

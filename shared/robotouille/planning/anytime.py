@@ -9,6 +9,7 @@ Work is counted in expansions, never in seconds: one question has the same answe
 
 from __future__ import annotations
 
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ from math import ceil
 from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
+from robotouille.errors import PluginError
 from robotouille.planning.action_elimination import eliminate_actions
 from robotouille.planning.beam.planner import EXPANSIONS, BeamPlanner, Solution
 from robotouille.planning.plan import Plan
@@ -142,7 +144,12 @@ class AnytimePlanner:
 
     @cached_property
     def _domain_planner(self) -> DomainPlanner | None:
-        return domain_planner(self.model)
+        """Play goes on with the general planners where a plug-in is broken."""
+        try:
+            return domain_planner(self.model)
+        except PluginError as error:
+            warnings.warn(f"{error}; the general planners take over", stacklevel=2)
+            return None
 
     def _domain_search(self, start: State, team: Sequence[str]) -> AnytimeSearch | None:
         """The search of the plug-in that knows the domain, if all players are to plan."""

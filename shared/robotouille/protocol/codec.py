@@ -102,7 +102,7 @@ class Codec:
         return message
 
     def decode_server(self, payload: bytes | str) -> ServerMessage:
-        """A server's message."""
+        """A server's message; fields that only a newer server knows are left out."""
         plain = self._unpack(payload, MAX_SERVER_BYTES)
         message: ServerMessage = self._validate(plain, server_messages)
         return message

@@ -73,6 +73,8 @@ class FrameReader:
         data, at = self._data, self._at
         there = len(data) - at
         if there < 2:
+            if at:
+                self._forget_read()
             return False
         length, start = data[at + 1], 2
         if self._masked:
@@ -90,10 +92,16 @@ class FrameReader:
             raise FrameError(f"a frame of {length} bytes; at most {self._max_size} may be")
         size = start + length
         if there < size:
+            if at:
+                self._forget_read()
             return False
         self.first, self.size = data[at], size
         self._start, self._at = at + start, at + size
         return True
+
+    def _forget_read(self) -> None:
+        """An idle connection keeps nothing of what it has read."""
+        self._data, self._at = self._data[self._at :], 0
 
     @property
     def content(self) -> bytes:

@@ -101,6 +101,12 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
+class FromServer(Message):
+    """What a server says: fields that only a newer one knows are left out."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
 OPEN = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
 """Of rows that a newer server may have more fields in."""
 
@@ -229,7 +235,7 @@ class Resync(Message):
 # From server to client
 
 
-class Welcome(Message):
+class Welcome(FromServer):
     """The answer to `hello`. `role` is what one may do: operator, host, player or spectator.
 
     `resume` brings a lost connection back; it is another with each welcome, and once it has been
@@ -247,7 +253,7 @@ class Welcome(Message):
     grace: float
 
 
-class SeatInfo(Message):
+class SeatInfo(FromServer):
     """A seat and who plays it; `name` is empty while it is free.
 
     `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
@@ -263,7 +269,7 @@ class SeatInfo(Message):
     rejected: int = 0
 
 
-class Why(Message):
+class Why(FromServer):
     """A reason for which an action was rejected, as a value; its words are in `reasons` (or
     `unmet`) at the same place."""
 
@@ -283,13 +289,12 @@ class Why(Message):
         )
 
     def value(self, words: str) -> Unmet:
-        """The reason with its words."""
-        return Unmet(
-            UnmetKind(self.kind), words, self.predicate, tuple(self.objects), self.expected
-        )
+        """The reason with its words; a kind that a newer server knows is another to us."""
+        kind = self.kind if isinstance(self.kind, UnmetKind) else UnmetKind.OTHER
+        return Unmet(kind, words, self.predicate, tuple(self.objects), self.expected)
 
 
-class Pause(Message):
+class Pause(FromServer):
     """Why the game stands still, and the seconds after which that ends by itself."""
 
     reason: Known[PauseReason]
@@ -332,7 +337,7 @@ class OutcomeRow(TypedDict, total=False):
     seats: list[TallyRow]
 
 
-class EpisodeInfo(Message):
+class EpisodeInfo(FromServer):
     """An episode as the lobby lists it."""
 
     episode: Identifier
@@ -346,7 +351,7 @@ class EpisodeInfo(Message):
     spectators: int = 0
 
 
-class Episodes(Message):
+class Episodes(FromServer):
     """The answer to `list`."""
 
     type: Literal["episodes"] = "episodes"
@@ -354,7 +359,7 @@ class Episodes(Message):
     episodes: list[EpisodeInfo]
 
 
-class Created(Message):
+class Created(FromServer):
     """The answer to `create`: the episode's id and the code to pass on."""
 
     type: Literal["created"] = "created"
@@ -363,7 +368,7 @@ class Created(Message):
     code: Identifier
 
 
-class Joined(Message):
+class Joined(FromServer):
     """The answer to `join`; a `snapshot` (or `observation`) follows, or, in a connection that was
     resumed, what was missed up to `step` and a `roster`.
 
@@ -387,7 +392,7 @@ class Joined(Message):
     resume: Token | None = None
 
 
-class Moved(Message):
+class Moved(FromServer):
     """The answer to `join` or `hello` where the episode is with another process of the server:
     connect to `url`, or to this `port` of the same host, and join there."""
 
@@ -398,7 +403,7 @@ class Moved(Message):
     url: str = ""
 
 
-class Snapshot(Message):
+class Snapshot(FromServer):
     """The whole state at a step.
 
     `atoms[i]` is atom *i* as `[predicate, object, …]`, indices into `predicates` and `objects`;
@@ -438,7 +443,7 @@ class Snapshot(Message):
     outcome: OutcomeRow | None = None
 
 
-class Delta(Message):
+class Delta(FromServer):
     """What one step changed; step numbers have no gaps.
 
     `add` and `remove` are atoms; `timers` gives the new counters of effects (null: gone; an effect
@@ -464,7 +469,7 @@ class Delta(Message):
     hash: str | None = None
 
 
-class Observation(Message):
+class Observation(FromServer):
     """The state in words for one seat, with its valid actions as sentences (text view).
 
     `seq` is the seat's last action whose fate is decided; if it was rejected, `reasons` say why,
@@ -483,7 +488,7 @@ class Observation(Message):
     reasons: list[str] = []
 
 
-class Rejected(Message):
+class Rejected(FromServer):
     """An action that was not taken into a step: why (`code`, `reasons`, `why`), and at which
     step."""
 
@@ -496,7 +501,7 @@ class Rejected(Message):
     code: Known[ErrorCode] = ErrorCode.ACTION_INVALID
 
 
-class Said(Message):
+class Said(FromServer):
     """A chat message, the `number`th of the episode; `seat` is empty for a spectator."""
 
     type: Literal["said"] = "said"
@@ -507,14 +512,14 @@ class Said(Message):
     text: str
 
 
-class Notice(Message):
+class Notice(FromServer):
     """Something the server's operator says to everybody in the episode."""
 
     type: Literal["notice"] = "notice"
     text: str
 
 
-class Roster(Message):
+class Roster(FromServer):
     """Who plays and who watches, whose turn it is, and why the game stands still if it does; sent
     when it changes.
 
@@ -530,7 +535,7 @@ class Roster(Message):
     spectators: int = 0
 
 
-class Ended(Message):
+class Ended(FromServer):
     """The episode is over."""
 
     type: Literal["ended"] = "ended"
@@ -539,7 +544,7 @@ class Ended(Message):
     hash: str
 
 
-class Left(Message):
+class Left(FromServer):
     """The client is no longer in the episode."""
 
     type: Literal["left"] = "left"
@@ -548,7 +553,7 @@ class Left(Message):
     reason: str = ""
 
 
-class Error(Message):
+class Error(FromServer):
     """A message could not be honoured; the connection lives on unless it closes."""
 
     type: Literal["error"] = "error"
@@ -558,7 +563,7 @@ class Error(Message):
     field: str = ""
 
 
-class Bye(Message):
+class Bye(FromServer):
     """The server closes the connection, and why. With `retry` it can be resumed in a moment."""
 
     type: Literal["bye"] = "bye"

@@ -29,11 +29,6 @@ class UnmetKind(StrEnum):
     OTHER = "other"
     """Something that only the words say."""
 
-    @classmethod
-    def _missing_(cls, value: object) -> UnmetKind:
-        """A kind that a newer server knows is another to us."""
-        return cls.OTHER
-
 
 @dataclass(frozen=True, slots=True)
 class Unmet:

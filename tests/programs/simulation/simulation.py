@@ -10,6 +10,9 @@ from collections.abc import Callable
 from contextvars import copy_context
 from dataclasses import dataclass, field
 
+from robotouille_server.conversation import Conversation
+from robotouille_server.rooms.lobby import Lobby
+from robotouille_server.rooms.room import Room
 from tests.programs.simulation.adversary import Adversary
 from tests.programs.simulation.clients import Participant
 from tests.programs.simulation.disk import Disk
@@ -33,9 +36,9 @@ IN_FLIGHT = "Pipe."
 PASSING = (
     "Timeout.",
     "_set_result_unless_cancelled",
-    "Conversation._too_silent",
-    "Lobby._forget",
-    "Room._write_again",
+    Conversation._hello_timeout.__qualname__,
+    Lobby._forget.__qualname__,
+    Room._write_again.__qualname__,
 )
 """Timers that a server may leave while connections to clients that do not answer still close."""
 MAX_FAULTS = 20

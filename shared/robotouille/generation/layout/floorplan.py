@@ -2,7 +2,7 @@
 
 The free tiles are all connected, each station has a free tile beside it, and each player stands on
 a free tile of its own beside its station. This is more than the world asks for (see
-`world/floor.py`): a kitchen without corners that nobody can get to.
+`world/grounding/floor.py`): a kitchen without corners that nobody can get to.
 """
 
 from __future__ import annotations

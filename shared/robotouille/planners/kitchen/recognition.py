@@ -1,4 +1,5 @@
-"""Which domains are kitchens: those whose actions say what `moves.py` does, processes being free.
+"""Which domains are kitchens: those whose actions say what `transitions` does, whatever their
+processes.
 
 Actions are compared as sentences. A *process* is any action that a player with free hands performs
 on a clear item that lies on a station of some kind: again and again until it takes effect, or once,
