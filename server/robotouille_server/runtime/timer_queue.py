@@ -51,6 +51,7 @@ class TimerQueue:
         self._numbers = count()
         self._cancelled = 0
         self._timer: asyncio.TimerHandle | None = None
+        self._timer_at = 0.0
         self._running = self._watching = False
 
     def time(self) -> float:
@@ -69,7 +70,7 @@ class TimerQueue:
         """Call `call(due)` at the time `due`, or soon if that has passed."""
         handle = TimerHandle(due, call)
         heappush(self._heap, (due, next(self._numbers), handle))
-        if not self._running and (self._timer is None or due + self.lost < self._timer.when()):
+        if not self._running and (self._timer is None or due + self.lost < self._timer_at):
             self._arm()
         return handle
 
@@ -98,7 +99,8 @@ class TimerQueue:
         self._watching = bool(self._heap)
         if self._watching:
             due = min(self._heap[0][0], now + BEAT)
-            self._timer = self._loop.call_at(due + self.lost, self._run)
+            self._timer_at = due + self.lost
+            self._timer = self._loop.call_at(self._timer_at, self._run)
 
     def _run(self) -> None:
         self._timer = None
