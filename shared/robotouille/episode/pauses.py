@@ -1,4 +1,8 @@
-"""Why an episode stands still, and for how long."""
+"""Why an episode stands still, and for how long.
+
+Pauses begin and end in `episode.py` (`pause`, `resume`, and what runs out of time) and in
+`presence.py` (who is away, and comes back).
+"""
 
 from __future__ import annotations
 

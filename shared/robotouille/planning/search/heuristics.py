@@ -1,4 +1,8 @@
-"""Admissible heuristics of the steps to the goal: never more than there are."""
+"""Admissible heuristics of the steps to the goal: never more than there are.
+
+That of the kitchen solver is in `planners/kitchen/heuristic`, that of the beam search in
+`planning/beam/remaining_work_heuristic.py`.
+"""
 
 from __future__ import annotations
 
