@@ -203,7 +203,7 @@ async def play(steps: int) -> tuple[int, list[int]]:
     process = psutil.Process()
     with tempfile.TemporaryDirectory() as folder:
         settings = ServerSettings(
-            recordings=Path(folder), max_episodes=10_000, messages_per_second=1000
+            recordings=Path(folder) / "recordings", max_episodes=10_000, messages_per_second=1000
         )
         server = Server(settings, storage=Memory())
         bots = []

@@ -33,7 +33,7 @@ def server() -> Iterator[str]:
     """A server process of its own; its URL."""
     with tempfile.TemporaryDirectory() as folder:
         program = "from robotouille_server.cli import main; main()"
-        flags = ("--port", "0", "--recordings", folder, "--no-operator", *LIMITS)
+        flags = ("--port", "0", "--recordings", f"{folder}/recordings", "--no-operator", *LIMITS)
         process = subprocess.Popen(
             [sys.executable, "-c", program, *flags],
             stdout=subprocess.PIPE, text=True,

@@ -143,6 +143,7 @@ class HostileHouse(RuleBasedStateMachine):
         self._runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
         self._stack = AsyncExitStack()
         self._folder = Path(tempfile.mkdtemp())
+        self._recordings = self._folder / "recordings"
         self._step = 0
         self._run(self._open())
 
@@ -152,7 +153,7 @@ class HostileHouse(RuleBasedStateMachine):
     async def _open(self) -> None:
         self.failures = await self._stack.enter_async_context(watched())
         self.server = await self._stack.enter_async_context(
-            serving(self._folder, messages_per_second=100_000, max_steps=100_000)
+            serving(self._recordings, messages_per_second=100_000, max_steps=100_000)
         )
         self.honest: list[Raw] = [
             await self._stack.enter_async_context(raw(self.server, text=text))
@@ -272,7 +273,7 @@ class HostileHouse(RuleBasedStateMachine):
         finally:
             self._run(self._stack.aclose())
             self._runner.close()
-            recordings = list(self._folder.glob("*.rbt*"))
+            recordings = list(self._recordings.glob("*.rbt*"))
             assert recordings
             assert all(read_recording(path).verify().ok for path in recordings)
             shutil.rmtree(self._folder)
