@@ -76,7 +76,7 @@ def test_plain_python_can_be_asked_for() -> None:
 
 
 @pytest.mark.process
-@pytest.mark.slow
+@pytest.mark.nightly
 @needs_compiler
 def test_compiled_and_plain_give_the_same_answers() -> None:
     """One test, since compiling takes a minute wherever it has not been done."""
