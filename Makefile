@@ -26,10 +26,10 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)  ## Two bots cook a meal on a live server while a window watches
 	$(BIN)/python examples/demo.py
 
-test: $(STAMP)  ## What a change usually breaks: about a minute
+test: $(STAMP)  ## What a change usually breaks: two or three minutes
 	$(PYTEST) -m "$(QUICK)"
 
-test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: some minutes
+test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: eight minutes
 	$(PYTEST)
 
 nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
