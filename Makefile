@@ -6,6 +6,9 @@ STAMP := $(VENV)/.installed
 PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal --durations=20
 QUICK := smoke or not (slow or process or browser or nightly)
 
+# Tests that start processes would compile every module again in each of them.
+unexport PYTHONDONTWRITEBYTECODE
+
 SEEDS ?= 0:2000
 HOSTILE ?= 1000000
 
@@ -27,7 +30,7 @@ demo: $(STAMP)  ## Two bots cook a meal on a live server while a window watches
 	$(BIN)/python examples/demo.py
 
 test: $(STAMP)  ## What a change usually breaks: two or three minutes
-	$(PYTEST) -m "$(QUICK)"
+	ROBOTOUILLE_FUZZ=0.2 $(PYTEST) -m "$(QUICK)"
 
 test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: eight minutes
 	$(PYTEST)

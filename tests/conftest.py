@@ -3,7 +3,9 @@ of the compiled ones start processes of their own. A test that starts a process 
 
 from __future__ import annotations
 
+import gc
 import os
+import signal
 import sys
 from collections.abc import Generator
 from typing import Any
@@ -11,6 +13,8 @@ from typing import Any
 import pytest
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
+# A shell starts what runs in the background with interrupts ignored, and programs inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _started: list[str] = []
 """The programs that the running test has started."""
@@ -22,6 +26,12 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 sys.addaudithook(_watch)
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays: the garbage collector need not look at it again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

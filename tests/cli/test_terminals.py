@@ -42,6 +42,7 @@ def prints(path: Path) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_all_that_is_no_json_is_printed_by_one_function() -> None:
     found = [line for path in MODULES if path.name != "program.py" for line in prints(path)]
     assert not [line for line in found if "worker.py" not in line]

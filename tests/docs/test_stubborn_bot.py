@@ -16,6 +16,7 @@ from robotouille_client import connect
 from robotouille_server import Server
 from robotouille_server.rooms.room import Room
 from tests.support.pages import titled
+from tests.support.samples import each_quickly_once
 from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 
@@ -68,8 +69,10 @@ async def restart(server: Server) -> None:
     await server.stop("the server is restarted", hand_over=True)
 
 
-@pytest.mark.parametrize("mode", ["turn", "lockstep", "realtime"])
-@pytest.mark.parametrize("calamity", [cut, crash, restart])
+@pytest.mark.parametrize(
+    ("mode", "calamity"),
+    each_quickly_once(["turn", "lockstep", "realtime"], [cut, crash, restart]),
+)
 def test_it_comes_back(
     tmp_path: Path, mode: str, calamity: Callable[[Server], Awaitable[None]]
 ) -> None:

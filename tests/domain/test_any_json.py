@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import FileError, World
@@ -18,6 +18,7 @@ from robotouille.domain.schema import DomainFile, InputFile, ProblemFile
 from robotouille.domain.task import DOMAIN_FILES, Task, build_task, read_domain
 from robotouille.world.lint import lint_task
 from tests.support.broken_files import DOMAIN, PROBLEM, changed
+from tests.support.thorough import thorough
 
 NAMES = sorted(
     {*DOMAIN, *PROBLEM, "stations", "items", "type", "sfx", "param", "default", "x", "y", "id"}
@@ -41,13 +42,7 @@ JSON = st.recursive(
     ),
     max_leaves=12,
 )
-often = settings(
-    max_examples=300,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=list(HealthCheck),
-)
+often = thorough(300)
 
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import ProtocolError, World, load_task
@@ -22,6 +22,7 @@ from robotouille.episode import (
 from robotouille.episode.presence import LOBBY_SECONDS
 from tests.support.episodes import ONE, TWO, first, start, steps
 from tests.support.games import play_through, random_choice
+from tests.support.thorough import thorough
 
 
 class TestSeats:
@@ -228,7 +229,7 @@ def test_busy_players_need_not_decide() -> None:
     assert "busy" in reasons[0][0]
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@thorough(60)
 @given(
     st.lists(
         st.one_of(

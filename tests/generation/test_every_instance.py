@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import World
@@ -14,6 +14,7 @@ from robotouille.generation import AttemptError, Generator, Instance, Kind, Para
 from robotouille.planning.validation import replay
 from robotouille.world.lint import lint_task
 from tests.generation.kitchens import TASKS, generator, seats_of, shipped_plan
+from tests.support.thorough import thorough
 
 PARAMETERS = [
     Parameters(),
@@ -23,8 +24,8 @@ PARAMETERS = [
     Parameters(stacking=True, stations=3),
     Parameters(stacking=False, items=1),
 ]
-QUICK = settings(max_examples=15, deadline=None, derandomize=True, database=None)
-FEW = settings(QUICK, max_examples=5)
+QUICK = thorough(15)
+FEW = thorough(5)
 
 seeds = st.integers(0, 10**6)
 free = st.builds(

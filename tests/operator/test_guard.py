@@ -231,7 +231,7 @@ def test_no_port_for_others_without_tokens(tmp_path: Path) -> None:
                     pass
             async with operator_view(server, "0.0.0.0", 0, authorize=authorize) as port:
                 assert port.url == f"http://127.0.0.1:{port.port}/"
-                async with httpx.AsyncClient(timeout=None, trust_env=False) as http:
+                async with httpx.AsyncClient(timeout=None, trust_env=False, verify=False) as http:
                     answer = await http.get(f"{port.url}api/overview")
                     assert refusal(answer) == (401, "auth/needed")
 

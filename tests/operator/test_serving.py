@@ -25,7 +25,7 @@ def test_it_stops_while_pages_are_open_and_leaves_no_task_and_no_socket(tmp_path
     async def main() -> None:
         async with serving(tmp_path) as server:
             before = asyncio.all_tasks()
-            http = httpx.AsyncClient(timeout=None, trust_env=False)
+            http = httpx.AsyncClient(timeout=None, trust_env=False, verify=False)
             async with operator_view(server, port=0) as port:
                 streams = [
                     await http.send(
@@ -73,7 +73,7 @@ def test_signals_stay_the_programs(tmp_path: Path) -> None:
         async with serving(tmp_path) as server:
             handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
             async with operator_view(server, port=0) as port:
-                async with httpx.AsyncClient(timeout=None, trust_env=False) as http:
+                async with httpx.AsyncClient(timeout=None, trust_env=False, verify=False) as http:
                     assert (await http.get(port.url)).status_code == 200
                 assert handlers == [
                     signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)

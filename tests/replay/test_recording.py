@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import RecordingError, RobotouilleError
@@ -14,6 +14,7 @@ from robotouille.replay.container import MAGIC, compress, pack_frame, read_frame
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
 from tests.support.games import recorded_game
+from tests.support.thorough import thorough
 
 GAME = recorded_game("multi_agent/10@3", seed=5, steps=130)
 
@@ -49,7 +50,7 @@ def test_facts_can_be_read_without_the_engine() -> None:
         assert facts == {name for name in state.fact_names() if name.split("(")[0] in fluents}
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@thorough(60)
 @given(st.integers(0, len(GAME)))
 def test_a_file_cut_off_anywhere_is_readable_up_to_its_last_whole_frame(length: int) -> None:
     cut = GAME[:length]
@@ -65,7 +66,7 @@ def test_a_file_cut_off_anywhere_is_readable_up_to_its_last_whole_frame(length: 
         assert recording.outcome is None or length == len(GAME)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@thorough(100)
 @given(st.integers(0, len(GAME) - 1), st.integers(1, 255))
 def test_no_damaged_byte_goes_unnoticed(position: int, change: int) -> None:
     damaged = bytearray(GAME)
@@ -77,7 +78,7 @@ def test_no_damaged_byte_goes_unnoticed(position: int, change: int) -> None:
     assert not recording.verify().ok or len(recording.steps) < len(Recording(GAME).steps)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@thorough(100)
 @given(st.binary(max_size=300))
 def test_arbitrary_bytes_are_refused_with_a_reason(content: bytes) -> None:
     for stream in (content, MAGIC + content):
@@ -94,7 +95,7 @@ json_values = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@thorough(150)
 @given(
     st.integers(0, 8),
     st.sampled_from(

@@ -56,7 +56,7 @@ def test_all_thirty_tasks_are_there() -> None:
     assert [sum(t.startswith(d) for t in TASKS) for d in DATASETS] == [10, 10, 10]
 
 
-@pytest.mark.parametrize(("name", "clock"), each_quickly_once(TASKS, list(Clock)))
+@pytest.mark.parametrize(("name", "clock"), each_quickly_once(TASKS, list(Clock), 12))
 def test_finished_by_bots(tmp_path: Path, name: str, clock: Clock) -> None:
     seats = load_task(name).seats
     world = World(load_task(name, seats=seats))

@@ -31,7 +31,6 @@ async def play_until_signal(
 
 
 @pytest.mark.process
-@pytest.mark.smoke
 def test_ctrl_c_tells_the_clients_and_closes_the_recordings(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
     with process(folder, "--task", "synchronous/01") as (server, url, code):

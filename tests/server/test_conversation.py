@@ -9,7 +9,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille.errors import ProtocolError
@@ -382,10 +382,7 @@ def test_decoding_anything_gives_a_message_or_a_protocol_error(message: Any, cod
         assert error.code.startswith("message/")
 
 
-@settings(
-    max_examples=15, deadline=None, derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)  # fmt: skip
+@thorough(15)
 @given(st.lists(anything, min_size=5, max_size=30))
 def test_a_hostile_player_disturbs_nobody(tmp_path: Path, hostile: list[Any]) -> None:
     """One seat sends anything at all; the other seat's game goes on, and the recording verifies."""

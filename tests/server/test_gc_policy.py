@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import weakref
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,16 @@ def test_the_server_counts_all_that_came_and_went(tmp_path: Path) -> None:
     run(main())
 
 
+@pytest.fixture(scope="module")
+def only_new_garbage() -> Iterator[None]:
+    """What other tests have left is not looked at again."""
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
+
+
+@pytest.mark.usefixtures("only_new_garbage")
 @pytest.mark.parametrize(
     "message",
     [

@@ -31,7 +31,7 @@ LENGTHS = {
 planner = policy_maker(BotKind.PLANNER)
 
 
-@pytest.mark.parametrize(("name", "clock"), each_quickly_once(LENGTHS, list(Clock)))
+@pytest.mark.parametrize(("name", "clock"), each_quickly_once(LENGTHS, list(Clock), 9))
 def test_a_planner_alone_wastes_no_step(tmp_path: Path, name: str, clock: Clock) -> None:
     options = {"timing": "benchmark"} if clock is Clock.REALTIME else {}
     outcome = run(finish(tmp_path, name, clock, 1, planner, **options))

@@ -15,7 +15,7 @@ from tests.support.samples import first_quickly
 
 ROOT = Path(__file__).resolve().parents[2]
 FIRST, LAST = map(int, os.environ.get("SIMULATION_SEEDS", "0:150").split(":"))
-BLOCK = 15
+BLOCK = 5
 
 
 def told(report: Report) -> str:
@@ -23,7 +23,7 @@ def told(report: Report) -> str:
     return "\n".join(lines + report.faults)
 
 
-@pytest.mark.parametrize("start", first_quickly(range(FIRST, LAST, BLOCK), 1, nightly=3))
+@pytest.mark.parametrize("start", first_quickly(range(FIRST, LAST, BLOCK), 1, nightly=9))
 def test_games_survive_whatever_goes_wrong(start: int) -> None:
     reports = [run_seed(seed) for seed in range(start, min(start + BLOCK, LAST))]
     failed = [told(report) for report in reports if not report.ok]
@@ -54,14 +54,14 @@ def test_a_seed_gives_the_same_course_in_every_process() -> None:
         )
         return done.stdout.split()
 
-    forwards = digests("range(4)", "0")
-    backwards = digests("reversed(range(4))", "4711")
+    forwards = digests("range(2)", "0")
+    backwards = digests("reversed(range(2))", "4711")
     assert forwards == backwards[::-1]
-    assert len(set(forwards)) == 4
+    assert len(set(forwards)) == 2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("minutes", [3, pytest.param(15, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("minutes", [1, pytest.param(15, marks=pytest.mark.nightly)])
 def test_a_server_that_runs_for_long_does_not_diverge(minutes: int) -> None:
     """Some simulated minutes; `--day` runs 24 hours, and judges memory as well."""
     looks: list[str] = []

@@ -10,6 +10,7 @@ import pytest
 
 from tests.programs.simulation.stranger import CODE, FLOODS
 from tests.support.fuzzing.wire import Closed, Wire
+from tests.support.samples import first_quickly
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -17,7 +18,7 @@ UNANSWERED = ("pings", "pongs", "parts")
 """What a server ends without a word."""
 
 
-@pytest.mark.parametrize("name", sorted(FLOODS))
+@pytest.mark.parametrize("name", first_quickly(sorted(FLOODS), 4))
 def test_a_flood_is_ended_and_a_game_goes_on(tmp_path: Path, name: str) -> None:
     async def main() -> None:
         async with serving(tmp_path, hello_seconds=5) as server, raw(server) as ada:

@@ -25,11 +25,19 @@ def first_quickly(values: Iterable[Any], quick: int = 1, nightly: int | None = N
     ]
 
 
-def each_quickly_once(names: Iterable[str], others: Sequence[Any]) -> list[Any]:
-    """All pairs as two parameters of a test: after every change each name runs once, with the
-    others in turn."""
+def each_quickly_once(
+    names: Iterable[str], others: Sequence[Any], quick: int | None = None
+) -> list[Any]:
+    """All pairs as two parameters of a test: after every change each name, or each of the first
+    `quick`, runs once, with the others in turn."""
     return [
-        pytest.param(name, other, marks=[] if turn == i % len(others) else pytest.mark.slow)
+        pytest.param(
+            name,
+            other,
+            marks=[]
+            if turn == i % len(others) and (quick is None or i < quick)
+            else pytest.mark.slow,
+        )
         for i, name in enumerate(names)
         for turn, other in enumerate(others)
     ]

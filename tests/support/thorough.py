@@ -1,4 +1,4 @@
-"""How many examples the property tests try: more with ROBOTOUILLE_FUZZ=FACTOR."""
+"""How many examples the property tests try: more or fewer with ROBOTOUILLE_FUZZ=FACTOR."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ FACTOR = float(os.environ.get("ROBOTOUILLE_FUZZ", "1"))
 
 
 def thorough(examples: int, **more: int) -> settings:
-    """So many examples, always the same ones unless a factor asks for more."""
+    """So many examples, always the same ones unless the factor asks for more."""
     return settings(
         max_examples=max(1, int(examples * FACTOR)),
-        derandomize=FACTOR == 1,
+        derandomize=FACTOR <= 1,
         deadline=None,
         database=None,
         suppress_health_check=list(HealthCheck),

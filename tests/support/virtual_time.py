@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import selectors
+import time
 from collections.abc import Callable
 from typing import Any
 
-SETTLE = 0.002
+SETTLE = 0.0002
+"""Real seconds after which nothing is on its way any more."""
 WORK = 5.0
 """Real seconds for which time stands still while a thread works for the loop."""
 
@@ -26,8 +28,8 @@ class JumpingSelector(selectors.DefaultSelector):  # type: ignore[misc, valid-ty
         ready = super().select(0)
         if ready or timeout == 0:
             return ready
-        ready = super().select(SETTLE)
-        if ready:
+        time.sleep(SETTLE)  # a selector waits for whole milliseconds
+        if ready := super().select(0):
             return ready
         if self.working and (ready := super().select(WORK)):
             return ready

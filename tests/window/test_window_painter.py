@@ -7,6 +7,7 @@ import random
 
 import pygame
 import pytest
+from tests.support.samples import first_quickly
 
 from robotouille import World, task_names
 from robotouille.world.unmet import from_words
@@ -43,7 +44,7 @@ def full_view(world: World, steps: int, seed: int = 1) -> View:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", task_names())
+@pytest.mark.parametrize("name", first_quickly(task_names(), 8))
 def test_every_task(name: str) -> None:
     view = full_view(World(name), 12)
     assert colours(picture(view)) > 250
@@ -109,7 +110,10 @@ def test_who_moves_a_player_is_seen_at_its_seat_and_at_the_player(change) -> Non
         assert parts[0] != parts[1]
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (300, 900), (1000, 120), (160, 120)])
+SIZES = [((160, 120),), ((1280, 720),), ((300, 900),), ((1000, 120),)]
+
+
+@pytest.mark.parametrize("size", first_quickly(SIZES))
 def test_interruptions_fit_any_size(size: tuple[int, int]) -> None:
     """The panel is never drawn over."""
     view = full_view(World("multi_agent/10"), 5)

@@ -9,6 +9,7 @@ import pytest
 
 from robotouille import State, World
 from tests.programs.make_trajectories import FILE, TASKS, plan_of, summary, trajectories
+from tests.support.samples import first_quickly
 
 GOLDEN = json.loads(FILE.read_text())
 
@@ -32,7 +33,7 @@ def test_the_golden_walk(name: str) -> None:
     assert len(expected) == number + 1
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", first_quickly(TASKS, 10))
 def test_the_shipped_plan(name: str) -> None:
     world = World(name)
     state = world.initial

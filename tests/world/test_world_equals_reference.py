@@ -4,37 +4,34 @@ import json
 from itertools import product
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import Task, load_task
+from tests.support.samples import first_quickly
+from tests.support.thorough import thorough
 from tests.world.differential import WALKS, walk_both
 from tests.world.random_tasks import tasks
 from tests.world.reference import Reference, ReferenceState
 from tests.world.regenerate import GOLDEN
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", first_quickly([1, 2]))
 @pytest.mark.parametrize(("name", "timing", "steps"), WALKS)
 def test_shipped_tasks(name: str, timing: str, steps: int, seed: int) -> None:
     assert walk_both(load_task(name, timing=timing), steps, seed) > steps // 8
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=250,
-    derandomize=True,
-    deadline=None,
-    database=None,
-    suppress_health_check=list(HealthCheck),
-)
+@thorough(250)
 @given(task=tasks(), seed=st.integers(0, 2**16))
 def test_random_domains(task: Task, seed: int) -> None:
     walk_both(task, 8, seed)
 
 
 @pytest.mark.parametrize(
-    ("name", "depth"), [("synchronous/04", 6), ("workshop/01", 5), ("multi_agent/01@2", 1)]
+    ("name", "depth"),
+    first_quickly([("synchronous/04", 6), ("workshop/01", 5), ("multi_agent/01@2", 1)]),
 )
 def test_perft(name: str, depth: int) -> None:
     """The golden counts are those of the reference."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import World
@@ -22,10 +22,11 @@ from robotouille.planners.kitchen.kernels import record, zeros
 from robotouille.planners.kitchen.model import model_of
 from tests.planning.kitchen.courses import contents, walk
 from tests.planning.kitchen.random_kitchens import random_kitchen
+from tests.support.thorough import thorough
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True)
+@thorough(60)
 @given(seed=st.integers(0, 10_000), steps=st.integers(1, 40))
 def test_keys_round_trip(seed: int, steps: int) -> None:
     """A state comes back from its key, and different states have different keys."""

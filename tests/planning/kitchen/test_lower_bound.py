@@ -50,13 +50,13 @@ def check_kitchen(seed: int, cap: int, sample: int) -> bool:
 
 
 def small_kitchens() -> list[object]:
-    """Dishes and seeds of `SMALL`: the first of each is quickly done, all together are not."""
+    """Dishes and seeds of `SMALL`: the first of a few are quickly done, all together are not."""
     firsts = [(dish, seeds[0]) for dish, seeds in SMALL.items()]
     others = [(dish, seed) for dish, seeds in SMALL.items() for seed in seeds[1:]]
-    return first_quickly([*firsts, *others], len(firsts), nightly=3 * len(firsts))
+    return first_quickly([*firsts, *others], 4, nightly=3 * len(firsts))
 
 
-@pytest.mark.parametrize("block", first_quickly(range(16), 2, nightly=4))
+@pytest.mark.parametrize("block", first_quickly(range(16), 1, nightly=4))
 def test_answers(block: int) -> None:
     checked = [check_kitchen(1000 * block + n, 1000, SAMPLE) for n in range(BLOCK)]
     assert sum(checked) > 2

@@ -14,6 +14,7 @@ from robotouille.planning.plan import write_plan
 from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.planning.solvers import solve
 from robotouille.planning.validation import replay
+from tests.support.samples import first_quickly
 from tests.world.kitchens import kitchen
 
 UPSTREAM = Path(__file__).resolve().parents[4] / "shared/compat/upstream"
@@ -69,7 +70,7 @@ def test_few_expansions() -> None:
 
 
 @pytest.mark.skipif(not UPSTREAM.is_dir(), reason="no published files beside the project")
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize("name", first_quickly(PUBLISHED, 3, nightly=9))
 def test_published_kitchens(name: str) -> None:
     domain = read_model(UPSTREAM / "domain/robotouille.json", DomainFile)
     path = UPSTREAM / f"problems/{name}.json"
@@ -85,7 +86,7 @@ def test_a_limit_of_expansions(most: int) -> None:
     check_within_limits(world, answer)
 
 
-@pytest.mark.parametrize("most", [1, 100, 10_000])
+@pytest.mark.parametrize("most", first_quickly([100, 1, 10_000]))
 def test_a_limit_of_states(most: int) -> None:
     world = World(LARGE)
     check_within_limits(world, solve(world, limits=Limits(states=most)))

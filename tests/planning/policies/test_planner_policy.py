@@ -84,7 +84,7 @@ def play(
     return episode.outcome
 
 
-@pytest.mark.parametrize("name", first_quickly(MULTI, nightly=4))
+@pytest.mark.parametrize("name", first_quickly(MULTI, 0, nightly=3))
 def test_a_team_of_two_is_faster_than_one_could_be(name: str) -> None:
     outcome = play(name, Clock.LOCKSTEP)
     assert outcome.success
@@ -99,7 +99,9 @@ def test_larger_teams(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["multi_agent/01@3", "multi_agent/04@2", "multi_agent/07@4"])
+@pytest.mark.parametrize(
+    "name", first_quickly(["multi_agent/04@2", "multi_agent/01@3", "multi_agent/07@4"], nightly=2)
+)
 def test_turn_by_turn(name: str) -> None:
     assert play(name, Clock.TURN, limit=600).success
 
@@ -110,8 +112,8 @@ def test_in_real_time_where_walking_takes_time(name: str) -> None:
     assert play(name, Clock.REALTIME, timing="people", limit=900).success
 
 
-@pytest.mark.parametrize("partner", [Chance, Idler])
-@pytest.mark.parametrize("name", ["multi_agent/01", "multi_agent/05"])
+@pytest.mark.parametrize("partner", first_quickly([Chance, Idler]))
+@pytest.mark.parametrize("name", first_quickly(["multi_agent/01", "multi_agent/05"]))
 def test_with_a_partner_who_is_no_help(name: str, partner: type[Chance]) -> None:
     assert play(name, Clock.LOCKSTEP, partner=partner).success
 
@@ -151,6 +153,7 @@ def test_after_interference_a_player_who_is_alone_plans_anew(name: str) -> None:
     assert least < steps <= 3 * least
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_not_proven_to_be_shortest_is_improved_while_playing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -210,12 +213,15 @@ def pancake_steps(seats: int, **kitchen: Any) -> int:
 
 @pytest.mark.parametrize(
     ("most", "seats", "kitchen"),
-    [
-        (10, 1, {}),
-        (10, 1, {"players": 2}),
-        (12, 2, {"players": 2}),
-        (22, 1, {"batter": 2, "goal": STACK}),
-    ],
+    first_quickly(
+        [
+            (10, 1, {}),
+            (12, 2, {"players": 2}),
+            (10, 1, {"players": 2}),
+            (22, 1, {"batter": 2, "goal": STACK}),
+        ],
+        2,
+    ),
 )
 def test_where_an_object_takes_the_place_of_another(
     most: int, seats: int, kitchen: dict[str, Any]

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from robotouille import Task, World
@@ -21,6 +21,7 @@ from robotouille.planning.search_result import Limits
 from robotouille.planning.validation import replay
 from tests.planning.search.small_tasks import deep_tasks, tiny_kitchens
 from tests.support.oracle import Oracle, explore
+from tests.support.thorough import thorough
 from tests.world.random_tasks import tasks
 
 ORDERED = os.environ.get("ROBOTOUILLE_ORACLE_TASKS")
@@ -37,14 +38,8 @@ FOR_THE_NIGHT = 7
 
 
 def quickly(examples: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    return settings(
-        max_examples=int(ORDERED or examples),
-        derandomize=ORDERED is None,
-        deadline=None,
-        database=None,
-        phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
-    )
+    wanted = thorough(int(ORDERED or examples))
+    return settings(wanted, derandomize=ORDERED is None, phases=[Phase.generate])
 
 
 @pytest.mark.parametrize(

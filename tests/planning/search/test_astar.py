@@ -53,7 +53,7 @@ def check(world: World, answer: SearchResult, length: int) -> None:
         ("synchronous/02", 14),
         ("synchronous/04", 11),
         ("asynchronous/06", 19),
-        ("workshop/01", 18),
+        pytest.param("workshop/01", 18, marks=pytest.mark.slow),
     ],
 )
 def test_shipped_tasks(name: str, length: int) -> None:

@@ -39,6 +39,7 @@ def test_a_part_of_a_team_plans_for_itself() -> None:
     assert replay(found.plan, world).ok
 
 
+@pytest.mark.slow
 def test_what_a_part_of_a_team_cannot_do_is_not_said_to_be_unsolvable() -> None:
     """robot2 stands where batter lies that robot1 needs."""
     goal = [
