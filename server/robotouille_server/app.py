@@ -62,6 +62,7 @@ from robotouille_server.transport import (
     Admission,
     Connection,
     Peer,
+    PendingConnection,
     ServerTLS,
     cut,
 )
@@ -286,7 +287,7 @@ class Server:
         for socket in self._sockets:
             socket.close(close_connections=True, code=1001, reason=cut(reason))
         if self._sockets:
-            self._admission.handshakes.close()
+            self._admission.close()
         for connection in list(self._open):  # After a drain the line above does nothing.
             connection.say_goodbye(1001, reason)
         for seconds in (CLOSE_SECONDS, ABORT_SECONDS):
@@ -359,9 +360,9 @@ class Server:
 
     # Connections
 
-    def _accept(self, *arguments: Any, **options: Any) -> Connection:
+    def _accept(self, *arguments: Any, **options: Any) -> PendingConnection:
         self._accepted += 1
-        return Connection(*arguments, admission=self._admission, **options)
+        return PendingConnection(*arguments, admission=self._admission, **options)
 
     async def _serve_connection(self, socket: ServerConnection) -> None:
         if not isinstance(socket, Connection) or socket.request is None:

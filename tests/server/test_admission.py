@@ -45,7 +45,7 @@ def test_those_who_wait_have_their_turns_in_order_and_as_far_as_the_budget_goes(
 
 def test_so_many_may_be_connected() -> None:
     async def main() -> None:
-        admission = Admission(Metrics(), 2, handshake_seconds=1.0)
+        admission = Admission(Metrics(), 2, opening_seconds=1.0)
         assert [admission.admit() for _ in range(3)] == [True, True, False]
         admission.release()
         assert admission.admit()

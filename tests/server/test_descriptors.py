@@ -24,7 +24,8 @@ from robotouille_server.runtime.logs import configure_logs
 from tests.support.server_process import server_process
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
-LIMIT = 128
+LIMIT = 512
+"""An eighth of it is kept free, more than are accepted before the first is refused."""
 SUBPROTOCOL = "robotouille.v1.json"
 
 

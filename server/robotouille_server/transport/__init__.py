@@ -3,6 +3,7 @@
 from robotouille_server.transport.admission import MAX_SURPLUS_CONNECTIONS, Admission, LoopBudget
 from robotouille_server.transport.connection import Connection, cut, frame_of
 from robotouille_server.transport.peer import MAX_HELD, Peer
+from robotouille_server.transport.pending import PendingConnection
 from robotouille_server.transport.tls import ServerTLS
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "Connection",
     "LoopBudget",
     "Peer",
+    "PendingConnection",
     "ServerTLS",
     "cut",
     "frame_of",

@@ -6,6 +6,7 @@ import asyncio
 import ssl
 from collections import deque
 from collections.abc import Callable
+from typing import Protocol
 
 from robotouille_server.runtime.metrics import Metrics
 
@@ -140,18 +141,26 @@ class Handshakes:
             self._looking = self._loop.call_at(max(due, now + 0.1), self._look)
 
 
-class Admission:
-    """Those who are connected, whether they have said anything or not. `limit` may be; with `tls`
-    they have so many seconds for its handshake."""
+class Pending(Protocol):
+    """Somebody who is connected and has said nothing yet."""
 
-    def __init__(self, metrics: Metrics, limit: int, handshake_seconds: float) -> None:
+    def abort(self) -> None:
+        """Cut them off."""
+
+
+class Admission:
+    """Those who are connected, whether they have said anything or not. `limit` may be; they have
+    so many seconds to say something, and with `tls` for its handshake before."""
+
+    def __init__(self, metrics: Metrics, limit: int, opening_seconds: float) -> None:
         loop = asyncio.get_running_loop()
         self.metrics = metrics
         self.limit = limit
         self.tls: ssl.SSLContext | None = None
-        self.handshake_seconds = handshake_seconds
+        self.opening_seconds = opening_seconds
         self.loop_budget = LoopBudget(loop)
         self.handshakes = Handshakes(loop)
+        self.pending: set[Pending] = set()
         self.admitted = 0
 
     def admit(self) -> bool:
@@ -160,6 +169,12 @@ class Admission:
             return False
         self.admitted += 1
         return True
+
+    def close(self) -> None:
+        """Nobody who has said nothing yet comes in any more."""
+        self.handshakes.close()
+        for one in list(self.pending):
+            one.abort()
 
     def release(self) -> None:
         """One who was let in is gone."""

@@ -8,9 +8,8 @@ parts of messages) are charged first, and those beyond what a connection may sen
 from __future__ import annotations
 
 import asyncio
-import ssl
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 from websockets.frames import Frame
@@ -28,7 +27,6 @@ from robotouille.protocol.frames import (
     FrameReader,
     pack_frame,
 )
-from robotouille_server.runtime.descriptors import few_left
 from robotouille_server.runtime.token_bucket import TokenBucket
 from robotouille_server.transport.admission import Admission
 
@@ -85,8 +83,6 @@ class Connection(ServerConnection):
         self._parts: list[bytes] = []
         self._is_text = False
         self._leaving: asyncio.Task[None] | None = None
-        self._opening: asyncio.Task[None] | None = None
-        self._admitted = self._made = False
         self._reader = FrameReader(masked=True, max_size=MAX_OWN)
         self._request_size = 0
         self._request_end = b""
@@ -95,51 +91,11 @@ class Connection(ServerConnection):
         self._excess = 0
         self._paused: set[str] = set()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Somebody is accepted. TLS comes after: asyncio's own way would tell of a connection only
-        when its handshake is over, and of one that says nothing never."""
-        raw, admission = cast("asyncio.Transport", transport), self._admission
-        few = few_left(raw.get_extra_info("socket"))
-        self._admitted = not few and admission.admit()
-        if not self._admitted:
-            count = admission.metrics.dropped
-            (count.labels("descriptors") if few else count.labels("full")).inc()
-            raw.abort()
-        elif admission.tls is None:
-            self._open(raw)
-        else:
-            raw.pause_reading()  # The handshake is start_tls's business from its first byte on.
-            self._opening = self.loop.create_task(self._encrypt(raw, admission.tls))
-
-    async def _encrypt(self, raw: asyncio.Transport, tls: ssl.SSLContext) -> None:
-        encrypted, admission = None, self._admission
-        try:
-            encrypted = await admission.handshakes.make(raw, self, tls, admission.handshake_seconds)
-        finally:
-            self._opening = None
-            if encrypted is None:
-                raw.abort()
-                self._release()
-        if encrypted is not None:
-            self._open(encrypted)
-
-    def _open(self, transport: asyncio.Transport) -> None:
-        self._made = True
-        super().connection_made(transport)
-
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._opening is not None:
-            self._opening.cancel()
-        if self._made:
-            super().connection_lost(exc)
-        self._release()
+        super().connection_lost(exc)
+        self._admission.release()
         self._reader.clear()
         self._parts.clear()
-
-    def _release(self) -> None:
-        if self._admitted:
-            self._admitted = False
-            self._admission.release()
 
     def listen(self, receiver: Callable[[bytes | str], None]) -> None:
         """Give all messages to `receiver` from now on, those that came before first."""
