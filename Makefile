@@ -29,10 +29,10 @@ $(STAMP): pyproject.toml
 demo: $(STAMP)  ## Two bots cook a meal on a live server while a window watches
 	$(BIN)/python examples/demo.py
 
-test: $(STAMP)  ## What a change usually breaks: two or three minutes
+test: $(STAMP)  ## What a change usually breaks: one or two minutes
 	ROBOTOUILLE_FUZZ=0.2 $(PYTEST) -m "$(QUICK)"
 
-test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: eight minutes
+test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: four to eight minutes
 	$(PYTEST)
 
 nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=FROM:TO HOSTILE=COUNT

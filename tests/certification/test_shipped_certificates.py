@@ -21,6 +21,7 @@ from robotouille.certification.certificate import Certificate, check, prove_agai
 from robotouille.certification.dataset import Dataset, DatasetEntry, read_dataset
 from robotouille.errors import RobotouilleError
 from robotouille.planning.solvers import solve
+from tests.support.samples import first_quickly
 from tests.world.reference import Call, Reference, ReferenceState
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -75,7 +76,7 @@ def test_every_task_has_ten_instances(folder: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", FOLDERS)
+@pytest.mark.parametrize("folder", first_quickly(FOLDERS, 0, nightly=4))
 def test_certificates_hold(folder: str) -> None:
     wrong = []
     for instance, task, found in certified(folder):
@@ -205,7 +206,9 @@ def test_the_manifest_is_that_of_the_files(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", [f for f in FOLDERS if "multi_agent" not in f])
+@pytest.mark.parametrize(
+    "folder", first_quickly([f for f in FOLDERS if "multi_agent" not in f], 0, nightly=3)
+)
 def test_bounds_are_proven_again(folder: str) -> None:
     again = 0
     for instance, task, found in certified(folder):

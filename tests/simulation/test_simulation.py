@@ -23,7 +23,7 @@ def told(report: Report) -> str:
     return "\n".join(lines + report.faults)
 
 
-@pytest.mark.parametrize("start", first_quickly(range(FIRST, LAST, BLOCK), 1, nightly=9))
+@pytest.mark.parametrize("start", first_quickly(range(FIRST, LAST, BLOCK), 1, nightly=4))
 def test_games_survive_whatever_goes_wrong(start: int) -> None:
     reports = [run_seed(seed) for seed in range(start, min(start + BLOCK, LAST))]
     failed = [told(report) for report in reports if not report.ok]

@@ -32,7 +32,7 @@ class PendingConnection(asyncio.Protocol):
     def __init__(
         self, protocol: ServerProtocol, server: Server, *, admission: Admission, **options: Any
     ) -> None:
-        self.protocol: ServerProtocol | None = protocol
+        self.protocol = protocol
         """The library knows by it whose subprotocol it chooses."""
         self._server = server
         self._options = options
@@ -95,11 +95,13 @@ class PendingConnection(asyncio.Protocol):
             self.abort()
 
     def _go_on(self, data: bytes) -> None:
-        transport, protocol = self._transport, self.protocol
-        if transport is None or protocol is None:
+        transport = self._transport
+        if transport is None:
             return
         self._forget()
-        connection = Connection(protocol, self._server, admission=self._admission, **self._options)
+        connection = Connection(
+            self.protocol, self._server, admission=self._admission, **self._options
+        )
         transport.set_protocol(connection)
         connection.connection_made(transport)
         connection.data_received(data)
@@ -111,7 +113,6 @@ class PendingConnection(asyncio.Protocol):
 
     def _end(self) -> None:
         self._forget()
-        self.protocol = None  # It refers to this one; nobody need look for such circles.
         if self._admitted:
             self._admitted = False
             self._admission.release()
