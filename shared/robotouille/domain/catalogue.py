@@ -46,8 +46,18 @@ def load_task(
 ) -> Task:
     """A shipped task by its name (or an unambiguous start of it), or a problem file by its path.
 
-    `name` may end in `@N` for N seats. `seed` decides the kinds of objects that the problem leaves
-    open. Without `files`, only shipped tasks are found. Raises UnknownTaskError or FileError.
+    Args:
+        name: A path ends in `.json`. `@N` at the end is for N seats, whatever `seats` says.
+        seats: The number of players; the problem's usual one if None.
+        domain: A domain, its name or its path, in place of the problem's own.
+        seed: Decides the kinds of objects that the problem leaves open.
+        files: Whether paths are read; without it, only shipped tasks are found.
+
+    Raises:
+        UnknownTaskError: No task and no file goes by that name.
+        FileError: A file is wrong, and the error has all its faults; the name is the start of
+            several tasks; or the task is not for so many seats, or there is no such timing.
+        WrongArgumentError: `name`, `domain` or `seed` is of another type than these.
     """
     if not isinstance(name, str):
         raise WrongArgumentError(f"expected the name of a task or a path, found {name!r}")

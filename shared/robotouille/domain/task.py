@@ -78,6 +78,7 @@ class Task:
 
     @property
     def profile(self) -> TimingProfile:
+        """What `timing` does to delays, walks and repeated actions."""
         return PROFILES[self.timing]
 
     @property
@@ -88,6 +89,7 @@ class Task:
 
     @property
     def goal_description(self) -> str:
+        """The goal in words, as the problem has it."""
         return self.problem.goal_description
 
     @cached_property
@@ -97,6 +99,7 @@ class Task:
 
     @cached_property
     def digest(self) -> str:
+        """The content hash, 32 hex digits."""
         text = json.dumps(self.json, sort_keys=True, separators=(",", ":"))
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
@@ -112,7 +115,14 @@ class Task:
 
     @staticmethod
     def from_json(raw: Any, source: str = "task") -> Task:
-        """A task from `to_json`'s output; FileError lists what is wrong with it."""
+        """A task from `to_json`'s output.
+
+        Args:
+            source: What errors call it, and its name where it has none.
+
+        Raises:
+            FileError: It is no task; the error lists what is wrong with it.
+        """
         if not isinstance(raw, dict) or {"domain", "problem"} - raw.keys():
             raise FileError(source, [Fault("", "expected an object with 'domain' and 'problem'")])
         timings = [t.value for t in Timing]

@@ -102,7 +102,13 @@ class State:
         return self.world.objects_in(self.facts)
 
     def holds(self, predicate: str, *arguments: str) -> bool:
-        """Whether a fact is true, e.g. `state.holds("iscut", "lettuce1")`."""
+        """Whether a fact is true, e.g. `state.holds("iscut", "lettuce1")`.
+
+        One with a name that the world does not know is not.
+
+        Raises:
+            WrongArgumentError: Something that cannot be a name, such as a list, is given for one.
+        """
         try:
             return self.world.table.holds((predicate, *arguments), self.facts)
         except TypeError:
@@ -118,12 +124,30 @@ class State:
         return sorted(self.world.table.true_names(self.facts))
 
     def actions(self, player: str) -> tuple[GroundAction, ...]:
-        """The valid actions of a player in a stable order: as in the domain, then by object."""
+        """The valid actions of a player in a stable order: as in the domain, then by object.
+
+        There are none while the player is busy.
+
+        Raises:
+            UnknownNameError: There is no such player.
+        """
         return self.world.actions(self, player)
 
     def step(self, actions: JointAction) -> Step:
-        """Take a joint action: a `GroundAction`, the sentence of a valid one, a list of these in
-        order (None does nothing), or a dict of them by player. See `World.step`."""
+        """Take a joint action, and let a step of time pass.
+
+        Args:
+            actions: A `GroundAction`, the sentence of a valid one, a list of these in the order in
+                which they apply (None does nothing), or a dict of them by player.
+
+        Returns:
+            The new state, and which actions were applied or rejected: see `World.step`.
+
+        Raises:
+            UnknownNameError: A sentence is that of no valid action, or there is no such player.
+            WrongArgumentError: Something is no action at all.
+            WrongWorldError: An action is one of another task.
+        """
         return self.world.step(self, actions)
 
     def busy_steps(self, player: str) -> int:
@@ -135,8 +159,14 @@ class State:
         return self.timers.progress()
 
     def text(self, player: str | None = None) -> str:
-        """The observation in words (world.md, "In words"), with the valid actions of `player`,
-        or of the first one."""
+        """The observation in words (world.md, "In words").
+
+        Args:
+            player: Whose valid actions are listed at its end; the first player's if None.
+
+        Raises:
+            UnknownNameError: There is no such player.
+        """
         return observation(self.world, self.facts, self.actions(player or self.world.players[0]))
 
     @property
@@ -198,6 +228,8 @@ class Step(NamedTuple):
 class World(GroundTask):
     """A grounded task: what its states, valid actions and steps are.
 
+    `task` is what it was made of, `players` the names of its players, in the order of their seats.
+
     No course of play is in it, so all courses of a task may share one. But it grows while it is
     used, so it is for one thread at a time; a program with several has one for each. What grows:
 
@@ -209,6 +241,13 @@ class World(GroundTask):
     - What it remembers of its answers: successor trees (at most `successors.MAX_NODES` nodes a
       player), transitions of timers (`timers.MAX_KEPT`), parts of states in which the goal holds
       (`goal.MAX_KEPT`). At the bound it forgets and learns anew; answers never change by it.
+
+    Args:
+        task: A task, or a name or path for `load_task`.
+
+    Raises:
+        UnknownTaskError: No task and no file goes by that name.
+        FileError: The task's files are wrong.
     """
 
     def __init__(self, task: Task | str) -> None:
@@ -250,7 +289,11 @@ class World(GroundTask):
     # Actions
 
     def actions(self, state: State, player: str) -> tuple[GroundAction, ...]:
-        """The valid actions of a player in a stable order."""
+        """The valid actions of a player in a stable order; none while the player is busy.
+
+        Raises:
+            UnknownNameError: There is no such player.
+        """
         try:
             tree = self._trees[player]
         except (KeyError, TypeError):
@@ -268,16 +311,23 @@ class World(GroundTask):
         return tree
 
     def parse(self, state: State, player: str, sentence: str) -> GroundAction:
-        """The valid action of a player that a sentence says.
+        """The valid action of a player that a sentence says, whatever its case and blanks.
 
-        UnknownNameError gives the nearest one.
+        Raises:
+            UnknownNameError: It says none, and the message gives the nearest; or there is no such
+                player.
+            WrongArgumentError: The sentence is no string.
         """
         return said(sentence, self.actions(state, player))
 
     # Steps
 
     def applicable(self, state: State, action: GroundAction) -> bool:
-        """Whether an action applies in a state."""
+        """Whether an action applies in a state; both must be of this world.
+
+        Raises:
+            WrongArgumentError: The action is none.
+        """
         try:
             met = state.facts & action.tested == action.required
         except AttributeError:
@@ -287,7 +337,13 @@ class World(GroundTask):
     def successor(self, state: State, action: GroundAction) -> State:
         """The state after one player's valid action: the fast path for search.
 
-        Both must be of this world. Raises InapplicableError where the action does not apply.
+        Both must be of this world. It is noticed if they are not where the action starts an
+        effect or takes several steps, and otherwise the answer is wrong.
+
+        Raises:
+            InapplicableError: The action does not apply.
+            WrongArgumentError: The action is none.
+            WrongWorldError: The action was made by another world, and that was noticed.
         """
         facts = state.facts
         try:
@@ -313,9 +369,23 @@ class World(GroundTask):
     ) -> Step:
         """Apply a joint action, one player's after the other's, then let a step of time pass.
 
-        `actions` are in the order in which they apply; an action whose preconditions do not hold
-        then is rejected and changes nothing. A sentence says an action that is valid in `state`;
-        where it says none, UnknownNameError names the nearest.
+        An action whose preconditions do not hold when its turn comes is rejected and changes
+        nothing. So is a player's second one.
+
+        Args:
+            state: One of this world, or of another world of the same task.
+            actions: A `GroundAction`, the sentence of one that is valid in `state`, a list of
+                these in the order in which they apply (None does nothing), or a dict of them by
+                player.
+
+        Returns:
+            The new state, with an `Attempt` for each action in the same order.
+
+        Raises:
+            UnknownNameError: A sentence is that of no valid action, and the message gives the
+                nearest; or there is no such player.
+            WrongArgumentError: Something is no action at all.
+            WrongWorldError: The state or an action is one of another task.
         """
         if state.world is not self:
             state = self._own(state)
@@ -364,7 +434,11 @@ class World(GroundTask):
             yield from self.actions(state, name)
 
     def unmet(self, state: State, action: GroundAction) -> tuple[Unmet, ...]:
-        """What speaks against an action in a state: preconditions above all; empty if nothing."""
+        """What speaks against an action in a state: preconditions above all; empty if nothing.
+
+        Raises:
+            WrongArgumentError: The action is none.
+        """
         if not isinstance(action, GroundAction):
             raise not_an_action(action)
         return self._unmet(state.facts, state.timers, action, action.player)
@@ -411,7 +485,15 @@ class World(GroundTask):
     ) -> State:
         """A state from its facts, `State.timer_rows()` and busy players.
 
-        Raises UnknownNameError or WrongWorldError where they do not belong to this world.
+        Args:
+            facts: `State.facts`, one bit for each atom of this world's table.
+            rows: The active effects, in order of creation.
+            busy: The players who are walking or working, each with the steps that are left.
+
+        Raises:
+            UnknownNameError: A row speaks of an action or object that this world has not.
+            WrongWorldError: The facts or a row cannot be of this world.
+            WrongArgumentError: The facts are no integer, or the rows are none.
         """
         if not isinstance(facts, int):
             raise WrongArgumentError(f"expected the facts of a state, an integer; found {facts!r}")

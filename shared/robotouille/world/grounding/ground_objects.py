@@ -51,7 +51,11 @@ class GroundObjects:
         return Floor(problem.width, problem.height, self.placed, stations)
 
     def thing(self, name: str) -> Object:
-        """The object of a name; UnknownNameError if there is none."""
+        """The object of a name.
+
+        Raises:
+            UnknownNameError: There is none.
+        """
         thing = self._things.get(name) if isinstance(name, str) else None
         if thing is None:
             raise UnknownNameError(f"no object {name!r}{did_you_mean(name, self._things)}")
@@ -116,7 +120,12 @@ class GroundObjects:
 
     def admit(self, names: Iterable[str]) -> None:
         """Make room for the created objects among these names, as somebody else's course of play
-        may have; WrongWorldError above `MAX_CREATED` of a kind."""
+        may have. A name that can be none of this world is left alone.
+
+        Raises:
+            UnknownNameError: A name is no string.
+            WrongWorldError: An object would be more than `MAX_CREATED` of its kind.
+        """
         creatable = {kind for kind, _ in self._creations}
         wanted: dict[str, int] = {}
         for name in names:

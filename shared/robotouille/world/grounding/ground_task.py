@@ -54,8 +54,16 @@ class GroundTask(GroundObjects):
     # Actions
 
     def action(self, name: str, *arguments: str) -> GroundAction:
-        """A ground action by name and arguments, applicable anywhere or not; UnknownNameError
-        says what is unknown or of the wrong type."""
+        """A ground action by name and arguments, applicable anywhere or not.
+
+        Args:
+            name: As the domain has it, e.g. `move`.
+            *arguments: Objects: the acting player first, then in the order of the sentence.
+
+        Raises:
+            UnknownNameError: There is no such action or object, or the arguments are too few, too
+                many or of the wrong type.
+        """
         try:
             return self._named[name, arguments]
         except (KeyError, TypeError):
