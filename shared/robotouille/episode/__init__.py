@@ -1,4 +1,8 @@
-"""Seats, turn order, clocks as data and the outcome: a state machine without I/O."""
+"""Seats, turn order, clocks as data and the outcome: a state machine without I/O.
+
+The time that an episode is told (`now`) is in seconds, on any clock that never goes back. The
+`time` of an event is in seconds since the game began, pauses included.
+"""
 
 from __future__ import annotations
 

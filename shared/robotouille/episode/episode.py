@@ -44,6 +44,9 @@ class Episode(EpisodeState):
 
     `pauses` are the reasons for which time stands still at present; `step_began` is when the
     present step began, and with it everybody's move budget.
+
+    Args:
+        now: Seconds, here and in all methods, on one clock that the caller reads.
     """
 
     __slots__ = ("_arrivals", "_presence", "_reported", "pauses", "step_began")
@@ -69,7 +72,20 @@ class Episode(EpisodeState):
         session: str = "",
         participant: str = "",
     ) -> str:
-        """Take a seat (any free one if `player` is None); starts the game when all are taken."""
+        """Take a seat (any free one if `player` is None); starts the game when all are taken.
+
+        Args:
+            name: What others see.
+            kind: The value of a `Controller`: `human`, `bot` or `model`.
+            session: Who holds the seat, by a pseudonym.
+            participant: The pseudonym that stays the same in later sessions.
+
+        Returns:
+            The player whose seat it is.
+
+        Raises:
+            ProtocolError: `episode/over`, `episode/full`, `seat/unknown` or `seat/taken`.
+        """
         self._check_open()
         seat = self._free_seat() if player is None else self.seat(player)
         if seat.taken:
@@ -83,7 +99,13 @@ class Episode(EpisodeState):
         return seat.player
 
     def leave(self, player: str, now: float, why: Departure = Departure.LEFT) -> None:
-        """Give a seat up for good; the absence policy says what becomes of the game."""
+        """Give a seat up for good; the absence policy says what becomes of the game.
+
+        Nothing happens where the seat is free or the episode is over.
+
+        Raises:
+            ProtocolError: `seat/unknown`.
+        """
         seat = self.seat(player)
         if not seat.taken or self.ended:
             return
@@ -99,7 +121,11 @@ class Episode(EpisodeState):
     def set_present(
         self, player: str, present: bool, now: float, *, generation: int | None = None
     ) -> None:
-        """A seat's connection was lost or is back (with a resume token of this generation)."""
+        """A seat's connection was lost or is back (with a resume token of this generation).
+
+        Raises:
+            ProtocolError: `seat/unknown`.
+        """
         seat = self.seat(player)
         changed = seat.present != present or generation not in (None, seat.generation)
         if not seat.taken or not changed or self.ended:
@@ -178,7 +204,7 @@ class Episode(EpisodeState):
             self._update_pauses(now)
 
     def renew_patience(self, now: float, patience: float) -> None:
-        """Whoever is waited for after a restart has its whole time from now on."""
+        """Whoever is waited for after a restart has its whole time, in seconds, from now on."""
         if PauseReason.RESTART in self.pauses:
             self.pauses.until[PauseReason.RESTART] = now + patience
         if not self.pauses.outer:
@@ -220,10 +246,18 @@ class Episode(EpisodeState):
     ) -> None:
         """A seat's action for the next step; None decides to do nothing.
 
-        An action whose preconditions do not hold is rejected at once and may be replaced. The
-        same `seq` again acts no second time (`Seat.answer` tells its fate); a lower one is stale.
-        While time stands still an action waits. ProtocolError `rate/words` where no more reasoning
-        is recorded of the seat; it may act without.
+        An action whose preconditions do not hold is rejected at once and may be replaced. While
+        time stands still an action waits.
+
+        Args:
+            seq: The seat's number of this action. The same again acts no second time
+                (`Seat.answer` tells its fate); a lower one is stale.
+            think_ms: Milliseconds of thought, which count where thinking is declared.
+            reasoning: Is recorded, and shown to nobody.
+
+        Raises:
+            ProtocolError: `seat/unknown`, `episode/waiting`, `episode/over` or `action/stale`; or
+                `rate/words`, where no more reasoning is recorded of the seat: it may act without.
         """
         seat = self.seat(player)
         self._check_begun()
@@ -245,7 +279,11 @@ class Episode(EpisodeState):
 
     def substitute(self, player: str, action: GroundAction | None, now: float) -> None:
         """A stand-in's action for the next step; nothing happens if it is not in control (any
-        more), and one whose preconditions do not hold is taken for nothing."""
+        more), and one whose preconditions do not hold is taken for nothing.
+
+        Raises:
+            ProtocolError: `seat/unknown`.
+        """
         seat = self.seat(player)
         if self.in_progress and seat.controller is Controller.STAND_IN:
             self._decide(seat, None if self._faults(seat, action) else action, 0, now)

@@ -112,7 +112,11 @@ class EpisodeState:
     # Seats and steps
 
     def seat(self, player: str) -> Seat:
-        """The seat of a player; ProtocolError `seat/unknown` if there is none."""
+        """The seat of a player.
+
+        Raises:
+            ProtocolError: `seat/unknown`, if there is none.
+        """
         if player not in self.seats:
             listed = ", ".join(self.seats)
             raise ProtocolError("seat/unknown", f"no seat {player!r}; there are {listed}", "seat")
@@ -147,7 +151,16 @@ class EpisodeState:
     # Texts
 
     def say(self, name: str, player: str, text: str, now: float) -> None:
-        """A chat message to everybody in the episode; it is recorded."""
+        """A chat message to everybody in the episode; it is recorded.
+
+        Args:
+            name: Who says it.
+            player: Whose seat that one has; empty for a spectator.
+
+        Raises:
+            ProtocolError: `episode/over`, `seat/unknown`, or `rate/words` where no more text is
+                recorded of the seat, or of spectators.
+        """
         self._check_open()
         quota = self.seat(player).quota if player else self.audience_quota
         size = NOTE_BYTES + len(name.encode()) + len(text.encode())
@@ -173,7 +186,13 @@ class EpisodeState:
     def moderate(
         self, what: Moderation, session: str, participant: str, name: str, now: float
     ) -> None:
-        """An operator's decision on somebody; it is recorded, if the episode has not ended."""
+        """An operator's decision on somebody; it is recorded, if the episode has not ended.
+
+        Args:
+            session: A pseudonym, under which they are here now.
+            participant: A pseudonym, for any later session; empty where there is none.
+            name: What they are called, for the record.
+        """
         self._apply_moderation(what, session, participant)
         if not self.ended:
             self._emit(Moderated(what, session, participant, name, self._elapsed(now)))

@@ -85,7 +85,7 @@ class SeatTally:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an episode ended, as data."""
+    """How an episode ended, as data; `seconds` are those since its start, pauses included."""
 
     reason: Reason
     steps: int
@@ -95,6 +95,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
+        """Whether the goal was reached."""
         return self.reason is Reason.GOAL
 
     @classmethod
@@ -106,6 +107,7 @@ class Outcome:
         )
 
     def to_json(self) -> dict[str, Any]:
+        """The outcome as JSON values, its seconds to the nearest millisecond."""
         return {
             "reason": self.reason.value,
             "steps": self.steps,
@@ -282,3 +284,4 @@ Event = (
     | Stepped
     | Ended
 )
+"""Whatever an episode reports."""

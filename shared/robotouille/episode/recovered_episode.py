@@ -20,12 +20,20 @@ class RecoveredEpisode(Episode):
     __slots__ = ()
 
     def replay_start(self) -> None:
-        """Begin again, as recorded."""
+        """Begin again, as recorded.
+
+        Raises:
+            IllegalEventError: It has begun already.
+        """
         self._enter_phase(PhaseEvent.START)
 
     def replay_step(self, moves: Iterable[Move], idle: Iterable[tuple[str, int]] = ()) -> None:
-        """Take a recorded step again; `idle` are the decisions to do nothing: the seats with their
-        sequence numbers."""
+        """Take a recorded step again.
+
+        Args:
+            moves: In the order in which they applied.
+            idle: The decisions to do nothing: the seats with their sequence numbers.
+        """
         moves, idle = tuple(moves), tuple(idle)
         for player, seq in [*((move.player, move.seq) for move in moves), *idle]:
             seat = self.seats[player]
@@ -48,9 +56,14 @@ class RecoveredEpisode(Episode):
         expected: Collection[str] = (),
         paused: bool = False,
     ) -> None:
-        """Go on `elapsed` seconds after the start. Everybody who was present, and whoever else is
-        `expected`, is waited for, for `patience` seconds. `paused` says that an operator had paused
-        the game: it stays so."""
+        """Go on, once those who were present are back.
+
+        Args:
+            elapsed: Seconds since the start of the game.
+            patience: Seconds for which is waited for everybody who was present…
+            expected: … and for these players.
+            paused: An operator had paused the game: it stays so.
+        """
         begun = self.in_progress
         self._started = now - elapsed
         self._clock.start(now)
@@ -75,7 +88,11 @@ class RecoveredEpisode(Episode):
         self._update_pauses(now)
 
     def restore_ended(self, outcome: Outcome) -> None:
-        """It had ended before the process stopped."""
+        """It had ended before the process stopped.
+
+        Raises:
+            IllegalEventError: It has ended here already.
+        """
         self._enter_phase(PhaseEvent.END)
         self.outcome = outcome
         self.pauses.until.clear()

@@ -93,8 +93,12 @@ class Rules(BaseModel):
         return self.clock is Clock.REALTIME and self.thinking == "wall"
 
     def with_budget(self, asked: float | None, seats: int) -> Rules:
-        """These rules with the move budget that was asked for: 0 is no limit; where nothing was
-        said (None), one silent participant cannot hold all others for ever."""
+        """These rules with the move budget that was asked for.
+
+        Args:
+            asked: Seconds; 0 is no limit. Where nothing was said (None), one silent participant
+                cannot hold all others for ever: it is `MOVE_BUDGET` with several seats.
+        """
         if asked is None and seats > 1 and not self.scheduled:
             asked = MOVE_BUDGET
         return self.model_copy(update={"move_budget": asked or None})

@@ -82,7 +82,11 @@ class Seat:
         return self.pending is not None or not self.active or state.busy_steps(self.player) > 0
 
     def take(self, name: str, kind: str, session: str, participant: str, now: float) -> None:
-        """A newcomer sits down."""
+        """A newcomer sits down.
+
+        Raises:
+            IllegalEventError: The seat is taken.
+        """
         self.state = next_seat_state(self.state, SeatEvent.TAKE)
         self.name, self.kind = name, kind
         self.session, self.participant, self.generation = session, participant, 0
@@ -91,22 +95,39 @@ class Seat:
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
     def lose_connection(self) -> None:
-        """Its participant is away."""
+        """Its participant is away.
+
+        Raises:
+            IllegalEventError: The seat is free, or its participant is away already.
+        """
         self.state = next_seat_state(self.state, SeatEvent.LOSE)
 
     def come_back(self) -> None:
-        """Its participant is here again."""
+        """Its participant is here again.
+
+        Raises:
+            IllegalEventError: The seat is free.
+        """
         self.state = next_seat_state(self.state, SeatEvent.RETURN)
 
     def vacate(self) -> None:
-        """Nobody's seat any more."""
+        """Nobody's seat any more.
+
+        Raises:
+            IllegalEventError: It is free already.
+        """
         self.state = next_seat_state(self.state, SeatEvent.VACATE)
         self.name = self.kind = self.session = self.participant = ""
         self.generation = 0
         self.pending = None
 
     def roster_change(self, time: float, why: Departure | None = None) -> RosterChanged:
-        """How it is now, as an event."""
+        """How it is now, as an event.
+
+        Args:
+            time: Seconds since the game began.
+            why: Why it has become free, if it just has.
+        """
         return RosterChanged(
             self.player,
             self.name,
