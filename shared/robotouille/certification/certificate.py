@@ -63,11 +63,14 @@ class Solver(Protocol):
         *,
         limits: Limits = UNLIMITED,
         watch: Watch | None = None,
-    ) -> SearchResult: ...
+    ) -> SearchResult:
+        """The shortest plan from a state (the initial one if None), as far as the limits allow."""
+        ...
 
 
 class Deadline:
-    """A `Limits.stop` for so many seconds from now; `struck` once it has stopped a search."""
+    """A `Limits.stop` for so many seconds of real time from now; `struck` once it has stopped a
+    search."""
 
     def __init__(self, seconds: float = math.inf) -> None:
         self.seconds = seconds
@@ -175,9 +178,13 @@ def certify(
 ) -> Certificate:
     """Ask a planner, and certify its answer once the plan has been replayed.
 
-    `start` is a state of the task to plan from, if not the initial one; `known` a plan that is
-    taken if it is shorter than the planner's. Raises RobotouilleError where the answer does not
-    hold.
+    Args:
+        watch: Is given to the planner, to be called now and then.
+        start: A state of the task to plan from, if not the initial one.
+        known: A plan that is taken if it is shorter than the planner's.
+
+    Raises:
+        RobotouilleError: The planner's answer does not hold, or it cannot be asked.
     """
     world = World(task) if start is None else start.world
     result = solver(world, start, limits=limits, watch=watch)
@@ -222,6 +229,9 @@ def check(certificate: Certificate, task: Task, start: State | None = None) -> l
     """What is wrong with a certificate of a task, each with its field; empty if it is valid.
 
     The task's own name does not matter: the same kitchen may go by another one elsewhere.
+
+    Args:
+        start: The state that the plan has to begin in; None for the initial one.
     """
     strange = _identity_faults(certificate, task, start)
     return strange or [*_claim_faults(certificate), *_plan_faults(certificate, task, start)]
@@ -323,7 +333,11 @@ def read_certificate(path: Path) -> Certificate:
 
 
 def write_certificate(certificate: Certificate, path: Path) -> None:
-    """Write a certificate; FileError where that fails."""
+    """Write a certificate: the file is whole, or as it was before.
+
+    Raises:
+        FileError: It cannot be written.
+    """
     write_whole(path, json_text(certificate))
 
 

@@ -69,10 +69,20 @@ def certify_dataset(
 ) -> DatasetReport:
     """Certify every instance of a folder, then write its manifest.
 
-    A valid certificate by the same planner under the same budget is kept, unless `fresh`. With
-    `jobs` above 1 as many processes work, and `solver` has to be a function of a module. What
-    fails is in the report; the rest is certified. Raises RobotouilleError where nothing can be
-    written or a process dies. However it ends, finished certificates stay, and no process does.
+    What fails is in the report; the rest is certified. However it ends, finished certificates
+    stay, and no process does.
+
+    Args:
+        solver: Has to be a function of a module if `jobs` is above 1.
+        budget: What the search of one instance may spend, for one player (see `for_seats`).
+        jobs: How many processes work.
+        fresh: Begin anew. Else a valid certificate by the same planner under the same budget is
+            kept.
+        tell: Is called now and then with what is done, and what is being solved.
+
+    Raises:
+        FileError: There is no problem file in the folder, or it cannot be written to.
+        RobotouilleError: A process died.
     """
     dataset = read_dataset(folder)
     _require_writable(dataset)

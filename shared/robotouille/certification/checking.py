@@ -37,8 +37,18 @@ def check_dataset(
 ) -> DatasetReport:
     """Check every certificate of a folder and its manifest: hashes, plans, claims.
 
-    As many bounds as `sample` says, chosen by `seed`, are proven again under the budgets of their
-    certificates, in at most so many seconds each. Raises FileError where there is nothing to check.
+    What is wrong is in the report.
+
+    Args:
+        solver: Proves bounds again.
+        sample: How many bounds, chosen by `seed`, are proven again under the budgets of their
+            certificates.
+        seconds: How long each of these proofs may take at most; None: as long as it does.
+        tell: Is called now and then with what is done.
+
+    Raises:
+        FileError: There is nothing to check.
+        RobotouilleError: An answer of the solver does not hold, or it cannot be asked.
     """
     dataset = read_dataset(folder)
     outcomes: list[CertifyingOutcome] = []

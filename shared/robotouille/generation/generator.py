@@ -58,8 +58,10 @@ def generate(
 ) -> Instance:
     """An instance of a task, proven solvable for every number of players that the task allows.
 
-    Raises GenerationError, which names a parameter, where there is none, and FileError where the
-    task itself has faults.
+    Raises:
+        GenerationError: There is none; `parameter` names what to ask for instead.
+        FileError: The task itself has faults.
+        PluginError: The usual solver asks an installed plug-in, and that cannot be loaded.
     """
     return Generator(task, kind, parameters, solver=solver).instance(seed)
 
@@ -67,8 +69,14 @@ def generate(
 class Generator:
     """Makes the instances of one task.
 
-    `plans` are plans for the original by number of players; those missing are read from the files
-    beside the problem, or found by the solver. Noisy instances need them.
+    Args:
+        plans: Plans for the original by number of players; those missing are read from the files
+            beside the problem, or found by the solver. Noisy instances need them.
+        attempts: Kitchens that are drawn for a seed, at most.
+
+    Raises:
+        GenerationError: The parameters go with no instance of this kind.
+        FileError: The task itself has faults.
     """
 
     def __init__(
@@ -96,7 +104,12 @@ class Generator:
         self._stock = Stock(self.task, self._roles)
 
     def instance(self, seed: int) -> Instance:
-        """The instance of a seed: that of the first attempt which can be solved."""
+        """The instance of a seed: that of the first attempt which can be solved.
+
+        Raises:
+            GenerationError: There is none in so many attempts.
+            PluginError: The usual solver asks an installed plug-in, and that cannot be loaded.
+        """
         for attempt in range(1, self.attempts + 1):
             try:
                 instance = self.draw(seed, attempt)
@@ -110,7 +123,15 @@ class Generator:
         raise GenerationError(last.parameter, message)
 
     def draw(self, seed: int, attempt: int = 1) -> Instance:
-        """What an attempt gives, solvable or not; AttemptError where things do not fit."""
+        """What an attempt gives, solvable or not.
+
+        Args:
+            attempt: Its number, from 1.
+
+        Raises:
+            AttemptError: Things do not fit this time.
+            GenerationError: They never do.
+        """
         rng = SeededRng(f"{self.kind} {seed} {attempt}")
         arrangement = arrange(self._parts, self._stock, self.kind, self.parameters, rng)
         stations = [t.key for t in arrangement.things if t.type in self._roles.stations]

@@ -46,7 +46,11 @@ class Instance:
         return World(replace(self.task, seats=seats or self.task.seats))
 
     def plan_text(self, seats: int | None = None) -> str:
-        """The file of the plan for a number of players; KeyError if it is not proven for them."""
+        """The text of the plan file for a number of players (the usual one if None).
+
+        Raises:
+            KeyError: Nothing is proven for so many.
+        """
         count = seats or self.task.seats
         return write_plan(self.results[count].plan or Plan(()), self.world(count))
 

@@ -21,6 +21,7 @@ def seeds_from(first: int, count: int) -> tuple[int, ...]:
 
 
 SEEDS = seeds_from(42, 10)
+"""Those of the paper's instances: 42, 84 and so on to 420."""
 
 
 def paper_tasks() -> tuple[str, ...]:
@@ -41,7 +42,16 @@ def generate_dataset(
     *,
     solver: Solver = shortest,
 ) -> Iterator[Instance]:
-    """The instances of tasks (the paper's if None), task by task, in the order of the seeds."""
+    """The instances of tasks (the paper's if None), task by task, in the order of the seeds.
+
+    Args:
+        tasks: Names or paths for `load_task`.
+
+    Raises:
+        UnknownTaskError: There is no such task.
+        FileError: A task has faults.
+        GenerationError: A seed gives no instance; `parameter` names what to ask for instead.
+    """
     row = tuple(seeds)
     for name in paper_tasks() if tasks is None else tasks:
         task = load_task(name)

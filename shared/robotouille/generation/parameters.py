@@ -52,7 +52,10 @@ class Parameters:
     `items` are how many irrelevant ones are added. With `stacking`, items may lie on one another
     (in a noisy instance: irrelevant ones on irrelevant ones); free instances stack unless told
     otherwise. With `held`, players may hold something at the start. The optimal number of steps
-    for the usual number of players is `min_steps` to `max_steps`.
+    for the usual number of players is `min_steps` to `max_steps`. Sizes are in tiles.
+
+    Raises:
+        GenerationError: A number is out of its range; `parameter` is its name.
     """
 
     width: int | None = None

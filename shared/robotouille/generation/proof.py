@@ -23,7 +23,11 @@ EXPANSIONS = (20_000, 1_000, 50, 2)
 
 
 def shortest(world: World) -> SearchResult:
-    """The usual solver: a shortest plan, or a good one and a bound."""
+    """The usual solver: a shortest plan, or a good one and a bound.
+
+    Raises:
+        PluginError: An installed plug-in cannot be loaded.
+    """
     players = min(len(world.players), len(EXPANSIONS))
     return solve(world, limits=Limits(expansions=EXPANSIONS[players - 1]))
 

@@ -43,7 +43,12 @@ class Renaming:
         return f"{kind}{int(number) + self.shifts.get(kind, 0)}" if number else name
 
     def carry(self, plan: Plan, world: World) -> Plan:
-        """A plan for the original as one for a world of the instance."""
+        """A plan for the original as one for a world of the instance.
+
+        Raises:
+            UnknownNameError: The plan has an action or object that the instance has not.
+            WrongWorldError: It creates more of a kind than a world makes room for.
+        """
         steps = []
         for joint in plan:
             renamed = [(action.name, [self(a) for a in action.arguments]) for action in joint]

@@ -90,6 +90,10 @@ class AnytimePlanner:
         """A state of the task, of whatever timing, as one of the model.
 
         What is left of a delay is left of it in the model, in the model's shorter steps.
+
+        Raises:
+            UnknownNameError: The state is one of another task, with objects that this has not.
+            WrongWorldError: Its facts or timers cannot be of this task.
         """
         if state.world is self.model:
             return state
@@ -101,7 +105,7 @@ class AnytimePlanner:
     def first(
         self, state: State, limits: Limits = UNLIMITED, *, team: Sequence[str] = (), seed: int = 0
     ) -> SearchResult:
-        """The first plan: at once, and seldom the shortest."""
+        """The first plan: at once, and seldom the shortest. Arguments are those of `search`."""
         return next(self.search(state, limits, team=team, seed=seed))
 
     def search(
@@ -118,9 +122,22 @@ class AnytimePlanner:
         Each is shorter than the one before, or more is proven about it. Where a plug-in knows the
         domain and all players are to plan, the first plan is the plug-in's, if it has one at once,
         and the second one is what it finds within the limits. Else (and at last, if that found
-        nothing and `beam` is not 0) there is one by beam search, of as many expansions as `beam`,
-        which proves nothing; and where no plug-in knows the domain and that search finds nothing,
-        by greedy best-first search. Raises PluginError.
+        nothing and `beam` is not 0) there is one by beam search, which proves nothing; and where
+        no plug-in knows the domain and that search finds nothing, by greedy best-first search.
+        A plug-in that cannot be loaded is left out, with a warning.
+
+        Args:
+            state: One of the task, of whatever timing.
+            limits: Those of the plug-in's search.
+            seed: Another one leads a beam search to other plans.
+            beam: About how many expansions a beam search takes.
+
+        Yields:
+            What is known so far; its `plan` is None where none was found.
+
+        Raises:
+            UnknownNameError: The state is one of another task, with objects that this has not.
+            WrongWorldError: Its facts or timers cannot be of this task.
         """
         start = self.in_model(state)
         search = self._domain_search(start, team)
@@ -138,7 +155,10 @@ class AnytimePlanner:
     def towards(
         self, state: State, *, team: Sequence[str] = (), seed: int = 0, beam: int = EXPANSIONS
     ) -> Plan:
-        """What leads as near to the goal as the beam search gets, where it gets no further."""
+        """What leads as near to the goal as the beam search gets, where it gets no further.
+
+        Arguments are those of `search`.
+        """
         query = _Query(self.in_model(state), tuple(sorted(team)), seed, beam)
         return self._beam_search(query).plan
 

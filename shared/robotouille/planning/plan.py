@@ -61,8 +61,12 @@ def write_plan(plan: Plan, world: World, notes: Iterable[str] = ()) -> str:
 def read_plan(text: str, world: World, source: str = "plan") -> Plan:
     """The plan of a text.
 
-    Raises FileError with every line that is wrong: unknown names (with the nearest valid one),
-    wrong numbers of arguments, text that is no action, or a header of another task.
+    Args:
+        source: What an error calls the text.
+
+    Raises:
+        FileError: With every line that is wrong: unknown names (with the nearest valid one),
+            wrong numbers of arguments, text that is no action, or a header of another task.
     """
     steps: list[Joint] = []
     faults: list[Fault] = []

@@ -33,7 +33,11 @@ class AnytimeSearch(Protocol):
         """A plan at once, if there is a quick way to one; None leaves it to the beam search."""
 
     def improve(self, known: Plan | None, limits: Limits) -> SearchResult:
-        """A better plan than the known one, or more proof, as far as the limits allow."""
+        """A better plan than the known one, or more proof, as far as the limits allow.
+
+        Args:
+            known: The shortest plan so far, by whatever planner; None if there is none.
+        """
 
 
 class DomainPlanner(Protocol):
@@ -49,10 +53,18 @@ class DomainPlanner(Protocol):
     def solve(
         self, world: World, start: State, limits: Limits, watch: Watch | None
     ) -> SearchResult | None:
-        """The shortest plan of all players together, or the best plan and bound within limits."""
+        """The shortest plan of all players together, or the best plan and bound within limits.
+
+        Args:
+            start: A state of the world, initial or not.
+            watch: To be called now and then.
+
+        Returns:
+            None where it declines.
+        """
 
     def anytime(self, world: World, start: State) -> AnytimeSearch | None:
-        """A search for play, where plans matter more than proofs."""
+        """A search for play, where plans matter more than proofs; None where it declines."""
 
 
 def domain_planner(world: World) -> DomainPlanner | None:

@@ -39,6 +39,7 @@ class Limits:
 
 
 UNLIMITED = Limits()
+"""Never give up."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,16 @@ def solve(
     """The shortest plan from a state (the initial one if None), as far as the limits allow.
 
     All players of the world act together. One input, one result, unless `limits.stop` intervenes.
-    Raises PluginError if an installed plug-in cannot be loaded.
+
+    Args:
+        start: A state of this world.
+        watch: Is called now and then with expansions, bound and the best plan's length so far.
+
+    Returns:
+        The best plan found (None if none), and a proven bound on the length of every plan.
+
+    Raises:
+        PluginError: An installed plug-in cannot be loaded.
     """
     state = world.initial if start is None else start
     planner = domain_planner(world)

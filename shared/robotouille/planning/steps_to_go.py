@@ -83,9 +83,13 @@ class StepsToGo:
     ) -> StepsLeft:
         """The steps from a state, as far as the limits allow a search for them.
 
-        `after` is a state from which one step led to it, if one is known: a step brings the goal
-        nearer by one at most, and never back into reach. Raises ValueError for a state of another
-        world.
+        Args:
+            after: A state from which one step led to it, if one is known: a step brings the goal
+                nearer by one at most, and never back into reach.
+
+        Raises:
+            ValueError: The state is of another world.
+            PluginError: An installed plug-in is needed and cannot be loaded.
         """
         if state.world is not self._world:
             raise ValueError("the state is of another world")

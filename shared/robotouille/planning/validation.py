@@ -50,7 +50,13 @@ class PlanReport:
 
 
 def replay(plan: Plan, world: World, start: State | None = None) -> PlanReport:
-    """Take every step of a plan, from the initial state or from `start`."""
+    """Take every step of a plan, from the initial state or from `start`.
+
+    Rejected actions are in the report, and the replay goes on behind them.
+
+    Raises:
+        WrongWorldError: The plan or the start is of another task.
+    """
     state = world.initial if start is None else start
     reached_at = 0 if state.goal_reached else None
     rejection = None

@@ -73,7 +73,11 @@ class Codec:
         return self.pack(plain)
 
     def pack(self, plain: dict[str, Any]) -> bytes | str:
-        """Plain values as a frame's payload; ValueError for NaN and Infinity: JSON has none."""
+        """Plain values as a frame's payload.
+
+        Raises:
+            ValueError: One of them is NaN or infinite: JSON has none. MessagePack takes it.
+        """
         if self.text:
             return json.dumps(plain, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         packed: bytes = _pack(plain)
@@ -95,14 +99,24 @@ class Codec:
         return head + b"".join([bytes(part.packed) for part in parts])  # type: ignore[arg-type]
 
     def decode_client(self, payload: bytes | str) -> ClientMessage:
-        """A client's message; ProtocolError says what is wrong with it."""
+        """A client's message.
+
+        Raises:
+            ProtocolError: `message/…` says what is wrong with it: a frame of the other kind, more
+                than `MAX_CLIENT_BYTES`, no such type or field, a value that may not be.
+        """
         plain = self._unpack(payload, MAX_CLIENT_BYTES)
         _check_items(plain)
         message: ClientMessage = self._validate(plain, client_messages)
         return message
 
     def decode_server(self, payload: bytes | str) -> ServerMessage:
-        """A server's message; fields that only a newer server knows are left out."""
+        """A server's message; fields that only a newer server knows are left out.
+
+        Raises:
+            ProtocolError: `message/…` says what is wrong with it, as for a client's; at most
+                `MAX_SERVER_BYTES` are read.
+        """
         plain = self._unpack(payload, MAX_SERVER_BYTES)
         message: ServerMessage = self._validate(plain, server_messages)
         return message

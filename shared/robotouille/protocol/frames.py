@@ -68,7 +68,9 @@ class FrameReader:
     def next_frame(self) -> bool:
         """Whether there is one more frame that is whole; it is the present one from now on.
 
-        FrameError is raised again and again: nothing behind such a frame can be read.
+        Raises:
+            FrameError: The next one may not be, now and whenever this is asked again: nothing
+                behind such a frame can be read.
         """
         data, at = self._data, self._at
         there = len(data) - at
@@ -126,7 +128,12 @@ class FrameReader:
 
 
 def pack_frame(first: int, payload: bytes, mask: bytes = b"") -> bytes:
-    """A frame's bytes, with its shortest length; with a mask of four bytes, a client's."""
+    """A frame's bytes, with its shortest length.
+
+    Args:
+        first: FIN and opcode.
+        mask: Four bytes make it a client's.
+    """
     length, flag = len(payload), _MASKED if mask else 0
     if length < _TWO_BYTES:
         head = bytes((first, flag | length))

@@ -32,7 +32,11 @@ def effect_label(effect: Effect) -> str:
 
 
 def parse_label(label: str) -> tuple[str, int, tuple[str, ...]]:
-    """The parts of an effect's label; ValueError if it is none."""
+    """The parts of an effect's label.
+
+    Raises:
+        ValueError: It is none.
+    """
     head, bracket, rest = label.partition("(")
     action, dot, index = head.rpartition(".")
     if not (bracket and dot and rest.endswith(")")):
@@ -183,8 +187,13 @@ def _timer_changes(before: State, after: State) -> dict[str, list[int] | None]:
 class StateReader:
     """A client's copy of an episode's state, kept up to date by deltas.
 
-    Raises ProtocolError `state/mismatch` where a message does not fit this world: ask for a
-    snapshot then.
+    Args:
+        tables: What `StateWriter.tables` gives, of the same state.
+        values: What `StateWriter.values` gives.
+
+    Raises:
+        ProtocolError: `state/mismatch`, as in `apply`: a message does not fit this world. Ask for
+            a snapshot then.
     """
 
     def __init__(
@@ -210,7 +219,11 @@ class StateReader:
             raise ProtocolError("state/mismatch", f"unreadable snapshot: {error}") from None
 
     def apply(self, changes: Mapping[str, Any]) -> State:
-        """The state after a delta's changes."""
+        """The state after a delta's changes.
+
+        Raises:
+            ProtocolError: `state/mismatch`.
+        """
         try:
             self._extend(changes.get("objects", ()), changes.get("atoms", ()))
             self._facts |= self._mask(changes.get("add", ()))

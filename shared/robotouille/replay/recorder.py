@@ -52,8 +52,15 @@ def header(
     code: str = "",
     owner: str = "",
 ) -> dict[str, Any]:
-    """The first frame: everything that play starts from. `created` is an ISO 8601 time, `code`
-    what one joins with, `owner` the pseudonym of who opened the episode."""
+    """The first frame: everything that play starts from.
+
+    Args:
+        episode: The episode's id.
+        seed: That with which the task was loaded.
+        created: An ISO 8601 time.
+        code: What one joins with.
+        owner: The pseudonym of who opened the episode.
+    """
     return {
         "kind": "header",
         "software": VERSION,
@@ -81,14 +88,25 @@ class Recorder:
         self.writer = StateWriter(self.world)
 
     def begin(self, head: dict[str, Any]) -> bytes:
-        """The magic, the header with its tables, and the initial state."""
+        """The magic, the header with its tables, and the initial state.
+
+        Args:
+            head: What `header` gives.
+
+        Raises:
+            RecordingError: A frame would be larger than can be read.
+        """
         initial = self.world.initial
         head = {**head, "tables": self.writer.tables(initial)}
         first = keyframe(self.writer, 0, initial, self.version)
         return magic(self.version) + pack_frame(head, self.version) + first
 
     def record(self, events: Iterable[Event]) -> bytes:
-        """The frames of some events, in order; nothing is held back."""
+        """The frames of some events, in order; nothing is held back.
+
+        Raises:
+            RecordingError: A frame would be larger than can be read.
+        """
         frames = []
         notes: list[dict[str, Any]] = []
         for event in events:

@@ -41,7 +41,8 @@ class Verification:
     """The result of re-simulating a recording.
 
     `fault` is empty where every fact, timer and hash came out alike and, `identical`, the frames
-    written anew are the recorded ones byte for byte.
+    written anew are the recorded ones byte for byte. `complete` says that the episode's end is
+    recorded.
     """
 
     steps: int
@@ -51,6 +52,7 @@ class Verification:
 
     @property
     def ok(self) -> bool:
+        """Whether it re-simulates, byte for byte."""
         return not self.fault and self.identical
 
 
@@ -60,9 +62,16 @@ class Recording:
     The first `whole` bytes of the stream hold its frames. They are decoded one by one, each time
     they are gone through: a recording may be large, and as Python's objects is many times that.
 
-    A stream that is `closed` ends with the footer. RecordingError says what is wrong with one that
-    is damaged; with `damaged`, what stands before the damage is read all the same, and `damage`
-    says what it is (`fault` is what is known already).
+    Args:
+        stream: The bytes of the file, not compressed.
+        source: What errors call it.
+        closed: It has to end with the footer.
+        damaged: If it is damaged, what stands before the damage is read all the same, and
+            `damage` says what it is.
+        fault: The damage that is known already.
+
+    Raises:
+        RecordingError: It is damaged, or no recording, or of a format that is not known.
     """
 
     def __init__(
@@ -89,8 +98,17 @@ class Recording:
     def opening(
         cls, stream: bytes, source: str, *, closed: bool
     ) -> Generator[int, None, Recording]:
-        """The same frame by frame, for those who have something else to do in between: the number
-        of steps so far."""
+        """The same frame by frame, for those who have something else to do in between.
+
+        Yields:
+            The number of steps so far.
+
+        Returns:
+            The recording, as the generator's value.
+
+        Raises:
+            RecordingError: It is damaged, or no recording, or of a format that is not known.
+        """
         recording = cls.__new__(cls)
         recording._begin(stream, source)
         yield from recording._go_through(closed)
@@ -153,11 +171,16 @@ class Recording:
 
     @cached_property
     def task(self) -> Task:
-        """The task that was played."""
+        """The task that was played.
+
+        Raises:
+            FileError: What is recorded of it is no task.
+        """
         return Task.from_json(self.header["task"], self.source)
 
     @cached_property
     def world(self) -> World:
+        """A world of the task, which is this recording's own."""
         return World(self.task)
 
     @cached_property
@@ -180,7 +203,11 @@ class Recording:
                     yield {"step": step, **note}
 
     def actions(self, frame: dict[str, Any]) -> list[GroundAction]:
-        """The joint action of a step, in the order in which it applied."""
+        """The joint action of a step's frame, in the order in which it applied.
+
+        Raises:
+            RecordingError: It has an action that the task has not.
+        """
         try:
             return [self.world.action(*move["action"]) for move in frame["moves"]]
         except (KeyError, TypeError) as error:
@@ -188,7 +215,11 @@ class Recording:
             raise RecordingError(f"{self.source}: step {step}: {error}") from None
 
     def states(self) -> Iterator[tuple[int, State]]:
-        """The state at step 0 and after each step, by re-simulation."""
+        """The state at step 0 and after each step, by re-simulation.
+
+        Raises:
+            RecordingError: A step has an action that the task has not.
+        """
         state = self.world.initial
         yield 0, state
         for frame in self._each_step():
@@ -199,6 +230,9 @@ class Recording:
         """The facts at each step as the file has them, without the engine.
 
         This needs neither this version's rules nor the domain: only the file's own tables.
+
+        Raises:
+            RecordingError: A frame speaks of what no table has.
         """
         try:
             yield from self._recorded_facts()
@@ -267,12 +301,16 @@ class Recording:
         return ""
 
     def resimulate(self) -> bytes:
-        """The recording written anew from the header, the actions and the notes alone."""
+        """The recording written anew from the header, the actions and the notes alone: `anew`."""
         return b"".join(written for _, _, written in self.anew())
 
     def anew(self) -> Iterator[tuple[dict[str, Any], State, bytes]]:
         """Each frame, the state after it by re-simulation, and what a recorder writes for it now:
-        for a step also the keyframe that follows it, and for that nothing."""
+        for a step also the keyframe that follows it, and for that nothing.
+
+        Raises:
+            RecordingError: A step has an action that the task has not.
+        """
         writer, version = StateWriter(self.world), self.version
         state = self.world.initial
         for number, frame in enumerate(self.each_frame()):
@@ -343,9 +381,14 @@ def _difference(frame: dict[str, Any], state: State, recorded: State) -> str:
 
 
 def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
-    """The recording in a file, open or closed; an open one may be torn at its end. RecordingError
-    says what is wrong with any other; with `damaged`, what stands before the damage is read (see
-    `Recording.damage`)."""
+    """The recording in a file, open or closed; an open one may be torn at its end.
+
+    Args:
+        damaged: What stands before the damage is read, if there is any: see `Recording.damage`.
+
+    Raises:
+        RecordingError: The file cannot be read, is damaged otherwise, or is no recording.
+    """
     path = Path(path)
     try:
         if path.stat().st_size > MAX_FILE:
@@ -362,7 +405,14 @@ def read_recording(path: Path | str, *, damaged: bool = False) -> Recording:
 
 
 def recording_of(content: bytes, source: str, *, damaged: bool = False) -> Recording:
-    """The recording in a file's content, like `read_recording`."""
+    """The recording in a file's content, like `read_recording`.
+
+    Args:
+        source: What errors call it.
+
+    Raises:
+        RecordingError: It is damaged, or no recording.
+    """
     stream, fault = plain(content)
     if fault and not damaged:
         raise RecordingError(fault)
