@@ -36,7 +36,10 @@ T = TypeVar("T", bound=messages.Message)
 
 
 class Client:
-    """A participant's connection to a server; made by `connect()`."""
+    """A participant's connection to a server; made by `connect()`.
+
+    `connected` is set while there is a connection on which the server has welcomed us.
+    """
 
     def __init__(
         self,
@@ -80,6 +83,7 @@ class Client:
 
     @property
     def name(self) -> str:
+        """What one wants to be called."""
         return self.protocol.name
 
     @property
@@ -139,11 +143,27 @@ class Client:
     # Requests
 
     async def episodes(self) -> list[messages.EpisodeInfo]:
-        """The episodes on the server."""
+        """The episodes on the server that can be joined or watched.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses; `code` says why.
+        """
         return (await self._ask(messages.ListEpisodes(), messages.Episodes)).episodes
 
     async def create(self, task: str | None = None, **options: Any) -> messages.Created:
-        """Open an episode; `options` are the fields of the `create` message."""
+        """Open an episode, without entering it: `join` takes the id or code in the answer.
+
+        Args:
+            task: A shipped task's name, or an unambiguous start of it; the server's own if None.
+            **options: The fields of the `create` message (docs/protocol.md).
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses: `task/unknown`, `task/invalid`, `server/full` and
+                others.
+            ValueError: The message has no such field, or it cannot have this value.
+        """
         return await self._ask(messages.Create(task=task, **options), messages.Created)
 
     async def join(
@@ -154,7 +174,19 @@ class Client:
         role: Literal["player", "spectator"] = "player",
         view: messages.View = "state",
     ) -> Game:
-        """Enter an episode by id or code; returns once its state, or its text, is there."""
+        """Enter an episode by id or code; returns once its state, or its text, is there.
+
+        Args:
+            seat: The player to be; any that is free if None.
+            view: What the server tells: the `state`, `text` for language models, or `both`.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            StrangerError: The episode is said to be on another host.
+            ProtocolError: The server refuses: `episode/unknown`, `episode/full`, `seat/taken` and
+                others.
+            ValueError: An argument is none that the message can have.
+        """
         request = messages.Join(episode=episode, seat=seat, role=role, view=view)
         await self._ask(request, messages.Joined)
         if self.game is None:
@@ -162,7 +194,12 @@ class Client:
         return self.game
 
     async def leave(self) -> None:
-        """Leave the episode; the seat becomes free."""
+        """Leave the episode; the seat becomes free.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses: `episode/none` where one is in no episode.
+        """
         await self._ask(messages.Leave(), messages.Left)
 
     async def _ask(self, request: Request, expected: type[T]) -> T:
@@ -306,12 +343,25 @@ async def connect(
     resume: str | None = None,
     seed: int | None = None,
 ) -> AsyncIterator[Client]:
-    """A connection to a server; `token` is a signed role token, `seed` that of the pauses' jitter.
-    `resume` is the `Client.resume` of a process that stopped: `join` of its episode then gives
-    back its seat.
+    """A connection to a server, until the context is left; if it is lost, it is sought again and
+    again.
 
-    Raises ConnectionFailedError if it cannot be reached at first, ProtocolError if the server
-    refuses; later it is sought again and again until the context is left.
+    Args:
+        url: `ws://` or `wss://`.
+        name: What one wants to be called: 1 to 40 characters.
+        reconnect: Without it, a connection that is lost is over.
+        token: A signed role token, where the server asks for one.
+        resume: The `Client.resume` of a process that stopped: `join` of its episode then gives
+            back its seat.
+        seed: That of the jitter in the pauses between attempts to connect.
+
+    Raises:
+        ConnectionFailedError: The server cannot be reached at first, or does not welcome us within
+            15 seconds.
+        NotYetError: It asks us to try again in a moment.
+        StrangerError: It sends us to another host, or away from TLS.
+        ProtocolError: It refuses: `auth/required`, `protocol/version` and others.
+        ValueError: The name, the kind or a token cannot be one.
     """
     codec = MSGPACK if encoding == "msgpack" else JSON
     async with Client(

@@ -28,6 +28,16 @@ class Game(GameReplica):
 
         It stays pending while the connection is away: the action is sent again, and not done
         twice.
+
+        Args:
+            action: A ground action, its name and arguments, its sentence, or its place in the list
+                of valid ones.
+            think_ms: Milliseconds of thought, which count where thinking is declared.
+            reasoning: Is recorded, and shown to nobody; at most 8,000 characters.
+
+        Raises:
+            ProtocolError: `seat/none`: spectators do not act.
+            ValueError: The message cannot have such an argument.
         """
         loop = asyncio.get_running_loop()
         seq = self.propose(action, loop.time(), think_ms=think_ms, reasoning=reasoning)
@@ -39,10 +49,22 @@ class Game(GameReplica):
     async def act(
         self, action: ActionRequest, *, think_ms: int = 0, reasoning: str | None = None
     ) -> ActResult:
-        """Send an action and wait until it was taken into a step or rejected."""
+        """Send an action and wait until it was taken into a step or rejected.
+
+        Arguments are those of `submit`.
+
+        Raises:
+            ProtocolError: `seat/none`: spectators do not act.
+            ValueError: The message cannot have such an argument.
+        """
         return await self.submit(action, think_ms=think_ms, reasoning=reasoning)
 
     def say(self, text: str) -> None:
+        """Say something to everybody in the episode.
+
+        Raises:
+            ValueError: The text has not 1 to 500 characters.
+        """
         super().say(text)
         self._flush()
 
@@ -58,7 +80,7 @@ class Game(GameReplica):
                 return
 
     async def next_event(self) -> GameEvent:
-        """The next thing that happens."""
+        """The next thing that happens, once it does; nothing comes after `Over`."""
         while not self._events:
             self._news.clear()
             await self._news.wait()

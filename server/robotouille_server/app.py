@@ -81,7 +81,11 @@ class CannotListenError(RobotouilleError):
 
 
 class Server:
-    """One server process. Use `serve()`, which starts and stops it."""
+    """One server process. Use `serve()`, which starts and stops it, and takes the same arguments.
+
+    Raises:
+        RobotouilleError: The keys, the list of revoked tokens or a setting cannot be used.
+    """
 
     def __init__(
         self,
@@ -158,8 +162,12 @@ class Server:
     # Life
 
     async def start(self) -> None:
-        """Go on with the episodes that were left, and listen; CannotListenError if the address
-        cannot be had."""
+        """Go on with the episodes that were left, and listen.
+
+        Raises:
+            CannotListenError: The address cannot be had.
+            RobotouilleError: The recordings folder or the TLS files cannot be used.
+        """
         folder = self.settings.recordings
         try:
             if isinstance(self.storage, Folder):
@@ -217,6 +225,7 @@ class Server:
 
     @property
     def url(self) -> str:
+        """The address for clients; on this machine, where it listens on all addresses."""
         host = "127.0.0.1" if self.settings.host == "0.0.0.0" else self.settings.host  # noqa: S104
         scheme = "wss" if self._tls is not None else "ws"
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
@@ -236,6 +245,9 @@ class Server:
 
         An episode that somebody's connection is lost from is left to the next process at once:
         only there can they come back.
+
+        Args:
+            seconds: How long running episodes have to finish.
         """
         self.lobby.drain()
         for socket in self._sockets:
@@ -257,7 +269,13 @@ class Server:
 
     async def stop(self, reason: str = "the server shuts down", *, hand_over: bool = False) -> None:
         """End all episodes, or leave them to the next process; tell all clients. The first call
-        counts."""
+        counts.
+
+        Args:
+            reason: What clients are told.
+            hand_over: Leave them to the next process; they end all the same where nothing is
+                recorded.
+        """
         if self._stopping:
             return
         self._stopping = True
@@ -309,7 +327,12 @@ class Server:
         return self._tls.context if self._tls is not None else None
 
     def authorize(self, token: str) -> RoleGrant:
-        """What an operator's token grants; ProtocolError unless it is one."""
+        """What an operator's token grants.
+
+        Raises:
+            ProtocolError: `auth/role`, `auth/invalid`, `auth/expired` or `auth/revoked`, unless it
+                is one.
+        """
         grant = self.tokens.check_role(token)
         if grant.role is not Role.OPERATOR:
             raise ProtocolError("auth/role", "this takes a token with the role operator", "token")
@@ -444,8 +467,20 @@ async def serve(
     """A running server: `async with serve(ServerSettings(port=0)) as server: …`.
 
     Where the context is left its episodes end, unless `Server.stop` was called before; where an
-    exception leaves it they are left to the next process. `bot_worker` makes the worker in which
-    substitute bots decide, once there is one: a process of its own.
+    exception leaves it they are left to the next process.
+
+    Args:
+        randomness: For ids and codes; the operating system's if None.
+        timestamp: The time that recordings are named by, as `20250131T120000Z`.
+        storage: Where recordings are kept; the settings' folder if None.
+        wall: Seconds since 1970, for tokens and the audit log.
+        worker: Which of several processes this is; the only one if None.
+        bot_worker: Makes the worker in which substitute bots decide, once there is one: a process
+            of its own.
+
+    Raises:
+        RobotouilleError: The server cannot start: the address cannot be had, or the keys, the
+            folders, the TLS files or a setting cannot be used.
     """
     server = Server(
         settings,

@@ -102,6 +102,7 @@ class Over:
 
 
 GameEvent = Changed | Observed | Refused | Heard | Announced | RosterChanged | Over
+"""Whatever one is told in a game."""
 
 
 @dataclass(frozen=True, slots=True)

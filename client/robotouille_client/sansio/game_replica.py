@@ -87,13 +87,18 @@ class GameReplica:
 
     @property
     def state(self) -> State:
-        """The current state; RuntimeError before the first snapshot or in a text view."""
+        """The current state.
+
+        Raises:
+            RuntimeError: There is none before the first snapshot, or in a text view.
+        """
         if self._reader is None:
             raise RuntimeError("no state yet: the view is 'text', or the snapshot is on its way")
         return self._reader.state
 
     @property
     def has_state(self) -> bool:
+        """Whether there is a `state`: not before the first snapshot, nor in a text view."""
         return self._reader is not None
 
     @property
@@ -151,6 +156,10 @@ class GameReplica:
         of it.
 
         While the connection is away it stays undecided: it is sent again, and not done twice.
+
+        Raises:
+            ProtocolError: `seat/none`: spectators do not act.
+            ValueError: The message cannot have such an argument.
         """
         if self.seat is None:
             raise ProtocolError(ErrorCode.SEAT_NONE, "spectators do not act")

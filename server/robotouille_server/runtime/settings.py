@@ -30,7 +30,12 @@ __all__ = ["ServerSettings"]
 
 
 class ServerSettings(BaseSettings):
-    """Flags win over environment variables, those over the file named by `config`."""
+    """Flags (arguments) win over environment variables, those over the file named by `config`.
+
+    Raises:
+        ValueError: A setting is unknown or cannot have this value.
+        FileNotFoundError: The file named by `config` is not there.
+    """
 
     model_config = SettingsConfigDict(
         env_prefix="ROBOTOUILLE_", extra="forbid", allow_inf_nan=False
@@ -156,6 +161,7 @@ class ServerSettings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Where settings come from, what wins first; pydantic asks for it."""
         file = {**env_settings(), **init_settings()}.get("config")
         sources: list[PydanticBaseSettingsSource] = [init_settings, env_settings]
         if file:
