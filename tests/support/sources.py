@@ -1,4 +1,4 @@
-"""The modules of the three packages and of the tests, and what they import."""
+"""The modules of the packages and of the tests, and what they import."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ SOURCES = {
     "robotouille": ROOT / "shared/robotouille",
     "robotouille_server": ROOT / "server/robotouille_server",
     "robotouille_client": ROOT / "client/robotouille_client",
+    "robotouille_evaluation": ROOT / "evaluation/robotouille_evaluation",
 }
 MODULES = sorted(p for folder in SOURCES.values() for p in folder.rglob("*.py"))
 

@@ -1,0 +1,1 @@
+"""The benchmark: packs of tasks, agents, runs, metrics and reports."""
