@@ -1,0 +1,36 @@
+"""Agents: what they see, how language models are asked, and how answers are read."""
+
+from robotouille_evaluation.agents.answers import Answer, AnswerParser, Published, Tolerant
+from robotouille_evaluation.agents.histories import History
+from robotouille_evaluation.agents.plan_once import PlanOnce
+from robotouille_evaluation.agents.proposal import (
+    ContextOverflow,
+    Exchange,
+    Observation,
+    Proposal,
+    ProposalSteps,
+    Strategy,
+    Verdict,
+)
+from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
+from robotouille_evaluation.agents.reflexion import Reflexion
+
+__all__ = [
+    "Answer",
+    "AnswerParser",
+    "ContextOverflow",
+    "Exchange",
+    "History",
+    "Observation",
+    "PlanOnce",
+    "Prompts",
+    "Proposal",
+    "ProposalSteps",
+    "Published",
+    "ReAct",
+    "ReActSettings",
+    "Reflexion",
+    "Strategy",
+    "Tolerant",
+    "Verdict",
+]

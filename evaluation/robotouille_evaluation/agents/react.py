@@ -1,0 +1,151 @@
+"""ReAct: one reasoned action at a time (Yao et al., ICLR 2023), in the paper's variants."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+
+from robotouille_evaluation.agents.answers import AnswerParser, Published
+from robotouille_evaluation.agents.histories import History, as_messages, remembered
+from robotouille_evaluation.agents.proposal import (
+    ContextOverflow,
+    Exchange,
+    Observation,
+    Proposal,
+    ProposalSteps,
+    Verdict,
+)
+from robotouille_evaluation.models.model import Completion, Message, ModelRequest
+
+__all__ = ["Prompts", "ReAct", "ReActSettings"]
+
+Asking = Generator[ModelRequest, Completion, tuple[ModelRequest, Completion]]
+
+NO_REASONING = (
+    "The reasoning was malformed. Please provide a valid reasoning in the form "
+    "'Reasoning: <reasoning>'."
+)
+NO_ACTION = (
+    "The action was malformed. Please provide a valid action in the form 'Action: <action>'."
+)
+INVALID = "The action '{}' is not valid. Please provide a valid action."
+FINISH = "Finish"
+
+
+@dataclass(frozen=True, slots=True)
+class Prompts:
+    """What is said first: who the model is, what to do, and examples as turns of the chat."""
+
+    system: str
+    instructions: str
+    examples: tuple[tuple[str, str], ...] = ()
+
+    def messages(self) -> list[Message]:
+        """The beginning of every request."""
+        return [
+            Message("system", self.system),
+            Message("user", self.instructions),
+            *as_messages(list(self.examples)),
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class ReActSettings:
+    """A variant of ReAct."""
+
+    history: History = History.FULL
+    rules: str = ""
+    """Said again below each observation."""
+    max_refused: int = 5
+    """Answers in a row without a valid action, after which there is none."""
+    max_failures: int = 3
+    """So often, in all, after which the agent gives up."""
+    parser: AnswerParser = field(default_factory=Published)
+    truncate: bool = False
+    """Where a request is too long the oldest turns are left out until it fits; otherwise it is
+    tried once without the history, which must be a single turn, as the published code does."""
+
+
+class ReAct:
+    """Asks for one action, with feedback on answers that are none."""
+
+    retries_left = 0
+
+    def __init__(self, prompts: Prompts, settings: ReActSettings | None = None) -> None:
+        self._prompts = prompts
+        self._settings = settings or ReActSettings()
+        self._history: list[tuple[str, str]] = []
+        self._feedback = ""
+        self._failures = 0
+        self.footer = ""
+        """Below each observation, behind the rules."""
+
+    def retry(self) -> bool:
+        """Never."""
+        return False
+
+    def propose(self, observation: Observation) -> ProposalSteps:
+        """An action, or none after `max_refused` answers without a valid one."""
+        exchanges: list[Exchange] = []
+        for _ in range(self._settings.max_refused):
+            exchange = yield from self._ask(observation)
+            exchanges.append(exchange)
+            if exchange.verdict is Verdict.FINISH:
+                return Proposal((), exchange.reasoning, done=True, exchanges=tuple(exchanges))
+            if exchange.verdict is Verdict.ACTION:
+                return Proposal((exchange.action,), exchange.reasoning, exchanges=tuple(exchanges))
+        self._failures += 1
+        given_up = self._failures >= self._settings.max_failures
+        return Proposal(done=given_up, exchanges=tuple(exchanges))
+
+    def _ask(self, observation: Observation) -> Generator[ModelRequest, Completion, Exchange]:
+        text = "\n\n".join(filter(None, [observation.text, self._settings.rules])) + self.footer
+        prompt = f"Error Feedback: {self._feedback}\n{text}" if self._feedback else text
+        request, completion = yield from self._complete(prompt)
+        return self._judge(request, completion, prompt, text, observation.valid)
+
+    def _judge(
+        self,
+        request: ModelRequest,
+        completion: Completion,
+        prompt: str,
+        text: str,
+        valid: Sequence[str],
+    ) -> Exchange:
+        parser = self._settings.parser
+        answer = parser.step(completion.text)
+        reasoning, said = answer.reasoning, answer.action
+        if reasoning is None or said is None:
+            self._history.append((prompt, completion.text))
+            verdict = Verdict.NO_REASONING if reasoning is None else Verdict.NO_ACTION
+            self._feedback = NO_REASONING if reasoning is None else NO_ACTION
+            return Exchange(request, completion, verdict, reasoning or "", said or "",
+                            self._feedback)  # fmt: skip
+        action = parser.match(said, tuple(valid)) or said
+        self._history = remembered(
+            self._settings.history, self._history, prompt, completion.text, text, reasoning, action
+        )
+        self._feedback = ""
+        if action == FINISH:
+            verdict = Verdict.FINISH
+        elif action in valid:
+            verdict = Verdict.ACTION
+        else:
+            verdict = Verdict.INVALID
+            self._feedback = INVALID.format(action)
+        return Exchange(request, completion, verdict, reasoning, action, self._feedback)
+
+    def _complete(self, prompt: str) -> Asking:
+        """The answer; with less history where the request is too long."""
+        while True:
+            request = self._request(prompt)
+            try:
+                return request, (yield request)
+            except ContextOverflow:
+                if not self._history or not (self._settings.truncate or len(self._history) == 1):
+                    raise
+                self._history = self._history[1:]
+
+    def _request(self, prompt: str) -> ModelRequest:
+        turns = [*self._prompts.messages(), *as_messages(self._history), Message("user", prompt)]
+        return ModelRequest(tuple(turns))

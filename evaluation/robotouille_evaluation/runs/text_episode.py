@@ -1,0 +1,155 @@
+"""One episode of an agent that is alone and has time: observe, ask, act, until the budget is spent.
+
+Without input or output: a generator that yields what a model is to be asked and is sent the answer,
+as a strategy is. The order of things is that of the published evaluation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from robotouille import State, World
+from robotouille_evaluation.agents.proposal import (
+    Exchange,
+    Observation,
+    Proposal,
+    Strategy,
+)
+from robotouille_evaluation.models.model import Completion, ModelRequest
+
+__all__ = ["Change", "Ended", "Taken", "TextEpisode", "TextResult"]
+
+Change = Callable[[State], State]
+"""What happens to a state behind the agent's back; the same state where nothing does."""
+
+
+class Ended(StrEnum):
+    """Why an episode is over."""
+
+    GOAL = "goal"
+    STEP_LIMIT = "step-limit"
+    FINISH = "finish"
+    FEEDBACK_LIMIT = "feedback-limit"
+    PLAN_REFUSED = "plan-refused"
+    PLAN_EXHAUSTED = "plan-exhausted"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A step: its trial and number, counted from one, and its action's sentence."""
+
+    trial: int
+    step: int
+    action: str
+    reasoning: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TextResult:
+    """How an episode went. `steps` are those of the last trial; the published evaluation logs none
+    where the goal was reached in the last step of a trial after which there could be another."""
+
+    ended: Ended
+    success: bool
+    steps: int
+    trials: int
+    exchanges: tuple[Exchange, ...]
+    taken: tuple[Taken, ...]
+    logged_steps: int
+
+
+@dataclass
+class TextEpisode:
+    """An episode of one strategy in one world.
+
+    Args:
+        budget: Steps of one trial. One that is no whole number is rounded up; in a trial after
+            which there may be another, down, as the published evaluation does.
+        change: What happens to the state after each step, unseen in the next observation.
+    """
+
+    world: World
+    strategy: Strategy
+    budget: float
+    player: str = ""
+    change: Change = staticmethod(lambda state: state)  # noqa: RUF009
+    order: Callable[[tuple[str, ...]], tuple[str, ...]] | None = None
+    """The order in which valid actions are told; that of the world if None."""
+    _exchanges: list[Exchange] = field(default_factory=list)
+    _taken: list[Taken] = field(default_factory=list)
+    _trial: int = 1
+    _steps: int = 0
+
+    def play(self) -> Generator[ModelRequest, Completion, TextResult]:
+        """Yields requests to a model; ends with the result."""
+        while True:
+            ended = yield from self._play_trial()
+            if ended is not Ended.STEP_LIMIT or not self.strategy.retry():
+                break
+            self._trial += 1
+            self._steps = 0
+        return TextResult(
+            ended,
+            ended is Ended.GOAL,
+            self._steps,
+            self._trial,
+            tuple(self._exchanges),
+            tuple(self._taken),
+            self._logged(ended),
+        )
+
+    def _logged(self, ended: Ended) -> int:
+        last = self._steps >= math.floor(self.budget) and self.strategy.retries_left > 0
+        return 0 if ended is Ended.GOAL and last else self._steps
+
+    def _play_trial(self) -> Generator[ModelRequest, Completion, Ended]:
+        rounded = math.floor if self.strategy.retries_left else math.ceil
+        limit = rounded(self.budget)
+        state = self.world.initial
+        seen = self._observe(state)
+        while self._steps < limit:
+            proposal = yield from self.strategy.propose(seen)
+            self._exchanges += proposal.exchanges
+            if proposal.whole and not self._possible(proposal.actions, state):
+                return Ended.PLAN_REFUSED
+            for action in proposal.actions:
+                state = self._step(state, action, proposal.reasoning)
+                if state.goal_reached:
+                    return Ended.GOAL
+                seen = self._observe(state)
+                state = self.change(state)
+                if self._steps >= limit:
+                    return Ended.STEP_LIMIT
+            if proposal.done:
+                return _why(proposal)
+        return Ended.STEP_LIMIT
+
+    def _observe(self, state: State) -> Observation:
+        player = self.player or self.world.players[0]
+        valid = tuple(action.sentence for action in state.actions(player))
+        return Observation(state.text(player), valid, player, state)
+
+    def _step(self, state: State, action: str, reasoning: str) -> State:
+        self._steps += 1
+        self._taken.append(Taken(self._trial, self._steps, action, reasoning))
+        return state.step(action).state
+
+    def _possible(self, actions: tuple[str, ...], state: State) -> bool:
+        """Whether each is valid when its turn comes, also behind the goal."""
+        player = self.player or self.world.players[0]
+        for action in actions:
+            if action not in {valid.sentence for valid in state.actions(player)}:
+                return False
+            state = state.step(action).state
+        return bool(actions)
+
+
+def _why(proposal: Proposal) -> Ended:
+    if proposal.whole:
+        return Ended.PLAN_EXHAUSTED
+    finished = proposal.exchanges and not proposal.exchanges[-1].feedback
+    return Ended.FINISH if finished else Ended.FEEDBACK_LIMIT
