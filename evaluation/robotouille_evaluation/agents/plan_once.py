@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.answers import AnswerParser, Published
 from robotouille_evaluation.agents.proposal import (
     Exchange,
@@ -31,6 +32,9 @@ class PlanOnce:
         self._prompts = prompts
         self._chain_of_thought = chain_of_thought
         self._parser = parser or Published()
+
+    def observe(self, did: Did) -> None:
+        """It reads what came of it in the next observation."""
 
     def retry(self) -> bool:
         """Never."""

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from robotouille import State
+from robotouille.planning.policies import Did
 from robotouille_evaluation.models.model import Completion, ModelRequest
 
 __all__ = [
@@ -90,6 +91,10 @@ class Strategy(Protocol):
 
     def propose(self, observation: Observation) -> ProposalSteps:
         """What to do now."""
+        ...
+
+    def observe(self, did: Did) -> None:
+        """What everybody did in a step."""
         ...
 
     def retry(self) -> bool:

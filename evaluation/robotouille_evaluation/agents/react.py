@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 
+from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.answers import AnswerParser, Published
 from robotouille_evaluation.agents.histories import History, as_messages, remembered
 from robotouille_evaluation.agents.proposal import (
@@ -79,6 +80,9 @@ class ReAct:
         self._failures = 0
         self.footer = ""
         """Below each observation, behind the rules."""
+
+    def observe(self, did: Did) -> None:
+        """It reads what came of it in the next observation."""
 
     def retry(self) -> bool:
         """Never."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import replace
 
+from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.histories import as_messages
 from robotouille_evaluation.agents.proposal import (
     Exchange,
@@ -38,6 +39,9 @@ class Reflexion:
         self.retries_left = retries
         self._said: list[tuple[str, str]] = []
         self._must_reflect = False
+
+    def observe(self, did: Did) -> None:
+        """It reads what came of it in the next observation."""
 
     def retry(self) -> bool:
         """As often as there are retries left."""

@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 from robotouille import State, World
-from robotouille_evaluation.agents.proposal import (
-    Exchange,
-    Observation,
-    Proposal,
-    Strategy,
-)
+from robotouille_evaluation.agents.proposal import Exchange, Observation, Proposal, Strategy
 from robotouille_evaluation.models.model import Completion, ModelRequest
+from robotouille_evaluation.runs.stage import Decision, PlainStage, Stage
 
 __all__ = ["Change", "Ended", "Taken", "TextEpisode", "TextResult"]
 
@@ -62,33 +58,42 @@ class TextResult:
     logged_steps: int
 
 
-@dataclass
 class TextEpisode:
-    """An episode of one strategy in one world.
+    """An episode of one strategy, which plays alone.
 
     Args:
         budget: Steps of one trial. One that is no whole number is rounded up; in a trial after
             which there may be another, down, as the published evaluation does.
-        change: What happens to the state after each step, unseen in the next observation.
+        begin: Makes the stage of a trial from its limit of steps.
+        change: What happens to the state after each step, unseen in the next observation; only
+            where nothing is recorded.
     """
 
-    world: World
-    strategy: Strategy
-    budget: float
-    player: str = ""
-    change: Change = staticmethod(lambda state: state)  # noqa: RUF009
-    order: Callable[[tuple[str, ...]], tuple[str, ...]] | None = None
-    """The order in which valid actions are told; that of the world if None."""
-    _exchanges: list[Exchange] = field(default_factory=list)
-    _taken: list[Taken] = field(default_factory=list)
-    _trial: int = 1
-    _steps: int = 0
+    def __init__(
+        self,
+        world: World,
+        strategy: Strategy,
+        budget: float,
+        *,
+        begin: Callable[[int], Stage] | None = None,
+        change: Change | None = None,
+    ) -> None:
+        self._world = world
+        self._player = world.players[0]
+        self._strategy = strategy
+        self._budget = budget
+        self._begin = begin or (lambda _: PlainStage(world))
+        self._change = change
+        self._exchanges: list[Exchange] = []
+        self._taken: list[Taken] = []
+        self._trial = 1
+        self._steps = 0
 
     def play(self) -> Generator[ModelRequest, Completion, TextResult]:
         """Yields requests to a model; ends with the result."""
         while True:
             ended = yield from self._play_trial()
-            if ended is not Ended.STEP_LIMIT or not self.strategy.retry():
+            if ended is not Ended.STEP_LIMIT or not self._strategy.retry():
                 break
             self._trial += 1
             self._steps = 0
@@ -103,25 +108,32 @@ class TextEpisode:
         )
 
     def _logged(self, ended: Ended) -> int:
-        last = self._steps >= math.floor(self.budget) and self.strategy.retries_left > 0
+        last = self._steps >= math.floor(self._budget) and self._strategy.retries_left > 0
         return 0 if ended is Ended.GOAL and last else self._steps
 
     def _play_trial(self) -> Generator[ModelRequest, Completion, Ended]:
-        rounded = math.floor if self.strategy.retries_left else math.ceil
-        limit = rounded(self.budget)
-        state = self.world.initial
+        rounded = math.floor if self._strategy.retries_left else math.ceil
+        limit = rounded(self._budget)
+        stage = self._begin(limit)
+        state = stage.state
         seen = self._observe(state)
         while self._steps < limit:
-            proposal = yield from self.strategy.propose(seen)
-            self._exchanges += proposal.exchanges
+            if state.busy_steps(self._player):
+                state = self._step(stage, state, "", "")
+                seen = self._observe(state)
+                continue
+            proposal = yield from self._strategy.propose(seen)
+            for exchange in proposal.exchanges:
+                self._exchanges.append(exchange)
+                stage.answered(self._player, exchange)
             if proposal.whole and not self._possible(proposal.actions, state):
                 return Ended.PLAN_REFUSED
             for action in proposal.actions:
-                state = self._step(state, action, proposal.reasoning)
+                state = self._step(stage, state, action, proposal.reasoning)
                 if state.goal_reached:
                     return Ended.GOAL
                 seen = self._observe(state)
-                state = self.change(state)
+                state = state if self._change is None else self._change(state)
                 if self._steps >= limit:
                     return Ended.STEP_LIMIT
             if proposal.done:
@@ -129,20 +141,22 @@ class TextEpisode:
         return Ended.STEP_LIMIT
 
     def _observe(self, state: State) -> Observation:
-        player = self.player or self.world.players[0]
-        valid = tuple(action.sentence for action in state.actions(player))
-        return Observation(state.text(player), valid, player, state)
+        valid = tuple(action.sentence for action in state.actions(self._player))
+        return Observation(state.text(self._player), valid, self._player, state)
 
-    def _step(self, state: State, action: str, reasoning: str) -> State:
+    def _step(self, stage: Stage, state: State, action: str, reasoning: str) -> State:
         self._steps += 1
         self._taken.append(Taken(self._trial, self._steps, action, reasoning))
-        return state.step(action).state
+        if self._change is not None:
+            return state.step(action or []).state
+        moved = stage.step({self._player: Decision(action, reasoning)})
+        self._strategy.observe(moved.did)
+        return moved.state
 
     def _possible(self, actions: tuple[str, ...], state: State) -> bool:
         """Whether each is valid when its turn comes, also behind the goal."""
-        player = self.player or self.world.players[0]
         for action in actions:
-            if action not in {valid.sentence for valid in state.actions(player)}:
+            if action not in {valid.sentence for valid in state.actions(self._player)}:
                 return False
             state = state.step(action).state
         return bool(actions)

@@ -1,0 +1,118 @@
+"""An episode of several agents in lockstep: all are asked at once, then a step is taken."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+
+from robotouille import State, World
+from robotouille_evaluation.agents.proposal import (
+    ContextOverflow,
+    Exchange,
+    Observation,
+    Proposal,
+    ProposalSteps,
+    Strategy,
+)
+from robotouille_evaluation.models.model import Completion, ModelRequest
+from robotouille_evaluation.runs.stage import Decision, Stage
+from robotouille_evaluation.runs.text_episode import Ended
+
+__all__ = ["Complete", "TeamResult", "drive", "play_team"]
+
+Complete = Callable[[ModelRequest], Awaitable[Completion]]
+"""Asks a model. Raises ContextOverflow, or ModelError."""
+
+
+@dataclass(frozen=True, slots=True)
+class TeamResult:
+    """How an episode went, and what each player's model was asked."""
+
+    ended: Ended
+    success: bool
+    steps: int
+    exchanges: Mapping[str, tuple[Exchange, ...]]
+
+
+async def drive(proposing: ProposalSteps, complete: Complete) -> Proposal:
+    """Ask a model whatever a strategy wants to know, until it has decided."""
+    try:
+        request = next(proposing)
+        while True:
+            try:
+                completion = await complete(request)
+            except ContextOverflow as error:
+                request = proposing.throw(error)
+            else:
+                request = proposing.send(completion)
+    except StopIteration as stop:
+        proposal: Proposal = stop.value
+        return proposal
+
+
+async def play_team(
+    world: World,
+    strategies: Mapping[str, Strategy],
+    budget: float,
+    stage: Stage,
+    complete: Mapping[str, Complete],
+) -> TeamResult:
+    """Play until the goal, until the steps are used up, or until nobody wants to go on.
+
+    One whose answers are no action, or who has finished, does nothing. A proposed plan of several
+    actions is carried out as far as each is valid.
+    """
+    state, steps = stage.state, 0
+    waiting: dict[str, list[str]] = {player: [] for player in world.players}
+    told: dict[str, str] = dict.fromkeys(world.players, "")
+    done: set[str] = set()
+    exchanges: dict[str, list[Exchange]] = {player: [] for player in world.players}
+
+    async def decide(player: str) -> None:
+        valid = tuple(action.sentence for action in state.actions(player))
+        seen = Observation(state.text(player), valid, player, state)
+        proposal = await drive(strategies[player].propose(seen), complete[player])
+        waiting[player] = list(proposal.actions)
+        told[player] = proposal.reasoning
+        exchanges[player] += proposal.exchanges
+        for exchange in proposal.exchanges:
+            stage.answered(player, exchange)
+        if proposal.done:
+            done.add(player)
+
+    while steps < math.ceil(budget):
+        asked = [p for p in _free(world, state) if p not in done and not waiting[p]]
+        await asyncio.gather(*map(decide, asked))
+        if len(done) == len(world.players) and not any(waiting.values()):
+            return _result(Ended.FINISH, steps, exchanges)
+        decisions = {p: _next(state, p, waiting, told) for p in _free(world, state)}
+        moved = stage.step(decisions)
+        state, steps = moved.state, steps + 1
+        for strategy in strategies.values():
+            strategy.observe(moved.did)
+        if state.goal_reached:
+            return _result(Ended.GOAL, steps, exchanges)
+    return _result(Ended.STEP_LIMIT, steps, exchanges)
+
+
+def _free(world: World, state: State) -> list[str]:
+    return [player for player in world.players if not state.busy_steps(player)]
+
+
+def _next(
+    state: State, player: str, waiting: dict[str, list[str]], told: Mapping[str, str]
+) -> Decision:
+    if not waiting[player]:
+        return Decision()
+    action = waiting[player].pop(0)
+    if action and action not in {valid.sentence for valid in state.actions(player)}:
+        waiting[player].clear()
+        return Decision("", told[player])
+    return Decision(action, told[player])
+
+
+def _result(ended: Ended, steps: int, exchanges: Mapping[str, list[Exchange]]) -> TeamResult:
+    said = {player: tuple(all_of) for player, all_of in exchanges.items()}
+    return TeamResult(ended, ended is Ended.GOAL, steps, said)
