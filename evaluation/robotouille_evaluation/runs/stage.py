@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -76,10 +76,17 @@ class RecordedStage:
 
     Args:
         names: Who plays which player.
+        answered: Is told each exchange with a model, as soon as it is over.
     """
 
     def __init__(
-        self, world: World, names: Mapping[str, str], max_steps: int, *, episode: str = "local"
+        self,
+        world: World,
+        names: Mapping[str, str],
+        max_steps: int,
+        *,
+        episode: str = "local",
+        answered: Callable[[str, Exchange], None] | None = None,
     ) -> None:
         clock = Clock.TURN if len(world.players) == 1 else Clock.LOCKSTEP
         rules = Rules(clock=clock, max_steps=max_steps, move_budget=0)
@@ -88,6 +95,7 @@ class RecordedStage:
         self._recorder = Recorder(world)
         self._bytes = self._recorder.begin(header(world.task, rules, episode=episode))
         self._now = 0.0
+        self._answered = answered
         for player in world.players:
             self._episode.join(player, names[player], "bot", self._now)
 
@@ -118,8 +126,15 @@ class RecordedStage:
         ]
         return Moved(episode.state, tuple(did))
 
+    @property
+    def steps(self) -> int:
+        """Steps that were taken."""
+        return self._episode.step
+
     def answered(self, player: str, exchange: Exchange) -> None:
-        """What was no action is not recorded here."""
+        """Tell whoever wants to know."""
+        if self._answered is not None:
+            self._answered(player, exchange)
 
     def recording(self, why: str = "the agent is done") -> bytes:
         """The whole recording; the episode is over."""

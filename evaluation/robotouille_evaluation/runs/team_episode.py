@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Generator, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 from robotouille import State, World
 from robotouille_evaluation.agents.proposal import (
     ContextOverflow,
     Exchange,
     Observation,
-    Proposal,
-    ProposalSteps,
     Strategy,
 )
 from robotouille_evaluation.models.model import Completion, ModelRequest
 from robotouille_evaluation.runs.stage import Decision, Stage
 from robotouille_evaluation.runs.text_episode import Ended
 
-__all__ = ["Complete", "TeamResult", "drive", "play_team"]
+__all__ = ["Complete", "TeamResult", "answer_all", "play_team"]
+
+R = TypeVar("R")
 
 Complete = Callable[[ModelRequest], Awaitable[Completion]]
 """Asks a model. Raises ContextOverflow, or ModelError."""
@@ -36,20 +37,20 @@ class TeamResult:
     exchanges: Mapping[str, tuple[Exchange, ...]]
 
 
-async def drive(proposing: ProposalSteps, complete: Complete) -> Proposal:
-    """Ask a model whatever a strategy wants to know, until it has decided."""
+async def answer_all(asking: Generator[ModelRequest, Completion, R], complete: Complete) -> R:
+    """Answer what a generator asks until it returns."""
     try:
-        request = next(proposing)
+        request = next(asking)
         while True:
             try:
                 completion = await complete(request)
             except ContextOverflow as error:
-                request = proposing.throw(error)
+                request = asking.throw(error)
             else:
-                request = proposing.send(completion)
+                request = asking.send(completion)
     except StopIteration as stop:
-        proposal: Proposal = stop.value
-        return proposal
+        result: R = stop.value
+        return result
 
 
 async def play_team(
@@ -73,7 +74,7 @@ async def play_team(
     async def decide(player: str) -> None:
         valid = tuple(action.sentence for action in state.actions(player))
         seen = Observation(state.text(player), valid, player, state)
-        proposal = await drive(strategies[player].propose(seen), complete[player])
+        proposal = await answer_all(strategies[player].propose(seen), complete[player])
         waiting[player] = list(proposal.actions)
         told[player] = proposal.reasoning
         exchanges[player] += proposal.exchanges

@@ -1,0 +1,224 @@
+"""One job played to its end, whatever happens: a row, and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from robotouille import World
+from robotouille.errors import RobotouilleError
+from robotouille.replay.container import compress
+from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.agents.policies import planner, random_actions, script
+from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange, Strategy, Verdict
+from robotouille_evaluation.metrics.rows import (
+    Budget,
+    Counts,
+    EpisodeRow,
+    Optimum,
+    PackId,
+    Result,
+    Spent,
+)
+from robotouille_evaluation.models import (
+    Completion,
+    Model,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+)
+from robotouille_evaluation.packs import Pack
+from robotouille_evaluation.runs.folder import RunFolder
+from robotouille_evaluation.runs.jobs import Job
+from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
+from robotouille_evaluation.runs.stage import RecordedStage
+from robotouille_evaluation.runs.team_episode import Complete, answer_all, play_team
+from robotouille_evaluation.runs.text_episode import TextEpisode
+
+__all__ = ["play_job"]
+
+Clock = Callable[[], float]
+
+
+async def play_job(
+    job: Job, run: str, pack: Pack, folder: RunFolder, model: Model | None, clock: Clock
+) -> EpisodeRow:
+    """Play a job. A fault of the model or of the disk ends the episode, not the run.
+
+    Args:
+        run: The run's name, for the row.
+        model: Who is asked, where the agent is one that asks.
+        clock: Seconds, for the row's `seconds`.
+
+    Raises:
+        RobotouilleError: The job is none of this pack.
+    """
+    begun = clock()
+    instance = pack.instance(job.instance)
+    world = World(pack.load(instance, seats=job.seats))
+    budget = pack.budget(instance, job.budget, seats=job.seats)
+    episode = _Episode(job, pack, folder, world, budget.steps)
+    with ExitStack() as journals:
+        complete = episode.completes(model, journals)
+        error = None
+        try:
+            result = await episode.play(complete)
+        except RobotouilleError as fault:
+            result, error = episode.broken_off(), str(fault)
+        except ContextOverflow:
+            result, error = episode.broken_off(), "the model takes no request as long as this"
+    recording = _write(folder, job, episode.stages, error)
+    optimum = instance.optimal(job.seats)
+    return EpisodeRow(
+        run=run,
+        pack=PackId(name=pack.name, version=pack.version, digest=pack.digest),
+        dataset=pack.task(instance.task).dataset,
+        task=instance.task,
+        instance=instance.id,
+        kind=instance.kind,
+        seed=job.seed,
+        agent=job.agent.name,
+        strategy=job.agent.strategy,
+        model=job.agent.model,
+        timing=world.task.timing.value,
+        clock="turn" if job.seats == 1 else "lockstep",
+        seats=job.seats,
+        trial=episode.trials - 1,
+        budget=Budget(rule=job.budget, steps=budget.max_steps),
+        optimum=Optimum(steps=optimum, bound=optimum or 0, proven=optimum is not None),
+        outcome=result,
+        counts=_counts(episode.exchanges),
+        usage=_spent(episode.exchanges),
+        seconds=max(0.0, clock() - begun),
+        recording=recording,
+        error=error,
+    )
+
+
+class _Episode:
+    """A job under way."""
+
+    def __init__(
+        self, job: Job, pack: Pack, folder: RunFolder, world: World, budget: float
+    ) -> None:
+        self._job = job
+        self._folder = folder
+        self._world = world
+        self._budget = budget
+        self._strategies = {p: _strategy(job, pack, world, p) for p in world.players}
+        self.stages: list[RecordedStage] = []
+        self.exchanges: list[Exchange] = []
+
+    @property
+    def trials(self) -> int:
+        """How often it was begun."""
+        return max(1, len(self.stages))
+
+    def completes(self, model: Model | None, journals: ExitStack) -> dict[str, Complete]:
+        """Who is asked for each player, with a journal of its own."""
+        return {
+            player: _asking(
+                model, journals.enter_context(CallJournal(self._folder.calls(self._job, player)))
+            )
+            for player in self._world.players
+        }
+
+    async def play(self, complete: Mapping[str, Complete]) -> Result:
+        """Until it is over. Raises RobotouilleError, ContextOverflow."""
+        players = self._world.players
+        if len(players) == 1:
+            strategy = self._strategies[players[0]]
+            alone = TextEpisode(self._world, strategy, self._budget, begin=self._begin)
+            playing = alone.play()
+            ended = await answer_all(playing, complete[players[0]])
+            return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
+        stage = self._begin(int(-(-self._budget // 1)))
+        team = await play_team(self._world, self._strategies, self._budget, stage, complete)
+        return Result(success=team.success, steps=team.steps, ended_by=team.ended.value)
+
+    def broken_off(self) -> Result:
+        """What is said of one that could not be played to its end."""
+        steps = self.stages[-1].steps if self.stages else 0
+        return Result(success=False, steps=steps, ended_by="error")
+
+    def _begin(self, limit: int) -> RecordedStage:
+        names = dict.fromkeys(self._world.players, self._job.agent.name)
+        stage = RecordedStage(
+            self._world, names, limit, episode=self._job.id, answered=self._answered
+        )
+        self.stages.append(stage)
+        return stage
+
+    def _answered(self, player: str, exchange: Exchange) -> None:
+        self.exchanges.append(exchange)
+
+
+def _strategy(job: Job, pack: Pack, world: World, player: str) -> Strategy:
+    match job.agent.kind:
+        case "planner":
+            return planner(world, player, job.seed)
+        case "random":
+            return random_actions(world, player, job.seed)
+        case "scripted":
+            return script(pack.plan(job.instance, job.seats))(world, player, job.seed)
+        case "model":
+            dataset = pack.task(pack.instance(job.instance).task).dataset
+            return make_strategy(pack, job.agent.strategy, dataset)
+
+
+def _asking(model: Model | None, journal: CallJournal) -> Complete:
+    """Asks a model for what the journal does not know."""
+
+    async def complete(request: ModelRequest) -> Completion:
+        kept = journal.answered(request)
+        if kept == OVERFLOW:
+            raise ContextOverflow
+        if isinstance(kept, Completion):
+            return kept
+        if model is None:
+            raise RobotouilleError("this agent asks a model, and there is none")
+        try:
+            completion = await model.complete(request)
+        except ModelError as error:
+            if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
+                journal.keep(request, None)
+                raise ContextOverflow from None
+            if error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
+                raise
+            completion = Completion("", error.usage, finish_reason=error.kind.value)
+        journal.keep(request, completion)
+        return completion
+
+    return complete
+
+
+def _write(
+    folder: RunFolder, job: Job, stages: Sequence[RecordedStage], error: str | None
+) -> str | None:
+    """The recordings of all trials; the path of the last, beside the rows."""
+    name: Path | None = None
+    for trial, stage in enumerate(stages, start=1):
+        name = folder.recording(job, trial)
+        folder.write(name, compress(stage.recording(error or "the agent is done")))
+    return str(name.relative_to(folder.path)) if name is not None else None
+
+
+def _counts(exchanges: Sequence[Exchange]) -> Counts:
+    answers = [exchange for exchange in exchanges if exchange.completion is not None]
+    return Counts(
+        invalid=sum(exchange.verdict is Verdict.INVALID for exchange in answers),
+        malformed=sum(exchange.verdict.malformed for exchange in answers),
+        calls=len(answers),
+        retries=sum(e.completion.attempts - 1 for e in answers if e.completion is not None),
+    )
+
+
+def _spent(exchanges: Sequence[Exchange]) -> Spent:
+    used = [e.completion.usage for e in exchanges if e.completion is not None]
+    costs = [usage.cost for usage in used if usage.cost is not None]
+    return Spent(
+        prompt_tokens=sum(usage.prompt_tokens for usage in used),
+        completion_tokens=sum(usage.completion_tokens for usage in used),
+        cost=sum(costs) if costs else None,
+    )

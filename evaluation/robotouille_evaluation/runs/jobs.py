@@ -1,0 +1,84 @@
+"""Which agent plays what, how often: the plan of a run, as data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from robotouille.errors import RobotouilleError
+from robotouille_evaluation.packs import Pack, PackInstance
+
+__all__ = ["AgentSpec", "Job", "jobs"]
+
+
+class AgentSpec(BaseModel):
+    """Who plays. `strategy` is that of a language model, or the id of a pack's experiment."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    kind: Literal["planner", "random", "scripted", "model"]
+    strategy: str = ""
+    model: str = ""
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    """Sent with each request."""
+
+
+class Job(BaseModel):
+    """One episode to be played."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    agent: AgentSpec
+    instance: str
+    seats: int
+    seed: int
+    """Of the agent's chance."""
+    budget: Literal["published", "own"]
+
+    @property
+    def id(self) -> str:
+        """The same for the same job in every process: names files, and is found again."""
+        text = json.dumps(self.model_dump(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def jobs(
+    pack: Pack,
+    agents: Iterable[AgentSpec],
+    instances: Iterable[PackInstance],
+    *,
+    seeds: Iterable[int] = (0,),
+    seats: int | None = None,
+    budget: Literal["published", "own"] | None = None,
+) -> Iterator[Job]:
+    """Every agent on every instance with every seed, instance by instance.
+
+    Args:
+        seats: How many players, where a task leaves it open; the usual number if None.
+        budget: Which limit of steps; if None, `own` where an optimum is known, else `published`.
+
+    Raises:
+        RobotouilleError: No number is known of which the budget could be made.
+    """
+    agents, seeds = tuple(agents), tuple(seeds)
+    for instance in instances:
+        count = pack.load(instance, seats=seats).seats
+        kind = budget or ("own" if instance.optimal(count) is not None else "published")
+        pack.budget(instance, kind, seats=count)
+        for agent in agents:
+            for seed in seeds:
+                yield Job(agent=agent, instance=instance.id, seats=count, seed=seed, budget=kind)
+
+
+def check_names(agents: Iterable[AgentSpec]) -> None:
+    """Two agents of one name could not be told apart in a report. Raises RobotouilleError."""
+    seen: set[str] = set()
+    for agent in agents:
+        if agent.name in seen:
+            raise RobotouilleError(f"two agents are called {agent.name!r}; give one another name")
+        seen.add(agent.name)
