@@ -1,0 +1,120 @@
+"""Our pack: the shipped tasks, their generated instances, and what certificates prove of them.
+
+Ids look like paths: `asynchronous/06_potato_soup/free-252` is a layout drawn for the seed 252, and
+`…/default` the task's own. A published id (`asynchronous/5_potato_soup_252`) never has a second
+slash, so neither can be taken for the other; and ours is a good file name and a good URL as it is,
+which `#`, `@` and `:` would not be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+from robotouille import Task, load_task
+from robotouille.certification.certificate import certificate_path, read_certificate
+from robotouille.certification.dataset import SUFFIX
+from robotouille.domain.files import is_file, read_json, validate
+from robotouille.domain.schema import ProblemFile
+from robotouille.domain.task import read_domain
+from robotouille.errors import Fault, FileError
+from robotouille.generation.paper_instances import paper_tasks
+from robotouille.resources import data_folder
+from robotouille_evaluation.packs.pack import (
+    InstanceKind,
+    Pack,
+    PackInstance,
+    PackTask,
+    ProvenLength,
+    canonical_json,
+)
+
+__all__ = ["build_own_pack", "instance_id"]
+
+NAME = "ours"
+VERSION = "1"
+DOMAIN = "robotouille"
+
+Progress = Callable[[int, int], None]
+"""Called with the number of tasks that are read, and of all."""
+
+
+def build_own_pack(progress: Progress | None = None) -> Pack:
+    """The pack of the shipped files.
+
+    Raises:
+        FileError: A shipped file has faults.
+    """
+    tasks: list[PackTask] = []
+    instances: list[PackInstance] = []
+    names = paper_tasks()
+    for number, name in enumerate(names, start=1):
+        found = [_default(name), *sorted(_generated(name), key=_in_order)]
+        optimal = found[0].optimal()
+        proof = "" if optimal is None else "proven for the default layout"
+        dataset = name.partition("/")[0]
+        tasks.append(PackTask(name, dataset, found[0].problem, optimal, proof))
+        instances += found
+        if progress is not None:
+            progress(number, len(names))
+    domain = read_domain(DOMAIN).model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return Pack(NAME, VERSION, canonical_json(domain), tuple(tasks), tuple(instances))
+
+
+def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:
+    """What an instance of ours is called; see the module."""
+    return f"{task}/{kind}" if seed is None else f"{task}/{kind}-{seed}"
+
+
+def _default(name: str) -> PackInstance:
+    return _instance(data_folder("problems") / f"{name}.json", name, "default", None)
+
+
+def _generated(name: str) -> Iterator[PackInstance]:
+    """The instances of a task among the generated files, by what these say of themselves."""
+    folder = data_folder("problems") / "generated" / name.partition("/")[0]
+    for path in folder.glob(f"{name.partition('/')[2]}_*.json"):
+        if not path.name.endswith(SUFFIX):
+            provenance = validate(read_json(path), ProblemFile, str(path)).provenance
+            if provenance is not None and provenance.source == name:
+                yield _instance(path, name, _kind(path, provenance.kind), provenance.seed)
+
+
+def _instance(path: Path, name: str, kind: InstanceKind, seed: int | None) -> PackInstance:
+    task = load_task(str(path))
+    problem = canonical_json(read_json(path))
+    id_ = instance_id(name, kind, seed)
+    proven = tuple(_proven(path, task))
+    return PackInstance(id_, name, kind, seed, seed, problem, task.seats, proven)
+
+
+def _kind(path: Path, name: str) -> InstanceKind:
+    kinds: tuple[InstanceKind, ...] = get_args(InstanceKind)
+    for kind in kinds:
+        if kind == name:
+            return kind
+    raise FileError(str(path), [Fault("provenance.kind", f"expected one of {kinds}, is {name!r}")])
+
+
+def _in_order(instance: PackInstance) -> tuple[bool, int]:
+    return instance.kind == "noisy", instance.seed or 0
+
+
+def _proven(path: Path, task: Task) -> Iterator[ProvenLength]:
+    """The lengths that certificates beside a problem prove."""
+    for seats in task.problem.seats or (task.seats,):
+        steps = _length(path, replace(task, seats=seats))
+        if steps is not None:
+            yield ProvenLength(seats, steps)
+
+
+def _length(path: Path, task: Task) -> int | None:
+    """The proven length of a task's shortest plans; None if its certificate is of another task."""
+    certificate_file = certificate_path(path, task)
+    if not is_file(certificate_file):
+        return None
+    certificate = read_certificate(certificate_file)
+    same = certificate.instance == replace(task, name=certificate.task).digest
+    return certificate.length if certificate.optimal and same else None

@@ -1,0 +1,268 @@
+"""A pack: everything that is evaluated on, as one value with a hash.
+
+    pack = read_pack(Path("packs/published"))
+    instance = pack.instance("synchronous/0_cheese_sandwich_42")
+    task = pack.load(instance)                      # a `robotouille.Task`
+    steps = pack.budget(instance, "published")      # how long a run may go on
+
+A pack holds texts, not files: it can be sent elsewhere, and two with one digest are the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, TypeVar
+
+from robotouille import Task
+from robotouille.domain.files import parse_json, validate
+from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.task import build_task
+from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille_evaluation.packs.budgets import Budget, BudgetKind, own_budget, published_budget
+
+__all__ = [
+    "ExampleEpisode",
+    "ExampleStep",
+    "Examples",
+    "Experiment",
+    "InstanceKind",
+    "Pack",
+    "PackInstance",
+    "PackTask",
+    "Prompt",
+    "ProvenLength",
+    "canonical_json",
+]
+
+InstanceKind = Literal["default", "free", "noisy"]
+"""Where objects are: as the task has them; anywhere; or moved in groups, so that it is easier."""
+
+N = TypeVar("N")
+
+
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """The first two messages to a model. The id is `GROUP/VERSION-DESCRIPTION`."""
+
+    id: str
+    system: str
+    instructions: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleStep:
+    """One exchange of an example: what the model would be sent, and a good answer."""
+
+    user: str
+    assistant: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleEpisode:
+    """An episode played well, to be shown to a model."""
+
+    name: str
+    steps: tuple[ExampleStep, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Examples:
+    """Episodes that are shown together, e.g. `synchronous/io_examples`."""
+
+    name: str
+    episodes: tuple[ExampleEpisode, ...]
+
+
+class ProvenLength(NamedTuple):
+    """The proven length of a shortest plan for a number of players."""
+
+    seats: int
+    steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class PackTask:
+    """A task: the problem as its file has it.
+
+    `optimal` is the number of steps that a run's length is compared with, for the problem as it
+    is; `optimal_from` says whose number it is. A published constant need not be optimal.
+    """
+
+    name: str
+    dataset: str
+    problem: str
+    optimal: int | None
+    optimal_from: str
+
+
+@dataclass(frozen=True, slots=True)
+class PackInstance:
+    """One layout of a task, to be played.
+
+    `seed` is the one asked for (None for a default), `seed_used` the one that gave the layout;
+    `seats` the usual number of players. `proven` has the proven length of its shortest plans, where that is known.
+    """
+
+    id: str
+    task: str
+    kind: InstanceKind
+    seed: int | None
+    seed_used: int | None
+    problem: str
+    seats: int = 1
+    proven: tuple[ProvenLength, ...] = ()
+
+    def optimal(self, seats: int | None = None) -> int | None:
+        """The proven length for so many players (the usual number if None), or None."""
+        wanted = self.seats if seats is None else seats
+        return next((length.steps for length in self.proven if length.seats == wanted), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """A published set-up: an agent, the tasks with their constants, the seeds, all settings.
+
+    `settings` has `evaluation`, `game` and `llm` as the published code hands them over.
+    """
+
+    id: str
+    agent: str
+    tasks: tuple[str, ...]
+    optimal_steps: tuple[int, ...]
+    seeds: tuple[int, ...]
+    settings: Mapping[str, Any]
+
+    @property
+    def multiplier(self) -> float:
+        """The factor from a task's constant to its step budget."""
+        return float(self.settings.get("game", {}).get("max_step_multiplier", 1))
+
+    def budget(self, task: str) -> Budget:
+        """The steps that a run of a task may take here; UnknownNameError if it has no such task."""
+        constants = dict(zip(self.tasks, self.optimal_steps, strict=True))
+        return published_budget(_named("task", task, constants), self.multiplier)
+
+
+@dataclass(frozen=True)
+class Pack:
+    """Tasks of one domain, their instances, and what models are told; see the module.
+
+    `domain` is the text of a domain file that extends none.
+    """
+
+    name: str
+    version: str
+    domain: str
+    tasks: tuple[PackTask, ...]
+    instances: tuple[PackInstance, ...]
+    prompts: tuple[Prompt, ...] = ()
+    examples: tuple[Examples, ...] = ()
+    experiments: tuple[Experiment, ...] = ()
+
+    @cached_property
+    def digest(self) -> str:
+        """The SHA-256 of all of it, 64 hex digits."""
+        text = json.dumps(asdict(self), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    @cached_property
+    def datasets(self) -> tuple[str, ...]:
+        """The data sets of its tasks, each once."""
+        return tuple(dict.fromkeys(task.dataset for task in self.tasks))
+
+    def task(self, name: str) -> PackTask:
+        """The task of a name; UnknownNameError names the nearest."""
+        return _named("task", name, self._tasks)
+
+    def instance(self, id_: str) -> PackInstance:
+        """The instance of an id; UnknownNameError names the nearest."""
+        return _named("instance", id_, self._instances)
+
+    def prompt(self, id_: str) -> Prompt:
+        """The prompt of an id; UnknownNameError names the nearest."""
+        return _named("prompt", id_, {prompt.id: prompt for prompt in self.prompts})
+
+    def example_set(self, name: str) -> Examples:
+        """The examples of a name; UnknownNameError names the nearest."""
+        return _named("examples", name, {found.name: found for found in self.examples})
+
+    def experiment(self, id_: str) -> Experiment:
+        """The experiment of an id; UnknownNameError names the nearest."""
+        return _named("experiment", id_, {found.id: found for found in self.experiments})
+
+    def instances_of(
+        self, tasks: Iterable[str] | None = None, kinds: Iterable[InstanceKind] | None = None
+    ) -> tuple[PackInstance, ...]:
+        """The instances of some tasks (all if None) and kinds (all if None), in their order.
+
+        Raises:
+            UnknownNameError: There is no such task.
+        """
+        names = None if tasks is None else {self.task(name).name for name in tasks}
+        wanted = None if kinds is None else set(kinds)
+        return tuple(
+            instance
+            for instance in self.instances
+            if (names is None or instance.task in names)
+            and (wanted is None or instance.kind in wanted)
+        )
+
+    def load(self, instance: PackInstance | str, *, seats: int | None = None) -> Task:
+        """An instance as a task of the game, called by its id.
+
+        Raises:
+            UnknownNameError: There is no such instance.
+            FileError: Its problem has faults, or is not for so many seats.
+        """
+        if isinstance(instance, str):
+            instance = self.instance(instance)
+        source = f"{self.name}: {instance.id}"
+        problem = validate(parse_json(instance.problem, source), ProblemFile, source)
+        return build_task(instance.id, self._domain, problem, seats=seats, source=source)
+
+    def budget(
+        self, instance: PackInstance, kind: BudgetKind, *, seats: int | None = None
+    ) -> Budget:
+        """The steps a run of an instance may take.
+
+        Raises:
+            RobotouilleError: No number is known that such a budget could be made of.
+        """
+        if kind == "published":
+            constant = self.task(instance.task).optimal
+            if constant is not None:
+                return published_budget(constant)
+        else:
+            proven = instance.optimal(seats)
+            if proven is not None:
+                return own_budget(proven)
+        missing = "constant" if kind == "published" else "proven optimum"
+        raise RobotouilleError(f"{instance.id}: has no {missing}, so there is no {kind} budget")
+
+    @cached_property
+    def _domain(self) -> DomainFile:
+        source = f"{self.name}: domain"
+        return validate(parse_json(self.domain, source), DomainFile, source)
+
+    @cached_property
+    def _tasks(self) -> dict[str, PackTask]:
+        return {task.name: task for task in self.tasks}
+
+    @cached_property
+    def _instances(self) -> dict[str, PackInstance]:
+        return {instance.id: instance for instance in self.instances}
+
+
+def canonical_json(value: object) -> str:
+    """A JSON value as packs hold it: no spaces, and the order of the file, which can matter."""
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))
+
+
+def _named(what: str, name: str, found: Mapping[str, N]) -> N:
+    if name not in found:
+        raise UnknownNameError(f"there is no {what} {name!r}{did_you_mean(name, found)}")
+    return found[name]

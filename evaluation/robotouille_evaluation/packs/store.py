@@ -1,0 +1,193 @@
+"""A pack as a folder: JSON files that one can read and compare, and a manifest of their hashes.
+
+    manifest.json             format, name, version, digest, and the hash of every file
+    domain.json tasks.json instances.json prompts.json examples.json experiments.json
+
+Problems are JSON values in there, not strings.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path, PurePosixPath
+from typing import Any, NoReturn
+
+from pydantic import TypeAdapter, ValidationError
+
+from robotouille.domain.files import is_file, parse_json
+from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille_evaluation.packs.pack import Pack, canonical_json
+
+__all__ = ["FORMAT", "MANIFEST", "default_folder", "read_pack", "write_pack"]
+
+FORMAT = "robotouille-pack/1"
+MANIFEST = "manifest.json"
+LISTS = ("tasks", "instances", "prompts", "examples", "experiments")
+WITH_PROBLEMS = ("tasks", "instances")
+MAX_PACK_FILE_BYTES = 64 * 1024 * 1024
+
+_PACKS = TypeAdapter(Pack)
+
+
+def default_folder(name: str) -> Path:
+    """Where a pack goes if nobody says: `packs/NAME` in the working folder."""
+    return Path("packs") / name
+
+
+def write_pack(pack: Pack, folder: Path) -> None:
+    """Write a pack to a folder, whole or not at all; a pack that is there is replaced.
+
+    Raises:
+        FileError: It cannot be written, or the folder holds something that is no pack.
+    """
+    if folder.exists() and not _replaceable(folder):
+        _fail(folder, "is there, and is no pack; choose another folder")
+    draft = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    old = folder.with_name(f".{folder.name}.{os.getpid()}.old")
+    try:
+        draft.mkdir(parents=True)
+        for name, text in _files(pack).items():
+            (draft / name).write_bytes(text.encode())
+        if folder.exists():
+            folder.replace(old)
+        draft.replace(folder)
+    except OSError as error:
+        with suppress(OSError):
+            if old.exists() and not folder.exists():
+                old.replace(folder)
+        _fail(folder, f"cannot be written: {error.strerror or error}")
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
+    """The pack in a folder, once every file has the hash that the manifest gives.
+
+    Args:
+        digest: The digest that it has to have, e.g. that of the pack a result came from.
+
+    Raises:
+        FileError: It is no pack, of another format, damaged, or of another digest.
+    """
+    manifest = _read_manifest(folder)
+    texts = _checked(folder, manifest["files"])
+    try:
+        values = {name: parse_json(text, str(folder / name)) for name, text in texts.items()}
+        pack = _PACKS.validate_python(_raw(manifest, values))
+    except (ValidationError, LookupError, TypeError) as error:
+        _fail(folder, f"is not laid out as a pack: {str(error).splitlines()[0]}")
+    if pack.digest != manifest["digest"]:
+        _fail(folder / MANIFEST, f"digest: expected {pack.digest}, found {manifest['digest']}")
+    if digest is not None and pack.digest != digest:
+        _fail(folder, f"is another pack: expected the digest {digest}, found {pack.digest}")
+    return pack
+
+
+def _replaceable(folder: Path) -> bool:
+    return folder.is_dir() and (is_file(folder / MANIFEST) or not any(folder.iterdir()))
+
+
+def _files(pack: Pack) -> dict[str, str]:
+    """The texts of all files, the manifest's last."""
+    raw = asdict(pack)
+    values: dict[str, Any] = {"domain.json": json.loads(pack.domain)}
+    for row in (*raw["tasks"], *raw["instances"]):
+        row["problem"] = json.loads(row["problem"])
+    for name in LISTS:
+        values[f"{name}.json"] = raw[name]
+    texts = {name: _text(value) for name, value in values.items()}
+    manifest = {
+        "format": FORMAT,
+        "name": pack.name,
+        "version": pack.version,
+        "digest": pack.digest,
+        "files": {name: _hash(text.encode()) for name, text in texts.items()},
+    }
+    return {**texts, MANIFEST: json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"}
+
+
+def _text(value: Any) -> str:
+    """A line for each entry of a list: files of two packs can be compared line by line."""
+    if not isinstance(value, list):
+        return json.dumps(value, indent=1, ensure_ascii=False) + "\n"
+    return "[\n" + ",\n".join(json.dumps(row, ensure_ascii=False) for row in value) + "\n]\n"
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _read_manifest(folder: Path) -> dict[str, Any]:
+    path = folder / MANIFEST
+    if not is_file(path):
+        near = did_you_mean(folder.name, _packs_beside(folder))
+        _fail(folder, f"is no pack: it has no {MANIFEST}{near}")
+    manifest = parse_json(_read(path).decode(errors="replace"), str(path))
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        found = manifest.get("format") if isinstance(manifest, dict) else manifest
+        _fail(path, f"format: expected {FORMAT!r}, found {found!r}; make the pack anew")
+    files = manifest.get("files")
+    if not isinstance(files, dict) or not all(map(_inside, files)):
+        _fail(path, "files: expected file names with their hashes")
+    for key in ("name", "version", "digest"):
+        if not isinstance(manifest.get(key), str):
+            _fail(path, f"{key}: expected a text, found {manifest.get(key)!r}")
+    return manifest
+
+
+def _packs_beside(folder: Path) -> list[str]:
+    with suppress(OSError):
+        return [path.parent.name for path in folder.parent.glob(f"*/{MANIFEST}")]
+    return []
+
+
+def _inside(name: str) -> bool:
+    path = PurePosixPath(name)
+    return not path.is_absolute() and ".." not in path.parts and "\\" not in name
+
+
+def _checked(folder: Path, hashes: dict[str, str]) -> dict[str, str]:
+    """The texts of all files; FileError lists those that are missing or changed."""
+    texts: dict[str, str] = {}
+    faults: list[Fault] = []
+    for name, expected in hashes.items():
+        path = folder / name
+        if not is_file(path):
+            faults.append(Fault(name, "is missing"))
+            continue
+        content = _read(path)
+        if _hash(content) != expected:
+            faults.append(Fault(name, "was changed since the pack was made"))
+        else:
+            texts[name] = content.decode(errors="replace")
+    if faults:
+        raise FileError(str(folder), faults)
+    return texts
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MAX_PACK_FILE_BYTES:
+            _fail(path, f"is larger than {MAX_PACK_FILE_BYTES:,} bytes")
+        return path.read_bytes()
+    except OSError as error:
+        _fail(path, f"cannot be read: {error.strerror or error}")
+
+
+def _raw(manifest: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a pack; texts again where the files have JSON values."""
+    raw: dict[str, Any] = {name: values[f"{name}.json"] for name in LISTS}
+    for name in WITH_PROBLEMS:
+        raw[name] = [{**row, "problem": canonical_json(row["problem"])} for row in raw[name]]
+    domain = canonical_json(values["domain.json"])
+    return {**raw, "domain": domain, "name": manifest["name"], "version": manifest["version"]}
+
+
+def _fail(path: Path, message: str) -> NoReturn:
+    raise FileError(str(path), [Fault("", message)])
