@@ -1,0 +1,76 @@
+"""All metrics of one trajectory at once, as a row holds them."""
+
+from __future__ import annotations
+
+from robotouille.planning import Limits, StepsToGo
+from robotouille_evaluation.metrics.asynchrony import asynchronous_first, time_shares
+from robotouille_evaluation.metrics.failures import Failure, classify
+from robotouille_evaluation.metrics.outcomes import success_within
+from robotouille_evaluation.metrics.progress import recovery, steps_to_go_at_the_end
+from robotouille_evaluation.metrics.rows import Counts, FailureRow, Measures
+from robotouille_evaluation.metrics.teams import blocking, contributions, overlap
+from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
+
+__all__ = ["count_answers", "measure"]
+
+
+def measure(
+    trajectory: Trajectory,
+    budget: int,
+    *,
+    distance: StepsToGo | None = None,
+    limits: Limits | None = None,
+) -> Measures:
+    """What a row holds of a trajectory.
+
+    Args:
+        trajectory: The course of the episode.
+        budget: The steps within which it should have reached the goal.
+        distance: Steps to go in the trajectory's world; left out if None. One for all episodes of
+            a task remembers what it has found.
+        limits: Of each search for steps to go; 2,000 expansions if None.
+    """
+    shares, overcome = time_shares(trajectory), recovery(trajectory)
+    found = Measures(
+        asynchronous_first=asynchronous_first(trajectory),
+        stumbles=overcome.stumbles,
+        recovered=overcome.recovered,
+        repeated_mistakes=overcome.repeated,
+        waiting_share=shares.waiting if shares else None,
+        idle_share=shares.idle if shares else None,
+        contributions=contributions(trajectory) if len(trajectory.world.players) > 1 else {},
+        blocked=blocking(trajectory),
+        overlap=overlap(trajectory),
+        failure=_failure_row(classify(trajectory, budget)),
+    )
+    if distance is None:
+        return found
+    left = steps_to_go_at_the_end(trajectory, distance, limits or Limits(expansions=2000))
+    if left is None:
+        return found.model_copy(update={"out_of_reach": not success_within(trajectory, budget)})
+    return found.model_copy(update={"to_go_least": left.least, "to_go_most": left.most})
+
+
+def _failure_row(failure: Failure | None) -> FailureRow | None:
+    if failure is None:
+        return None
+    return FailureRow(
+        category=failure.category.value,
+        subcategory=failure.subcategory.value,
+        steps=failure.steps,
+    )
+
+
+def count_answers(trajectory: Trajectory, *, retries: int = 0) -> Counts:
+    """How many answers there were, and how many of them were invalid and malformed.
+
+    One answer is one call of a model here; strategies that call it several times for one answer
+    have to count their calls themselves.
+    """
+    verdicts = [answer.verdict for answer in trajectory.answers]
+    return Counts(
+        invalid=verdicts.count(Verdict.INVALID),
+        malformed=verdicts.count(Verdict.MALFORMED),
+        calls=len(verdicts),
+        retries=retries,
+    )

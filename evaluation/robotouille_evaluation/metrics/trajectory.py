@@ -1,0 +1,243 @@
+"""What happened in an episode, as values: states, joint actions, and every answer of each seat.
+
+trajectory = Trajectory.recorded(read_recording("episode.rtr"))
+trajectory = Trajectory.played(world, [{"robot1": "Move robot1 from table3 to table1"}])
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import pairwise
+from typing import Any
+
+from robotouille.errors import RobotouilleError
+from robotouille.replay import Recording
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.unmet import Unmet
+from robotouille.world.world import State, World
+
+__all__ = ["ActionReader", "Answer", "Move", "Trajectory", "Verdict"]
+
+
+class Verdict(StrEnum):
+    """What became of an answer."""
+
+    APPLIED = "applied"
+    INVALID = "invalid"
+    """It names an action of the task that does not apply."""
+    MALFORMED = "malformed"
+    """No action of the task can be read from it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer of a seat, given after `step` steps. An empty text that was applied is nothing.
+
+    `action` is what the text names, `reasons` say in words what speaks against it, `unmet` as
+    values, as far as they are known.
+    """
+
+    step: int
+    seat: str
+    text: str
+    verdict: Verdict = Verdict.APPLIED
+    reasoning: str = ""
+    reasons: tuple[str, ...] = ()
+    unmet: tuple[Unmet, ...] = ()
+    action: GroundAction | None = None
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it was refused."""
+        return self.verdict is not Verdict.APPLIED
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One player's part in a joint action: applied, or refused for what was `unmet`."""
+
+    player: str
+    action: GroundAction
+    applied: bool = True
+    unmet: tuple[Unmet, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """The course of one episode. Step `i`, from 0 on, leads from `states[i]` to `states[i + 1]` by
+    `moves[i]`, in the order in which they applied."""
+
+    world: World
+    states: tuple[State, ...]
+    moves: tuple[tuple[Move, ...], ...]
+    answers: tuple[Answer, ...]
+
+    @property
+    def steps(self) -> int:
+        """How many steps were taken."""
+        return len(self.moves)
+
+    @property
+    def goal_step(self) -> int | None:
+        """The number of steps after which the goal held first; None if it never did."""
+        return next((i for i, state in enumerate(self.states) if state.goal_reached), None)
+
+    def each_step(self) -> Iterable[tuple[State, tuple[Move, ...], State]]:
+        """Every step as state, joint action, next state."""
+        return (
+            (before, joint, after)
+            for (before, after), joint in zip(pairwise(self.states), self.moves, strict=True)
+        )
+
+    @classmethod
+    def played(
+        cls,
+        world: World,
+        joints: Iterable[Mapping[str, GroundAction | str | None]],
+        answers: Sequence[Answer] | None = None,
+    ) -> Trajectory:
+        """The course of some joint actions from the initial state.
+
+        Args:
+            world: Of the task that is played.
+            joints: For each step the action, or its sentence, of every player who does something.
+            answers: What was answered on the way; if None, each move was an answer.
+
+        Raises:
+            UnknownNameError: A sentence is that of no valid action, or there is no such player.
+        """
+        states, steps, given = [world.initial], [], []
+        for number, joint in enumerate(joints):
+            wanted = {player: action for player, action in joint.items() if action is not None}
+            result = states[-1].step(wanted)
+            moves = tuple(
+                Move(player, attempt.action, attempt.applied, attempt.unmet)
+                for player, attempt in zip(wanted, result.attempts, strict=True)
+            )
+            states.append(result.state)
+            steps.append(moves)
+            given += [_answer(number, move) for move in moves]
+        return cls(world, tuple(states), tuple(steps), tuple(given if answers is None else answers))
+
+    @classmethod
+    def recorded(cls, recording: Recording) -> Trajectory:
+        """The course that a recording holds, by re-simulation.
+
+        Raises:
+            RecordingError: A step has an action that the task has not.
+        """
+        course = _Course(recording)
+        for frame in recording.each_frame():
+            if frame["kind"] == "step":
+                course.step(frame)
+            elif frame["kind"] == "notes":
+                for note in frame["notes"]:
+                    if note["note"] == "rejected":
+                        course.rejected(note)
+        return cls(
+            recording.world, tuple(course.states), tuple(course.moves), tuple(course.answers)
+        )
+
+
+def _answer(step: int, move: Move, text: str = "", reasoning: str = "") -> Answer:
+    verdict = Verdict.APPLIED if move.applied else Verdict.INVALID
+    reasons = tuple(each.words for each in move.unmet)
+    words = text or move.action.sentence
+    return Answer(step, move.player, words, verdict, reasoning, reasons, move.unmet, move.action)
+
+
+class _Course:
+    """Goes through the frames of a recording."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.read = ActionReader(recording.world)
+        self.states = [recording.world.initial]
+        self.moves: list[tuple[Move, ...]] = []
+        self.answers: list[Answer] = []
+
+    def step(self, frame: Mapping[str, Any]) -> None:
+        number = len(self.moves)
+        result = self.states[-1].step(self.recording.actions(dict(frame)))
+        moves = []
+        for row, attempt in zip(frame["moves"], result.attempts, strict=True):
+            move = Move(row["player"], attempt.action, attempt.applied, attempt.unmet)
+            moves.append(move)
+            self.answers.append(_answer(number, move, reasoning=row.get("reasoning", "")))
+        for player, seq in frame.get("idle", ()):
+            if seq > 0:
+                self.answers.append(Answer(number, str(player), ""))
+        self.moves.append(tuple(moves))
+        self.states.append(result.state)
+
+    def rejected(self, note: Mapping[str, Any]) -> None:
+        answer = self.read.answer(len(self.moves), note["player"], note["action"], self.states[-1])
+        self.answers.append(
+            replace(answer, reasons=tuple(note["reasons"]), reasoning=note.get("reasoning", ""))
+        )
+
+
+class ActionReader:
+    """Reads what action of a task a text names, whether it applies or not.
+
+    Sentences of the domain and `name(argument, …)` are read, whatever their case and blanks.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._patterns = [(schema, _pattern(schema)) for schema in world.schemas]
+        self._by_name = {schema.name: schema for schema in world.schemas}
+
+    def __call__(self, text: str) -> GroundAction | None:
+        """The action that a text names; None if it names none."""
+        words = " ".join(text.split()).casefold()
+        if found := _CALL.fullmatch(words):
+            arguments = tuple(a.strip() for a in found[2].split(",") if a.strip())
+            return self._action(found[1], arguments)
+        for schema, pattern in self._patterns:
+            if found := pattern.fullmatch(words):
+                names = found.groupdict()
+                return self._action(schema.name, tuple(names[p] for p, _ in schema.parameters))
+        return None
+
+    def _action(self, name: str, arguments: tuple[str, ...]) -> GroundAction | None:
+        try:
+            return self._world.action(name, *arguments)
+        except RobotouilleError:
+            return None
+
+    def answer(self, step: int, seat: str, text: str, state: State) -> Answer:
+        """A refused answer, with what speaks against it in a state.
+
+        It is invalid if the text names an action, also where that would apply (it was another's
+        turn), and malformed if it names none.
+        """
+        action = self(text)
+        if action is None:
+            return Answer(step, seat, text, Verdict.MALFORMED)
+        unmet = self._world.unmet(state, action)
+        reasons = tuple(each.words for each in unmet)
+        return Answer(step, seat, text, Verdict.INVALID, "", reasons, unmet, action)
+
+
+_CALL = re.compile(r"([^\s(),]+) ?\(([^()]*)\)")
+
+
+def _pattern(schema: ActionSchema) -> re.Pattern[str]:
+    """A schema's sentence with a group for each parameter; one that is said twice is the same."""
+    text = " ".join(schema.definition.language_description.split()).casefold()
+    pattern, seen = "", set[str]()
+    for part in re.split(r"(\{\w+\})", text):
+        name = part[1:-1]
+        if not part.startswith("{"):
+            pattern += re.escape(part)
+        elif name in seen:
+            pattern += f"(?P={name})"
+        else:
+            seen.add(name)
+            pattern += rf"(?P<{name}>\S+)"
+    unsaid = "".join(f"(?P<{p}>)" for p, _ in schema.parameters if p not in seen)
+    return re.compile(pattern + unsaid)
