@@ -1,0 +1,260 @@
+"""Models behind an OpenAI-compatible endpoint, for many episodes at once."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from robotouille.errors import MissingExtraError, WrongArgumentError
+from robotouille_evaluation.models.answers import MAX_BODY_BYTES, Answer, read_answer
+from robotouille_evaluation.models.failures import refusal, without_key
+from robotouille_evaluation.models.model import (
+    Completion,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+    Usage,
+)
+from robotouille_evaluation.models.prices import Prices
+from robotouille_evaluation.models.retries import RetryPolicy
+
+if TYPE_CHECKING:
+    from openai import AsyncOpenAI
+
+__all__ = [
+    "KEY_VARIABLES",
+    "OPENAI_URL",
+    "Endpoint",
+    "OpenAICompatibleModel",
+    "key_from_environment",
+]
+
+OPENAI_URL = "https://api.openai.com/v1"
+KEY_VARIABLES = ("ROBOTOUILLE_LLM_API_KEY", "OPENAI_API_KEY")
+"""Where keys are looked for, in this order."""
+RESERVED = frozenset({"messages", "model", "stream", "n"})
+"""What no parameter may say, because the model says it."""
+MAX_CONNECT_SECONDS = 10.0
+MAX_REFUSAL_CHARS = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """Where a model is and how it is asked. It is recorded, so there is no key in it.
+
+    Args:
+        model: The name that the endpoint knows.
+        base_url: Up to and without `/chat/completions`.
+        parameters: Sent with every request (`temperature`, `max_tokens`, or what only this
+            endpoint knows); those of a request come first.
+        prices: Of tokens, if costs are to be reported.
+        timeout: Seconds for one attempt, from its first byte to the last of the answer.
+        retries: What is done when an attempt fails.
+        max_concurrent: Requests under way at once; others wait their turn.
+
+    Raises:
+        WrongArgumentError: No usable address, or one with a password or a query in it (keys
+            do not belong there), or a parameter that the model sets itself.
+    """
+
+    model: str
+    base_url: str = OPENAI_URL
+    parameters: Mapping[str, object] = field(default_factory=dict, hash=False)
+    prices: Prices | None = None
+    timeout: float = 120.0
+    retries: RetryPolicy = RetryPolicy()
+    max_concurrent: int = 100
+
+    def __post_init__(self) -> None:
+        parts = urlsplit(self.base_url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise WrongArgumentError("the base URL of a model begins with http:// or https://")
+        if parts.username or parts.password or parts.query or parts.fragment:
+            raise WrongArgumentError(
+                "the base URL of a model has neither password nor query: it is recorded; "
+                f"give the key in {KEY_VARIABLES[0]}"
+            )
+        _check_parameters(self.parameters)
+
+
+def _check_parameters(parameters: Mapping[str, object]) -> None:
+    if wrong := RESERVED & parameters.keys():
+        raise WrongArgumentError(f"parameters of a model cannot set {', '.join(sorted(wrong))}")
+
+
+def key_from_environment(environment: Mapping[str, str], base_url: str) -> str | None:
+    """The key for an endpoint: ROBOTOUILLE_LLM_API_KEY, else OPENAI_API_KEY.
+
+    The latter is meant for others' programs, too, and is therefore sent over https only; local
+    servers need none.
+
+    Args:
+        environment: Such as `os.environ`.
+        base_url: The endpoint's.
+    """
+    ours, openai = (environment.get(name, "").strip() for name in KEY_VARIABLES)
+    if ours:
+        return ours
+    return openai or None if urlsplit(base_url).scheme == "https" else None
+
+
+class OpenAICompatibleModel:
+    """A model behind an OpenAI-compatible endpoint: one client for any number of episodes.
+
+    It belongs to the event loop in which it is first used; close it there with `aclose`, or use it
+    as `async with`.
+
+    Args:
+        endpoint: Where it is and how it is asked.
+        key: For the endpoint; by default from the environment.
+        rng: Draws the pauses between attempts.
+        clock: Seconds, for measuring.
+        sleep: Waits for so many seconds.
+        wall: Unix time, for a `Retry-After` that is a date.
+
+    Raises:
+        MissingExtraError: The SDK is not installed.
+        ModelError: OpenAI's own endpoint, and no key.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        *,
+        key: str | None = None,
+        rng: random.Random | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+        sleep: Callable[[float], Awaitable[object]] = asyncio.sleep,
+        wall: Callable[[], float] = time.time,
+    ) -> None:
+        self.name = endpoint.model
+        self.endpoint = endpoint
+        self._key = key or key_from_environment(os.environ, endpoint.base_url)
+        if self._key is None and endpoint.base_url == OPENAI_URL:
+            raise ModelError(ModelErrorKind.NO_KEY, f"set {' or '.join(KEY_VARIABLES)}")
+        self._rng = rng or random.Random()
+        self._clock, self._sleep, self._wall = clock, sleep, wall
+        self._client = _client(endpoint, self._key)
+        self._slots = asyncio.Semaphore(endpoint.max_concurrent)
+
+    async def __aenter__(self) -> OpenAICompatibleModel:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.aclose()
+
+    async def aclose(self) -> None:
+        """Close all connections."""
+        await self._client.close()
+
+    async def complete(self, request: ModelRequest) -> Completion:
+        """The model's answer, after as many attempts as it takes and the policy grants.
+
+        Args:
+            request: The conversation, and parameters that come before the endpoint's.
+
+        Raises:
+            ModelError: There is none.
+            WrongArgumentError: A parameter that the model sets itself.
+        """
+        _check_parameters(request.parameters)
+        body = self._body(request)
+        attempt, used = 0, Usage()
+        while True:
+            attempt += 1
+            try:
+                async with self._slots:
+                    begun = self._clock()
+                    answer = await self._ask(body)
+                    seconds = self._clock() - begun
+            except ModelError as error:
+                used += error.usage
+                pause = self.endpoint.retries.pause(attempt, error, self._rng)
+                if pause is None:
+                    raise error.after(attempt, used) from None
+                await self._sleep(pause)
+            else:
+                reason = answer.finish_reason
+                return Completion(answer.text, used + answer.usage, seconds, reason, attempt)
+
+    def _body(self, request: ModelRequest) -> dict[str, object]:
+        messages = [{"role": each.role, "content": each.content} for each in request.messages]
+        given = {**self.endpoint.parameters, **request.parameters}
+        return {"model": self.endpoint.model, "messages": messages, **given}
+
+    async def _ask(self, body: dict[str, object]) -> Answer:
+        """One attempt."""
+        try:
+            async with asyncio.timeout(self.endpoint.timeout):
+                content_type, answered = await self._post(body)
+        except TimeoutError:
+            what = f"no whole answer within {self.endpoint.timeout:g} s"
+            raise ModelError(ModelErrorKind.TIME_OUT, what, retry_may_help=True) from None
+        try:
+            return read_answer(content_type, answered, self.endpoint.prices)
+        except ModelError as error:
+            error.detail = without_key(error.detail, self._key)
+            raise
+
+    async def _post(self, body: dict[str, object]) -> tuple[str, bytes]:
+        """The content type and the body of an answer of status 200."""
+        import openai
+
+        completions = self._client.chat.completions.with_streaming_response
+        try:
+            # The SDK would check every message of a long conversation again: it gets none.
+            asked: Any = {"model": self.endpoint.model, "messages": [], "extra_body": body}
+            async with completions.create(**asked) as response:
+                content_type = response.headers.get("content-type", "")
+                return content_type, await self._read(response.iter_bytes())
+        except openai.APITimeoutError:
+            raise TimeoutError from None
+        except openai.APIConnectionError as error:
+            raise self._unreachable(error.__cause__ or error) from None
+        except openai.APIStatusError as error:
+            response = error.response
+            headers = {name.lower(): value for name, value in response.headers.items()}
+            said = response.text[:MAX_REFUSAL_CHARS]
+            status = response.status_code
+            raise refusal(status, headers, said, self._key, self._wall()) from None
+
+    async def _read(self, pieces: Any) -> bytes:
+        read = bytearray()
+        try:
+            async for piece in pieces:
+                read += piece
+                if len(read) > MAX_BODY_BYTES:
+                    what = f"an answer of more than {MAX_BODY_BYTES:,} bytes"
+                    raise ModelError(ModelErrorKind.TOO_LONG, what)
+        except ModelError:
+            raise
+        except Exception as error:  # the SDK lets those of its HTTP library through
+            raise self._unreachable(error) from None
+        return bytes(read)
+
+    def _unreachable(self, error: BaseException) -> ModelError:
+        said = without_key(f"{type(error).__name__} {error}".strip(), self._key)
+        what = f"{self.endpoint.base_url}: {said}"
+        return ModelError(ModelErrorKind.ENDPOINT, what, retry_may_help=True)
+
+
+def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
+    """The SDK's client, without attempts of its own and, if there is no key, without one."""
+    try:
+        import openai
+    except ImportError:
+        raise MissingExtraError("a model behind an endpoint", "llm") from None
+    connect = min(MAX_CONNECT_SECONDS, endpoint.timeout)
+    return openai.AsyncOpenAI(
+        base_url=endpoint.base_url,
+        api_key=key or "none",
+        default_headers={} if key else {"Authorization": openai.Omit()},  # type: ignore[dict-item]
+        timeout=openai.Timeout(endpoint.timeout, connect=connect),
+        max_retries=0,
+    )
