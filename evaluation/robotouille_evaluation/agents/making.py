@@ -12,7 +12,7 @@ from robotouille_evaluation.agents.plan_once import PlanOnce
 from robotouille_evaluation.agents.proposal import Strategy
 from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
 from robotouille_evaluation.agents.reflexion import Reflexion
-from robotouille_evaluation.packs import Experiment, Pack
+from robotouille_evaluation.packs.pack import Experiment, Pack
 
 __all__ = ["OWN_STRATEGIES", "make_strategy", "own_strategy", "published_strategy"]
 

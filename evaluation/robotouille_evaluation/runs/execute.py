@@ -28,7 +28,7 @@ from robotouille_evaluation.models import (
     ModelErrorKind,
     ModelRequest,
 )
-from robotouille_evaluation.packs import Pack
+from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs.folder import RunFolder
 from robotouille_evaluation.runs.jobs import Job
 from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal

@@ -64,9 +64,7 @@ class RunFolder:
             beside.write_text(plan.model_dump_json(indent=1), encoding="utf-8")
             beside.replace(folder._plan_file)
         except OSError as error:
-            raise FileError(
-                str(path), [Fault("", f"cannot be written: {error.strerror}")]
-            ) from None
+            raise _unwritable(path, error) from None
         return folder
 
     @property
@@ -131,8 +129,7 @@ class RunFolder:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            path = str(self._rows_file)
-            raise FileError(path, [Fault("", f"cannot be written: {error.strerror}")]) from None
+            raise _unwritable(self._rows_file, error) from None
 
     def write(self, path: Path, content: bytes) -> None:
         """A whole file, or none."""
@@ -142,9 +139,7 @@ class RunFolder:
             beside.write_bytes(content)
             beside.replace(path)
         except OSError as error:
-            raise FileError(
-                str(path), [Fault("", f"cannot be written: {error.strerror}")]
-            ) from None
+            raise _unwritable(path, error) from None
 
     def calls(self, job: Job, player: str) -> Path:
         """The file of the paid calls of one player of a job."""
@@ -154,3 +149,7 @@ class RunFolder:
         """The file of a job's recording; of the last trial, where there are several."""
         suffix = "" if trial == 1 else f"-trial{trial}"
         return self.path / "recordings" / f"{job.id}{suffix}.rbt"
+
+
+def _unwritable(path: Path, error: OSError) -> FileError:
+    return FileError(str(path), [Fault("", f"cannot be written: {error.strerror or error}")])

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from robotouille.errors import RobotouilleError
-from robotouille_evaluation.packs import Pack, PackInstance
+from robotouille_evaluation.packs.pack import Pack, PackInstance
 
 __all__ = ["AgentSpec", "Job", "jobs"]
 

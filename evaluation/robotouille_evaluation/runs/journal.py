@@ -66,11 +66,10 @@ class CallJournal:
         self._next += 1
         if call.get("overflow"):
             return OVERFLOW
-        answer = dict(call["completion"])
-        return Completion(**{**answer, "usage": Usage(**answer["usage"])})
+        return _completion(call)
 
     def keep(self, request: ModelRequest, completion: Completion | None) -> None:
-        """An answer, or None where the request was too long. It is on the disk when this returns."""
+        """An answer, or None where the request was too long; it is on the disk afterwards."""
         call: dict[str, Any] = {"request": digest(request)}
         if completion is None:
             call["overflow"] = True
@@ -112,9 +111,7 @@ class CallJournal:
                 if not isinstance(call["request"], str):
                     raise TypeError
                 if not call.get("overflow"):
-                    Completion(
-                        **{**call["completion"], "usage": Usage(**call["completion"]["usage"])}
-                    )
+                    _completion(call)
             except (ValueError, TypeError, KeyError):
                 raise FileError(
                     str(self._path), [Fault(f"line {number}", "is no call of a model")]
@@ -137,6 +134,11 @@ def digest(request: ModelRequest) -> str:
     content = [[(m.role, m.content) for m in request.messages], dict(request.parameters)]
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _completion(call: dict[str, Any]) -> Completion:
+    answer = call["completion"]
+    return Completion(**{**answer, "usage": Usage(**answer["usage"])})
 
 
 def _line(call: dict[str, Any]) -> bytes:

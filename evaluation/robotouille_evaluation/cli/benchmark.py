@@ -1,0 +1,322 @@
+"""`robotouille benchmark`: run, go on, report, compare."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import json
+import os
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, get_args
+
+import typer
+
+from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.program import tell
+from robotouille_client.console import explain, fail
+
+if TYPE_CHECKING:
+    from robotouille_evaluation.metrics.rows import EpisodeRow
+    from robotouille_evaluation.models import Model
+    from robotouille_evaluation.packs.pack import Pack, PackInstance
+    from robotouille_evaluation.runs import AgentSpec, Job, RunFolder, Workers
+
+__all__ = ["benchmark"]
+
+benchmark = typer.Typer(no_args_is_help=True, help="Evaluate agents on packs of tasks.")
+
+COMPUTED = ("planner", "random", "scripted")
+MOCK = "mock"
+"""A model that answers by a seed, mostly well: for trying things out."""
+
+PackOption = Annotated[
+    Path | None,
+    typer.Option("--pack", help="A pack's folder (`robotouille pack build`); ours if none."),
+]
+ProcessesOption = Annotated[
+    int, typer.Option("--processes", min=1, help="Processes for agents that plan.")
+]
+CallsOption = Annotated[
+    int, typer.Option("--calls", min=1, help="Episodes that wait for a model at the same time.")
+]
+SchedulerOption = Annotated[
+    str, typer.Option("--scheduler", help="A Dask scheduler's address, instead of processes.")
+]
+
+
+P = ParamSpec("P")
+
+
+def failing(command: Callable[P, None]) -> Callable[P, None]:
+    """A command whose errors are told in a line, and end with status 1."""
+
+    @functools.wraps(command)
+    def guarded(*arguments: P.args, **options: P.kwargs) -> None:
+        try:
+            command(*arguments, **options)
+        except RobotouilleError as error:
+            fail(explain(error))
+
+    return guarded
+
+
+@benchmark.command()
+@failing
+def run(
+    out: Annotated[Path, typer.Argument(help="A new folder for the run.")],
+    agents: Annotated[
+        str,
+        typer.Option(
+            "--agents",
+            help="Who plays: planner, random, scripted, or strategies of a language model "
+            "(react-last-reasoning-action, io, …, or an experiment of the pack).",
+        ),
+    ] = "planner,random,scripted",
+    model: Annotated[str, typer.Option(help="The language model's name; `mock` for none.")] = MOCK,
+    base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
+    pack: PackOption = None,
+    datasets: Annotated[str, typer.Option(help="Which data sets; all if none are named.")] = "",
+    tasks: Annotated[str, typer.Option(help="Which tasks; all if none are named.")] = "",
+    kinds: Annotated[str, typer.Option(help="default, free, noisy.")] = "free,noisy",
+    seeds: Annotated[int, typer.Option(min=1, help="How often each agent plays.")] = 1,
+    budget: Annotated[
+        Literal["own", "published"] | None,
+        typer.Option(help="The limit of steps: 1.5 x the optimum, or the published constants."),
+    ] = None,
+    temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
+    processes: ProcessesOption = os.cpu_count() or 1,
+    calls: CallsOption = 16,
+    scheduler: SchedulerOption = "",
+) -> None:
+    """Play agents on tasks, and write a report."""
+    from robotouille_evaluation.runs import jobs
+
+    folder, used = _new_pack(out, pack)
+    chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
+    parameters = {} if temperature is None else {"temperature": temperature}
+    specs = [_agent(name, model, parameters) for name in _words(agents)]
+    planned = tuple(jobs(used, specs, chosen, seeds=range(seeds), budget=budget))
+    run_folder = _create(out, used, folder, planned)
+    _play(run_folder, used, planned, base_url, processes, calls, scheduler)
+
+
+@benchmark.command()
+@failing
+def resume(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
+    base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
+    processes: ProcessesOption = os.cpu_count() or 1,
+    calls: CallsOption = 16,
+    scheduler: SchedulerOption = "",
+) -> None:
+    """Go on with a run that was stopped; no paid call is made again."""
+    from robotouille_evaluation.packs.store import read_pack
+    from robotouille_evaluation.runs import RunFolder
+
+    folder = RunFolder(run_folder)
+    plan = folder.plan()
+    pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
+    _play(folder, pack, plan.jobs, base_url, processes, calls, scheduler)
+
+
+@benchmark.command()
+@failing
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    out: Annotated[Path, typer.Option(help="Where the report goes.")] = Path("report"),
+) -> None:
+    """Write tables, figures and one HTML page of runs."""
+    from robotouille_evaluation.runs import RunFolder
+
+    rows = [row for path in runs for row in RunFolder(path).rows()]
+    if not rows:
+        raise RobotouilleError("no episode of these runs is over")
+    tell(str(_report(rows, out)))
+
+
+@benchmark.command()
+@failing
+def compare(
+    first: Annotated[str, typer.Argument(help="The name of an agent.")],
+    second: Annotated[str, typer.Argument(help="The name of another.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Compare two agents on the episodes that both have played, pair by pair."""
+    from robotouille_evaluation.metrics.intervals import mcnemar_test
+    from robotouille_evaluation.runs import RunFolder
+
+    rows = [row for path in runs for row in RunFolder(path).rows()]
+    pairs = [(a.outcome.success, b.outcome.success) for a, b in _paired(rows, first, second)]
+    if not pairs:
+        names = ", ".join(sorted({row.agent for row in rows}))
+        raise RobotouilleError(f"{first} and {second} have no episode in common; there are {names}")
+    p = mcnemar_test(*zip(*pairs, strict=True))
+    found = {
+        "episodes": len(pairs),
+        first: sum(a for a, _ in pairs),
+        second: sum(b for _, b in pairs),
+        "p": p,
+    }
+    tell(json.dumps(found) if json_output else
+         f"{len(pairs)} episodes: {first} solves {found[first]}, {second} {found[second]}; "
+         f"p = {p:.3f} (McNemar, exact)")  # fmt: skip
+
+
+def _paired(
+    rows: Sequence[EpisodeRow], first: str, second: str
+) -> list[tuple[EpisodeRow, EpisodeRow]]:
+    found: dict[str, dict[object, EpisodeRow]] = {first: {}, second: {}}
+    for row in rows:
+        if row.agent in found:
+            found[row.agent][row.pair] = row
+    return [(found[first][pair], found[second][pair]) for pair in found[first]
+            if pair in found[second]]  # fmt: skip
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word for word in (part.strip() for part in text.split(",")) if word)
+
+
+def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
+    """The pack to play; ours is written beside the run's plan, so that it can be gone on with."""
+    from robotouille_evaluation.packs.own import build_own_pack
+    from robotouille_evaluation.packs.store import read_pack, write_pack
+
+    if folder is not None:
+        return folder.resolve(), read_pack(folder)
+    pack = build_own_pack()
+    target = (out / "pack").resolve()
+    write_pack(pack, target)
+    return target, pack
+
+
+def _instances(
+    pack: Pack, datasets: Sequence[str], tasks: Sequence[str], kinds: Sequence[str]
+) -> list[PackInstance]:
+    from robotouille_evaluation.packs.pack import InstanceKind
+
+    for what, chosen, known in (
+        ("data set", datasets, pack.datasets),
+        ("kind of instance", kinds, get_args(InstanceKind)),
+    ):
+        for name in chosen:
+            if name not in known:
+                raise UnknownNameError(f"no {what} {name!r}{did_you_mean(name, known)}")
+    found = [
+        instance
+        for instance in pack.instances_of(tasks or None)
+        if instance.kind in kinds and (not datasets or pack.task(instance.task).dataset in datasets)
+    ]
+    if not found:
+        raise RobotouilleError("the pack has no such instances; `robotouille pack show` lists them")
+    return found
+
+
+def _agent(name: str, model: str, parameters: dict[str, object]) -> AgentSpec:
+    from robotouille_evaluation.runs import AgentSpec
+
+    if name in COMPUTED:
+        return AgentSpec(name=name, kind=name)  # type: ignore[arg-type]
+    return AgentSpec(
+        name=f"{name} ({model})", kind="model", strategy=name, model=model, parameters=parameters
+    )
+
+
+def _create(out: Path, pack: Pack, folder: Path, planned: tuple[Job, ...]) -> RunFolder:
+    from robotouille.release import VERSION
+    from robotouille_evaluation.metrics.rows import PackId
+    from robotouille_evaluation.runs import RunFolder, RunPlan
+
+    return RunFolder.create(
+        out,
+        RunPlan(
+            name=out.resolve().name,
+            pack=PackId(name=pack.name, version=pack.version, digest=pack.digest),
+            pack_folder=str(folder),
+            jobs=planned,
+            software=VERSION,
+        ),
+    )
+
+
+def _play(
+    folder: RunFolder,
+    pack: Pack,
+    planned: Sequence[Job],
+    base_url: str,
+    processes: int,
+    calls: int,
+    scheduler: str,
+) -> None:
+    """Play what is left, with progress; then report."""
+    from robotouille_evaluation.cli.progress import RunProgress
+    from robotouille_evaluation.runs import Workers, run_jobs
+
+    done = folder.finished()
+    left = [job for job in planned if job.id not in done]
+    workers = Workers(processes, calls, scheduler)
+    with RunProgress(list(done.values()), len(planned)) as progress:
+        try:
+            asyncio.run(_run(folder, pack, left, workers, base_url, progress.finished, run_jobs))
+        except KeyboardInterrupt:
+            raise RobotouilleError(
+                f"stopped; `robotouille benchmark resume {folder.path}` goes on"
+            ) from None
+        except BaseExceptionGroup as group:
+            raise _first(group) from None
+    tell(str(_report(folder.rows(), folder.path / "report")))
+
+
+async def _run(
+    folder: RunFolder,
+    pack: Pack,
+    left: Sequence[Job],
+    workers: Workers,
+    base_url: str,
+    finished: Callable[[Job, EpisodeRow], None],
+    run_jobs: Any,
+) -> None:
+    async with AsyncExitStack() as open_models:
+        make = _models(base_url, open_models)
+        await run_jobs(folder, pack, left, workers, make, finished)
+
+
+def _models(base_url: str, opened: AsyncExitStack) -> Callable[[Job], Model]:
+    """Models by name: one client for all episodes; mocks have one each, so that they repeat."""
+    from robotouille_evaluation.models import (
+        Endpoint,
+        OpenAICompatibleModel,
+        ScriptedModel,
+        SeededAnswers,
+    )
+
+    shared: dict[str, OpenAICompatibleModel] = {}
+
+    def make(job: Job) -> Model:
+        name = job.agent.model
+        if name == MOCK:
+            return ScriptedModel(SeededAnswers(job.seed), MOCK)
+        if name not in shared:
+            url = {"base_url": base_url} if base_url else {}
+            endpoint = Endpoint(name, parameters=job.agent.parameters, **url)
+            shared[name] = OpenAICompatibleModel(endpoint)
+            opened.push_async_callback(shared[name].aclose)
+        return shared[name]
+
+    return make
+
+
+def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
+    error: BaseException = group
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
+
+
+def _report(rows: Sequence[EpisodeRow], out: Path) -> Path:
+    from robotouille_evaluation.report import write_report
+
+    return write_report(rows, out)

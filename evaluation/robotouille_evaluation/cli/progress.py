@@ -1,0 +1,67 @@
+"""How far a run is: episodes, successes, cost and the time that is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.runs import Job
+
+__all__ = ["RunProgress"]
+
+
+class RunProgress:
+    """A line on stderr, where that is a terminal."""
+
+    def __init__(self, done: Sequence[EpisodeRow], total: int) -> None:
+        self._rows = list(done)
+        console = Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._task = self._progress.add_task("", total=total, completed=len(self._rows))
+
+    def __enter__(self) -> RunProgress:
+        self._progress.start()
+        self._show()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._progress.stop()
+
+    def finished(self, job: Job, row: EpisodeRow) -> None:
+        """One more is over."""
+        self._rows.append(row)
+        self._progress.advance(self._task)
+        self._show()
+
+    def _show(self) -> None:
+        solved = sum(row.outcome.success for row in self._rows)
+        errors = sum(row.error is not None for row in self._rows)
+        costs = [row.usage.cost for row in self._rows if row.usage.cost is not None]
+        words = [f"{solved} solved"]
+        words += [f"{errors} errors"] if errors else []
+        words += [f"${sum(costs):.2f}"] if costs else []
+        self._progress.update(self._task, description=", ".join(words))

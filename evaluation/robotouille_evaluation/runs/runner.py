@@ -1,0 +1,128 @@
+"""All jobs of a run: those that plan in other processes, those that ask models side by side."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from robotouille.errors import RobotouilleError
+from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.models import Model
+from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.store import read_pack
+from robotouille_evaluation.runs.execute import play_job
+from robotouille_evaluation.runs.folder import RunFolder
+from robotouille_evaluation.runs.jobs import Job
+
+__all__ = ["MakeModel", "Workers", "run_jobs"]
+
+MakeModel = Callable[[Job], Model]
+Finished = Callable[[Job, EpisodeRow], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """How much is done at the same time.
+
+    `processes` play what needs no model; `calls` is how many episodes wait for models at once.
+    `scheduler` is the address of a Dask scheduler, whose workers are used instead of processes;
+    they must see the run's folder and the pack's under the same paths.
+    """
+
+    processes: int = 1
+    calls: int = 16
+    scheduler: str = ""
+
+
+async def run_jobs(
+    folder: RunFolder,
+    pack: Pack,
+    jobs: Sequence[Job],
+    workers: Workers,
+    make_model: MakeModel,
+    finished: Finished,
+) -> None:
+    """Play all jobs, in no order; each row is on the disk when `finished` is told.
+
+    Raises:
+        FileError: A row cannot be written. What was played before is there, and is not played
+            again when the run is resumed.
+        RobotouilleError: An agent cannot be made.
+    """
+    plan = folder.plan()
+    asking = [job for job in jobs if job.agent.kind == "model"]
+    planning = [job for job in jobs if job.agent.kind != "model"]
+    slots = asyncio.Semaphore(workers.calls)
+
+    async def ask(job: Job) -> None:
+        async with slots:
+            model = make_model(job)
+            row = await play_job(job, plan.name, pack, folder, model, time.perf_counter)
+        _finish(folder, job, row, finished)
+
+    async def compute(job: Job, executor: Executor) -> None:
+        loop = asyncio.get_running_loop()
+        arguments = (job.model_dump_json(), plan.name, plan.pack_folder, str(folder.path))
+        text = await loop.run_in_executor(executor, _play_elsewhere, *arguments)
+        _finish(folder, job, EpisodeRow.model_validate_json(text), finished)
+
+    async with asyncio.TaskGroup() as group:
+        for job in asking:
+            group.create_task(ask(job))
+        if planning:
+            await _compute_all(planning, workers, compute)
+
+
+async def _compute_all(
+    jobs: Sequence[Job], workers: Workers, compute: Callable[[Job, Executor], Awaitable[None]]
+) -> None:
+    with _executor(workers) as executor:
+        try:
+            async with asyncio.TaskGroup() as group:
+                for job in jobs:
+                    group.create_task(_as_coroutine(compute(job, executor)))
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+async def _as_coroutine(work: Awaitable[None]) -> None:
+    await work
+
+
+def _executor(workers: Workers) -> Executor:
+    if workers.scheduler:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise RobotouilleError(
+                "a scheduler takes dask.distributed: pip install 'robotouille[dask]'"
+            ) from None
+        return Client(workers.scheduler).get_executor()  # type: ignore[no-any-return]
+    spawn = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers.processes, mp_context=spawn)
+
+
+def _finish(folder: RunFolder, job: Job, row: EpisodeRow, finished: Finished) -> None:
+    folder.add(job, row)
+    finished(job, row)
+
+
+def _play_elsewhere(job: str, run: str, pack_folder: str, folder: str) -> str:
+    """In another process, of this machine or another."""
+    pack = _pack(pack_folder)
+    playing = play_job(
+        Job.model_validate_json(job), run, pack, RunFolder(Path(folder)), None, time.perf_counter
+    )
+    return asyncio.run(playing).model_dump_json()
+
+
+@lru_cache(maxsize=2)
+def _pack(folder: str) -> Pack:
+    return read_pack(Path(folder))
