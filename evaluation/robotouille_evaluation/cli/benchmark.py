@@ -95,7 +95,9 @@ def run(
 
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
-    parameters = {} if temperature is None else {"temperature": temperature}
+    parameters: dict[str, object] = {}
+    if temperature is not None:
+        parameters["temperature"] = temperature
     specs = [_agent(name, model, parameters) for name in _words(agents)]
     planned = tuple(jobs(used, specs, chosen, seeds=range(seeds), budget=budget))
     run_folder = _create(out, used, folder, planned)
@@ -219,7 +221,7 @@ def _agent(name: str, model: str, parameters: dict[str, object]) -> AgentSpec:
     from robotouille_evaluation.runs import AgentSpec
 
     if name in COMPUTED:
-        return AgentSpec(name=name, kind=name)  # type: ignore[arg-type]
+        return AgentSpec(name=name, kind=name)
     return AgentSpec(
         name=f"{name} ({model})", kind="model", strategy=name, model=model, parameters=parameters
     )
@@ -287,6 +289,7 @@ async def _run(
 def _models(base_url: str, opened: AsyncExitStack) -> Callable[[Job], Model]:
     """Models by name: one client for all episodes; mocks have one each, so that they repeat."""
     from robotouille_evaluation.models import (
+        OPENAI_URL,
         Endpoint,
         OpenAICompatibleModel,
         ScriptedModel,
@@ -300,8 +303,7 @@ def _models(base_url: str, opened: AsyncExitStack) -> Callable[[Job], Model]:
         if name == MOCK:
             return ScriptedModel(SeededAnswers(job.seed), MOCK)
         if name not in shared:
-            url = {"base_url": base_url} if base_url else {}
-            endpoint = Endpoint(name, parameters=job.agent.parameters, **url)
+            endpoint = Endpoint(name, base_url or OPENAI_URL, job.agent.parameters)
             shared[name] = OpenAICompatibleModel(endpoint)
             opened.push_async_callback(shared[name].aclose)
         return shared[name]

@@ -210,6 +210,8 @@ class OpenAICompatibleModel:
         try:
             # The SDK would check every message of a long conversation again: it gets none.
             asked: Any = {"model": self.endpoint.model, "messages": [], "extra_body": body}
+            if self._key is None:
+                asked["extra_headers"] = {"Authorization": openai.Omit()}
             async with completions.create(**asked) as response:
                 content_type = response.headers.get("content-type", "")
                 return content_type, await self._read(response.iter_bytes())
@@ -245,7 +247,7 @@ class OpenAICompatibleModel:
 
 
 def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
-    """The SDK's client, without attempts of its own and, if there is no key, without one."""
+    """The SDK's client, without attempts of its own."""
     try:
         import openai
     except ImportError:
@@ -253,8 +255,7 @@ def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
     connect = min(MAX_CONNECT_SECONDS, endpoint.timeout)
     return openai.AsyncOpenAI(
         base_url=endpoint.base_url,
-        api_key=key or "none",
-        default_headers={} if key else {"Authorization": openai.Omit()},  # type: ignore[dict-item]
+        api_key=key or "none",  # left out of each request
         timeout=openai.Timeout(endpoint.timeout, connect=connect),
         max_retries=0,
     )

@@ -87,9 +87,7 @@ def _words(pack: Pack) -> dict[str, str]:
         for predicate in domain.predicate_defs
         for which, text in predicate.language_descriptors.items()
     }
-    actions = {
-        f"action {action.name}": action.language_description for action in domain.action_defs
-    }
+    actions = {f"action {action.name}": action.language_description for action in domain.action_defs}
     return {**words, **actions}
 
 
