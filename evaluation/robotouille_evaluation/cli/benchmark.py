@@ -289,12 +289,13 @@ async def _run(
 def _models(base_url: str, opened: AsyncExitStack) -> Callable[[Job], Model]:
     """Models by name: one client for all episodes; mocks have one each, so that they repeat."""
     from robotouille_evaluation.models import (
-        OPENAI_URL,
         Endpoint,
         OpenAICompatibleModel,
         ScriptedModel,
         SeededAnswers,
     )
+
+    from robotouille_evaluation.models.openai_compatible import OPENAI_URL
 
     shared: dict[str, OpenAICompatibleModel] = {}
 
