@@ -92,7 +92,7 @@ class ReAct:
         """An action, or none after `max_refused` answers without a valid one."""
         exchanges: list[Exchange] = []
         for _ in range(self._settings.max_refused):
-            exchange = yield from self._ask(observation)
+            exchange = yield from self._ask(observation, exchanges)
             exchanges.append(exchange)
             if exchange.verdict is Verdict.FINISH:
                 return Proposal((), exchange.reasoning, done=True, exchanges=tuple(exchanges))
@@ -102,10 +102,12 @@ class ReAct:
         given_up = self._failures >= self._settings.max_failures
         return Proposal(done=given_up, exchanges=tuple(exchanges))
 
-    def _ask(self, observation: Observation) -> Generator[ModelRequest, Completion, Exchange]:
+    def _ask(
+        self, observation: Observation, exchanges: list[Exchange]
+    ) -> Generator[ModelRequest, Completion, Exchange]:
         text = "\n\n".join(filter(None, [observation.text, self._settings.rules])) + self.footer
         prompt = f"Error Feedback: {self._feedback}\n{text}" if self._feedback else text
-        request, completion = yield from self._complete(prompt)
+        request, completion = yield from self._complete(prompt, exchanges)
         return self._judge(request, completion, prompt, text, observation.valid)
 
     def _judge(
@@ -139,13 +141,14 @@ class ReAct:
             self._feedback = INVALID.format(action)
         return Exchange(request, completion, verdict, reasoning, action, self._feedback)
 
-    def _complete(self, prompt: str) -> Asking:
+    def _complete(self, prompt: str, exchanges: list[Exchange]) -> Asking:
         """The answer; with less history where the request is too long."""
         while True:
             request = self._request(prompt)
             try:
                 return request, (yield request)
             except ContextOverflow:
+                exchanges.append(Exchange(request, None, Verdict.OVERFLOW))
                 if not self._history or not (self._settings.truncate or len(self._history) == 1):
                     raise
                 self._history = self._history[1:]
