@@ -1,0 +1,48 @@
+"""What is evaluated on: packs of tasks, instances, step budgets, prompts and examples.
+
+pack = build_own_pack()                                  # the shipped tasks
+pack = read_checkout(Path("robotouille")).pack           # the published ones, from a checkout
+write_pack(pack, Path("packs/published"))
+"""
+
+from robotouille_evaluation.packs.budgets import Budget, BudgetKind, own_budget, published_budget
+from robotouille_evaluation.packs.checking import check_pack
+from robotouille_evaluation.packs.differences import PackDifferences, compare_packs
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import (
+    ExampleEpisode,
+    Examples,
+    ExampleStep,
+    Experiment,
+    InstanceKind,
+    Pack,
+    PackInstance,
+    PackTask,
+    Prompt,
+    ProvenLength,
+)
+from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
+
+__all__ = [
+    "Budget",
+    "BudgetKind",
+    "ExampleEpisode",
+    "ExampleStep",
+    "Examples",
+    "Experiment",
+    "InstanceKind",
+    "Pack",
+    "PackDifferences",
+    "PackInstance",
+    "PackTask",
+    "Prompt",
+    "ProvenLength",
+    "build_own_pack",
+    "check_pack",
+    "compare_packs",
+    "default_folder",
+    "own_budget",
+    "published_budget",
+    "read_pack",
+    "write_pack",
+]

@@ -15,6 +15,10 @@ from robotouille_evaluation.packs.pack import Pack, PackInstance, PackTask
 __all__ = ["Difference", "PackDifferences", "TaskDifferences", "compare_packs"]
 
 
+SHOWN = ("station", "item", "container")
+"""The types of objects that are listed by kind."""
+
+
 @dataclass(frozen=True, slots=True)
 class Difference:
     """One respect in which two things differ, and what each has; empty for nothing."""
@@ -87,7 +91,9 @@ def _words(pack: Pack) -> dict[str, str]:
         for predicate in domain.predicate_defs
         for which, text in predicate.language_descriptors.items()
     }
-    actions = {f"action {action.name}": action.language_description for action in domain.action_defs}
+    actions = {
+        f"action {action.name}": action.language_description for action in domain.action_defs
+    }
     return {**words, **actions}
 
 
@@ -99,6 +105,9 @@ def _task(a: Pack, one: PackTask | None, b: Pack, two: PackTask | None) -> TaskD
     if not same_goal(mine.goal, other.goal):
         for aspect, problem, against in zip(aspects, (mine, other), (other, mine), strict=True):
             aspect["goal"] = _conditions(problem, against)
+        if aspects[0]["goal"] == aspects[1]["goal"]:
+            for aspect, problem in zip(aspects, (mine, other), strict=True):
+                aspect["goal"] = ", ".join(goal_conditions(problem))
     return TaskDifferences(one.name, two.name, tuple(_unequal(*aspects)))
 
 
@@ -111,36 +120,42 @@ def _aspects(pack: Pack, task: PackTask, problem: ProblemFile) -> dict[str, str]
     return {
         "words": problem.goal_description,
         "grid": f"{problem.width} × {problem.height}",
-        **{f"{kind}s": _objects(problem, kind) for kind in problem.objects if kind != "meal"},
-        "players": str(len(problem.objects.get("player", ()))),
-        "places": _places(problem),
+        **{f"{kind}s": _objects(problem, kind) for kind in SHOWN},
+        "players": _players(problem),
+        "not on tables": _places(problem),
         "optimum": _optimum(task, instances),
         "budget": _budget(pack, instances),
     }
 
 
 def _conditions(problem: ProblemFile, other: ProblemFile) -> str:
-    """The conditions that the other goal has not; all of them if only objects differ."""
-    mine, others = goal_conditions(problem), Counter(goal_conditions(other))
-    own = list((Counter(mine) - others).elements())
-    return ", ".join(own or mine)
+    """The conditions that the other goal has not."""
+    own = Counter(goal_conditions(problem)) - Counter(goal_conditions(other))
+    return ", ".join(own.elements())
 
 
 def _objects(problem: ProblemFile, kind: str) -> str:
     """Kinds with their number; in brackets the predicates that they are given."""
     return _counted(
         f"{thing.name} [{', '.join(sorted(thing.predicates))}]" if thing.predicates else thing.name
-        for thing in problem.objects[kind]
+        for thing in problem.objects.get(kind, ())
     )
 
 
+def _players(problem: ProblemFile) -> str:
+    """How many may play."""
+    listed = len(problem.objects.get("player", ()))
+    return " or ".join(map(str, problem.seats or (listed,)))
+
+
 def _places(problem: ProblemFile) -> str:
-    """Where stations are, and what is on them, as far as a plan's length can depend on it."""
+    """What does not begin on a table: where a table is makes no difference to a plan's length."""
     stations = {(thing.x, thing.y): thing.name for thing in problem.objects.get("station", ())}
     things = [
-        f"{thing.name} on {stations.get((thing.x, thing.y), 'no station')}"
+        f"{thing.name} on {place}"
         for kind in ("item", "container")
         for thing in problem.objects.get(kind, ())
+        if (place := stations.get((thing.x, thing.y), "no station")) != "table"
     ]
     return _counted(things)
 

@@ -19,9 +19,7 @@ __all__ = ["parse_episode", "read_examples"]
 
 HEADING = re.compile(r"^Interaction \d+\n-+\n", re.MULTILINE)
 REASONED = re.compile(r"Observation:\s*(?P<user>.*?)\n(?P<assistant>^Reasoning:.*)", re.M | re.S)
-PLANNED = re.compile(
-    r"Observation:\s*(?P<user>.*?)(?P<assistant>^(?:Plan|Action):.*)", re.M | re.S
-)
+PLANNED = re.compile(r"Observation:\s*(?P<user>.*?)(?P<assistant>^(?:Plan|Action):.*)", re.M | re.S)
 
 
 def read_examples(folder: Path, name: str) -> Examples:

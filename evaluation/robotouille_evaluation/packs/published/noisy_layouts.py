@@ -74,9 +74,7 @@ def _place_groups(groups: list[_Group], first: Thing, floor: Floor, rng: random.
     raise PlacementError("No place for the groups found")
 
 
-def _place_once(
-    groups: list[_Group], cells: list[Cell], floor: Floor, rng: random.Random
-) -> bool:
+def _place_once(groups: list[_Group], cells: list[Cell], floor: Floor, rng: random.Random) -> bool:
     """Place each group on the next of the shuffled cells; False where one does not fit."""
     stations: set[Cell] = set()
     players: dict[int, Cell] = {}
@@ -103,5 +101,3 @@ def _move(group: _Group, cell: Cell) -> None:
     group.station.cell = cell
     for item in group.items:
         item.cell = cell
-
-
