@@ -19,7 +19,7 @@ from robotouille_evaluation.packs.pack import (
     PackInstance,
     PackTask,
     Prompt,
-    ProvenLength,
+    ProvenPlan,
 )
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
 
@@ -36,7 +36,7 @@ __all__ = [
     "PackInstance",
     "PackTask",
     "Prompt",
-    "ProvenLength",
+    "ProvenPlan",
     "build_own_pack",
     "check_pack",
     "compare_packs",

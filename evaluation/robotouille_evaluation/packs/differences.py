@@ -99,7 +99,7 @@ def _words(pack: Pack) -> dict[str, str]:
 
 def _task(a: Pack, one: PackTask | None, b: Pack, two: PackTask | None) -> TaskDifferences:
     if one is None or two is None:
-        return TaskDifferences(one and one.name, two and two.name)
+        return TaskDifferences(one.name if one else None, two.name if two else None)
     mine, other = _problem(one), _problem(two)
     aspects = _aspects(a, one, mine), _aspects(b, two, other)
     if not same_goal(mine.goal, other.goal):

@@ -17,7 +17,7 @@ from robotouille import Task, load_task
 from robotouille.certification.certificate import certificate_path, read_certificate
 from robotouille.certification.dataset import SUFFIX
 from robotouille.domain.files import is_file, read_json, validate
-from robotouille.domain.schema import ProblemFile
+from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import read_domain
 from robotouille.errors import Fault, FileError
 from robotouille.generation.paper_instances import paper_tasks
@@ -27,7 +27,7 @@ from robotouille_evaluation.packs.pack import (
     Pack,
     PackInstance,
     PackTask,
-    ProvenLength,
+    ProvenPlan,
     canonical_json,
 )
 
@@ -50,8 +50,9 @@ def build_own_pack(progress: Progress | None = None) -> Pack:
     tasks: list[PackTask] = []
     instances: list[PackInstance] = []
     names = paper_tasks()
+    domain = read_domain(DOMAIN)
     for number, name in enumerate(names, start=1):
-        found = [_default(name), *sorted(_generated(name), key=_in_order)]
+        found = [_default(name, domain), *sorted(_generated(name, domain), key=_in_order)]
         optimal = found[0].optimal()
         proof = "" if optimal is None else "proven for the default layout"
         dataset = name.partition("/")[0]
@@ -59,8 +60,8 @@ def build_own_pack(progress: Progress | None = None) -> Pack:
         instances += found
         if progress is not None:
             progress(number, len(names))
-    domain = read_domain(DOMAIN).model_dump(mode="json", by_alias=True, exclude_unset=True)
-    return Pack(NAME, VERSION, canonical_json(domain), tuple(tasks), tuple(instances))
+    text = canonical_json(domain.model_dump(mode="json", by_alias=True, exclude_unset=True))
+    return Pack(NAME, VERSION, text, tuple(tasks), tuple(instances))
 
 
 def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:
@@ -68,22 +69,25 @@ def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:
     return f"{task}/{kind}" if seed is None else f"{task}/{kind}-{seed}"
 
 
-def _default(name: str) -> PackInstance:
-    return _instance(data_folder("problems") / f"{name}.json", name, "default", None)
+def _default(name: str, domain: DomainFile) -> PackInstance:
+    return _instance(data_folder("problems") / f"{name}.json", domain, name, "default", None)
 
 
-def _generated(name: str) -> Iterator[PackInstance]:
+def _generated(name: str, domain: DomainFile) -> Iterator[PackInstance]:
     """The instances of a task among the generated files, by what these say of themselves."""
     folder = data_folder("problems") / "generated" / name.partition("/")[0]
     for path in folder.glob(f"{name.partition('/')[2]}_*.json"):
         if not path.name.endswith(SUFFIX):
             provenance = validate(read_json(path), ProblemFile, str(path)).provenance
             if provenance is not None and provenance.source == name:
-                yield _instance(path, name, _kind(path, provenance.kind), provenance.seed)
+                kind = _kind(path, provenance.kind)
+                yield _instance(path, domain, name, kind, provenance.seed)
 
 
-def _instance(path: Path, name: str, kind: InstanceKind, seed: int | None) -> PackInstance:
-    task = load_task(str(path))
+def _instance(
+    path: Path, domain: DomainFile, name: str, kind: InstanceKind, seed: int | None
+) -> PackInstance:
+    task = load_task(str(path), domain=domain)
     problem = canonical_json(read_json(path))
     id_ = instance_id(name, kind, seed)
     proven = tuple(_proven(path, task))
@@ -102,19 +106,19 @@ def _in_order(instance: PackInstance) -> tuple[bool, int]:
     return instance.kind == "noisy", instance.seed or 0
 
 
-def _proven(path: Path, task: Task) -> Iterator[ProvenLength]:
-    """The lengths that certificates beside a problem prove."""
+def _proven(path: Path, task: Task) -> Iterator[ProvenPlan]:
+    """The plans that certificates beside a problem prove to be shortest."""
     for seats in task.problem.seats or (task.seats,):
-        steps = _length(path, replace(task, seats=seats))
-        if steps is not None:
-            yield ProvenLength(seats, steps)
+        plan = _plan(path, replace(task, seats=seats))
+        if plan is not None:
+            yield ProvenPlan(seats, plan)
 
 
-def _length(path: Path, task: Task) -> int | None:
-    """The proven length of a task's shortest plans; None if its certificate is of another task."""
+def _plan(path: Path, task: Task) -> tuple[str, ...] | None:
+    """A shortest plan of a task; None if its certificate proves none, or is of another task."""
     certificate_file = certificate_path(path, task)
     if not is_file(certificate_file):
         return None
     certificate = read_certificate(certificate_file)
     same = certificate.instance == replace(task, name=certificate.task).digest
-    return certificate.length if certificate.optimal and same else None
+    return certificate.plan if certificate.optimal and same else None

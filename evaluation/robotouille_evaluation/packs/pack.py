@@ -15,13 +15,14 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, TypeVar
 
-from robotouille import Task
+from robotouille import Task, World
 from robotouille.domain.files import parse_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
 from robotouille.domain.task import build_task
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.planning import Plan, read_plan
 from robotouille_evaluation.packs.budgets import Budget, BudgetKind, own_budget, published_budget
 
 __all__ = [
@@ -34,7 +35,7 @@ __all__ = [
     "PackInstance",
     "PackTask",
     "Prompt",
-    "ProvenLength",
+    "ProvenPlan",
     "canonical_json",
 ]
 
@@ -77,11 +78,17 @@ class Examples:
     episodes: tuple[ExampleEpisode, ...]
 
 
-class ProvenLength(NamedTuple):
-    """The proven length of a shortest plan for a number of players."""
+@dataclass(frozen=True, slots=True)
+class ProvenPlan:
+    """A plan for a number of players that is proven to be shortest: a line for each step."""
 
     seats: int
-    steps: int
+    plan: tuple[str, ...]
+
+    @property
+    def steps(self) -> int:
+        """Its length."""
+        return len(self.plan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +111,7 @@ class PackInstance:
     """One layout of a task, to be played.
 
     `seed` is the one asked for (None for a default), `seed_used` the one that gave the layout;
-    `seats` the usual number of players. `proven` has the proven length of its shortest plans, where that is known.
+    `seats` the usual number of players. `proven` has shortest plans, where some are known.
     """
 
     id: str
@@ -114,12 +121,12 @@ class PackInstance:
     seed_used: int | None
     problem: str
     seats: int = 1
-    proven: tuple[ProvenLength, ...] = ()
+    proven: tuple[ProvenPlan, ...] = ()
 
     def optimal(self, seats: int | None = None) -> int | None:
         """The proven length for so many players (the usual number if None), or None."""
         wanted = self.seats if seats is None else seats
-        return next((length.steps for length in self.proven if length.seats == wanted), None)
+        return next((found.steps for found in self.proven if found.seats == wanted), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +230,21 @@ class Pack:
         source = f"{self.name}: {instance.id}"
         problem = validate(parse_json(instance.problem, source), ProblemFile, source)
         return build_task(instance.id, self._domain, problem, seats=seats, source=source)
+
+    def plan(self, instance: PackInstance | str, world: World) -> Plan:
+        """The shortest plan of an instance, for as many players as its world has.
+
+        Raises:
+            UnknownNameError: There is no such instance.
+            RobotouilleError: No plan of it is proven to be shortest.
+            FileError: The plan is not one of this world.
+        """
+        if isinstance(instance, str):
+            instance = self.instance(instance)
+        for found in instance.proven:
+            if found.seats == len(world.players):
+                return read_plan("\n".join(found.plan), world, f"{self.name}: {instance.id}")
+        raise RobotouilleError(f"{instance.id}: no plan is proven for {len(world.players)} players")
 
     def budget(
         self, instance: PackInstance, kind: BudgetKind, *, seats: int | None = None

@@ -199,10 +199,15 @@ class PublishedDefaults(Schema):
     kinds: dict[Name, tuple[Name, ...]]
 
 
+_GENERATOR_MARKS = {"force_add", "frozen"}
+
+
 class ObjectDef(Schema):
     """One object of a problem and where it is; (0, 0) is the bottom-left tile.
 
-    `meal_id` occurs in published problems, which give it no meaning.
+    `meal_id` occurs in published problems, which give it no meaning. So do the published
+    generator's own marks `force_add` and `frozen`, in problems that were written as it held them;
+    they are left out.
     """
 
     name: Name
@@ -213,6 +218,13 @@ class ObjectDef(Schema):
     stack_level: int = Field(default=0, alias="stack-level", ge=0, le=1000)
     direction: tuple[int, int] | None = None
     meal_id: Any = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_marks(cls, raw: Any) -> Any:
+        if not isinstance(raw, dict) or not raw.keys() & _GENERATOR_MARKS:
+            return raw
+        return {key: value for key, value in raw.items() if key not in _GENERATOR_MARKS}
 
     @model_validator(mode="after")
     def _unit_direction(self) -> ObjectDef:

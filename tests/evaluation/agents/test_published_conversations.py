@@ -7,6 +7,8 @@ own configuration; what it asks, the steps, the end and what is logged must be t
 from __future__ import annotations
 
 import json
+from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from robotouille import World
 from robotouille_evaluation.agents.making import published_strategy
 from robotouille_evaluation.agents.proposal import ContextOverflow
 from robotouille_evaluation.models import Completion, ModelRequest
-from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.pack import Experiment, Pack
 from robotouille_evaluation.packs.published.checkout import read_checkout
 from robotouille_evaluation.packs.published.layouts import generate_layout
 from robotouille_evaluation.runs.text_episode import TextEpisode, TextResult
@@ -65,14 +67,26 @@ def experiment_of(recorded: dict[str, Any]) -> str:
     return str(recorded["experiment"]).removeprefix("conf/experiments/").removesuffix(".yaml")
 
 
+def as_run(recorded: dict[str, Any]) -> Experiment:
+    """The experiment with what the recorded run has set otherwise, and nothing else otherwise."""
+    experiment = pack(None).experiment(experiment_of(recorded))
+    settings = deepcopy(dict(experiment.settings))
+    for override in recorded["overrides"]:
+        name, _, value = override.partition("=")
+        if name.startswith("llm."):
+            settings["llm"][name.removeprefix("llm.")] = json.loads(value)
+    handed_over = {k: v for k, v in recorded["settings"]["llm"].items() if k != "log_path"}
+    assert {name: settings["llm"][name] for name in handed_over} == handed_over
+    return replace(experiment, settings=settings)
+
+
 class TooLongError(Exception):
     """What stops the published evaluation: it cannot shorten the request."""
 
 
 def converse(recorded: dict[str, Any]) -> TextResult:
     """Give the recorded answers, and compare what is asked for them."""
-    experiment = pack(None).experiment(experiment_of(recorded))
-    strategy = published_strategy(pack(None), experiment)
+    strategy = published_strategy(pack(None), as_run(recorded))
     episode = TextEpisode(
         world_of(recorded), strategy, recorded["max_steps"], change=change_of(recorded)
     )

@@ -1,1 +1,1 @@
-"""The published benchmark, from a user's checkout of its repository and a generator like its own."""
+"""The published benchmark: a user's checkout of its repository, and a generator like its own."""

@@ -76,9 +76,11 @@ def generate_layout(
             problem = place(kitchen, rng).problem(kitchen.raw)
         except PlacementError as error:
             errors.append(str(error))
+            if error.hopeless:
+                break
         else:
             return Layout(problem, seed, used, tuple(errors), rng.getstate())
-    why = f"no layout for the seeds {seed} to {seed + MAX_RETRIES}: {errors[-1]}"
+    why = f"no layout for the seeds {seed} to {used}: {errors[-1]}"
     raise FileError(source, [Fault("", why)])
 
 

@@ -21,7 +21,7 @@ from robotouille_evaluation.packs.published.placement import (
 
 __all__ = ["MAX_SHUFFLES", "place_noisily"]
 
-MAX_SHUFFLES = 10_000
+MAX_SHUFFLES = 100_000
 """Attempts to place the groups for one seed; the published generator goes on for ever."""
 
 
@@ -71,7 +71,7 @@ def _place_groups(groups: list[_Group], first: Thing, floor: Floor, rng: random.
             taken = [group.station.cell for group in groups]
             if floor.reaches(taken, first.cell):
                 return
-    raise PlacementError("No place for the groups found")
+    raise PlacementError("No place for the groups found", hopeless=True)
 
 
 def _place_once(groups: list[_Group], cells: list[Cell], floor: Floor, rng: random.Random) -> bool:

@@ -43,7 +43,11 @@ S = TypeVar("S")
 
 class PlacementError(Exception):
     """An attempt that comes to nothing: the generator goes on with the next seed. The words are
-    those that it prints."""
+    those that it prints. With `hopeless`, no other seed will do better."""
+
+    def __init__(self, why: str, *, hopeless: bool = False) -> None:
+        super().__init__(why)
+        self.hopeless = hopeless
 
 
 @dataclass(slots=True, eq=False)

@@ -1,0 +1,198 @@
+"""The published generator: the same instance for the same seed, and what holds of any."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robotouille.errors import FileError
+from robotouille_evaluation.packs.published.floor import Floor
+from robotouille_evaluation.packs.published.layouts import Layout, generate_layout
+from tests.support.published import NEEDED, PUBLISHED, published_problem, read
+from tests.support.samples import first_quickly
+
+
+def listed(folder: str) -> list[str]:
+    index = PUBLISHED / folder / "index.json"
+    return list(read(index)) if index.is_file() else []
+
+
+def check_instance(folder: str, name: str, *, noisy: bool) -> None:
+    row = read(PUBLISHED / folder / "index.json")[name]
+    layout = generate_layout(published_problem(name.rpartition("_")[0]), row["seed"], noisy=noisy)
+    assert layout.problem == read(PUBLISHED / folder / f"{name}.json")
+    assert layout.seed_used == row["seed_used"]
+    assert list(layout.errors) == row["retries"]
+
+
+@NEEDED
+@pytest.mark.parametrize("name", first_quickly(listed("instances"), quick=12))
+def test_published_instances_come_out_equal(name: str) -> None:
+    check_instance("instances", name, noisy=False)
+
+
+@NEEDED
+@pytest.mark.parametrize("name", listed("instances_noisy"))
+def test_published_noisy_instances_come_out_equal(name: str) -> None:
+    check_instance("instances_noisy", name, noisy=True)
+
+
+def problem(
+    width: int = 5, height: int = 5, *, stations: int = 3, items: int = 2, containers: int = 0
+) -> dict[str, Any]:
+    cells = [(x, y) for y in range(height) for x in range(width)]
+    places = cells[width:] + cells[:width]
+    kinds = ("table", "board", "stove")
+    return {
+        "version": "1.0.0",
+        "width": width,
+        "height": height,
+        "stations": [
+            {"name": kinds[i % 3], "x": x, "y": y}
+            for i, (x, y) in zip(range(stations), places, strict=False)
+        ],
+        "items": [
+            {"name": "lettuce", "x": x, "y": y, "stack-level": 0, "predicates": ["iscuttable"]}
+            for _, (x, y) in zip(range(items), places, strict=False)
+        ],
+        "containers": [
+            {"name": "pot", "x": x, "y": y}
+            for _, (x, y) in zip(range(containers), places, strict=False)
+        ],
+        "players": [{"name": "robot", "x": 0, "y": 0, "direction": [0, 1]}],
+        "goal_description": "",
+        "goal": [],
+    }
+
+
+PROBLEMS = st.builds(
+    problem,
+    st.integers(2, 6),
+    st.integers(2, 6),
+    stations=st.integers(1, 8),
+    items=st.integers(0, 6),
+    containers=st.integers(0, 3),
+)
+ERRORS = {
+    "No replaceable stations found",
+    "Item force add failed",
+    "Container force add failed",
+    "No place for the groups found",
+    "0",
+}
+
+
+def check_layout(raw: dict[str, Any], layout: Layout, *, noisy: bool) -> None:
+    found = layout.problem
+    own = Counter(thing["name"] for thing in raw["stations"])
+    assert own <= Counter(thing["name"] for thing in found["stations"])
+    own = Counter(thing["name"] for thing in raw["items"])
+    assert own <= Counter(thing["name"] for thing in found["items"])
+    assert len(found["containers"]) == (0 if noisy else len(raw["containers"]))
+    cells = [(thing["x"], thing["y"]) for thing in found["stations"]]
+    assert len(set(cells)) == len(cells)
+    (player,) = found["players"]
+    stand = (player["x"], player["y"])
+    floor = Floor(raw["width"], raw["height"])
+    assert stand not in cells
+    assert floor.reaches(cells, stand)
+    faced = (stand[0] + player["direction"][0], stand[1] + player["direction"][1])
+    assert faced == cells[0]
+    if not noisy:
+        places = [(t["x"], t["y"]) for t in (*found["items"], *found["containers"])]
+        assert len(set(places)) == len(places)
+        assert set(places) <= {*cells, stand}
+        assert all(item["stack-level"] == 0 for item in found["items"])
+    assert found["goal"] == raw["goal"]
+    assert layout.seed_used == layout.seed + len(layout.errors)
+    assert set(layout.errors) <= ERRORS
+
+
+@settings(max_examples=60, deadline=None)
+@given(PROBLEMS, st.integers(0, 10_000))
+def test_a_layout_has_the_objects_of_its_problem_within_reach(
+    raw: dict[str, Any], seed: int
+) -> None:
+    try:
+        layout = generate_layout(raw, seed)
+    except FileError as error:
+        assert "no layout for the seeds" in str(error)
+    else:
+        check_layout(raw, layout, noisy=False)
+        assert generate_layout(raw, seed) == layout
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.builds(problem, st.integers(4, 6), st.integers(4, 6), stations=st.integers(1, 4)),
+    st.integers(0, 10_000),
+)
+def test_a_noisy_layout_keeps_what_is_on_a_station(raw: dict[str, Any], seed: int) -> None:
+    layout = generate_layout(raw, seed, noisy=True)
+    check_layout(raw, layout, noisy=True)
+    stations = layout.problem["stations"][: len(raw["stations"])]
+    items = layout.problem["items"][: len(raw["items"])]
+    origin = {(s["x"], s["y"]): i for i, s in enumerate(sorted_by_cell(raw["stations"]))}
+    for before, after in zip(sorted_by_cell(raw["items"]), items, strict=True):
+        if (before["x"], before["y"]) in origin:
+            station = stations[origin[before["x"], before["y"]]]
+            assert (after["x"], after["y"]) == (station["x"], station["y"])
+
+
+def sorted_by_cell(things: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return sorted(things, key=lambda thing: (thing["x"], thing["y"]))
+
+
+def test_random_numbers_go_on_where_the_generator_stopped() -> None:
+    layout = generate_layout(problem(), 42)
+    assert layout.rng().random() == layout.rng().random()
+    assert layout.rng().random() != generate_layout(problem(), 43).rng().random()
+
+
+def test_a_problem_is_not_changed() -> None:
+    raw, copy = problem(containers=1), problem(containers=1)
+    generate_layout(raw, 42)
+    generate_layout(raw, 42, noisy=True)
+    assert raw == copy
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"width": 0}, "width: expected a number from 1 to 100, found 0"),
+        ({"stations": []}, "stations: a problem without stations has no layouts"),
+        ({"players": []}, "players: a problem without players has no layouts"),
+        ({"items": [{"name": "egg"}]}, r"items\[0\]: expected an object with x and y"),
+        ({"items": 3}, "items: expected a list of objects"),
+    ],
+)
+def test_what_has_no_layouts_is_an_error(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(FileError, match=words):
+        generate_layout({**problem(), **change}, 42)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_a_grid_that_is_too_small_is_an_error(noisy: bool) -> None:
+    """The published generator would go on for ever."""
+    with pytest.raises(FileError, match="no layout for the seed"):
+        generate_layout(problem(2, 1, stations=2), 42, noisy=noisy)
+
+
+@pytest.mark.parametrize(
+    ("stations", "start", "reached"),
+    [
+        ([(0, 0)], (1, 1), True),
+        ([(1, 0), (1, 1), (1, 2)], (0, 0), True),
+        ([(1, 0), (1, 1), (1, 2), (2, 1)], (0, 0), False),
+        ([(1, 1)], (1, 1), True),
+        ([(1, 1), (0, 0)], (1, 1), False),
+    ],
+)
+def test_who_stands_on_a_station_reaches_that_one_only(
+    stations: list[tuple[int, int]], start: tuple[int, int], reached: bool
+) -> None:
+    assert Floor(3, 3).reaches(stations, start) == reached
