@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from robotouille import State, World
+from robotouille import World
 from robotouille.errors import RobotouilleError
 from robotouille.planning import Plan
 from robotouille.planning.policies import Did, PlannerPolicy, Policy, RandomPolicy, Script
@@ -48,11 +46,6 @@ def random_actions(world: World, player: str, seed: int) -> PolicyAgent:
     return PolicyAgent(RandomPolicy(player, seed))
 
 
-def script(plan: Callable[[], Plan]) -> Callable[[World, str, int], PolicyAgent]:
-    """Carries out its part of a plan."""
-
-    def make(world: World, player: str, seed: int) -> PolicyAgent:
-        state: State = world.initial
-        return PolicyAgent(Script(player, plan(), state))
-
-    return make
+def script(plan: Plan, player: str, world: World) -> PolicyAgent:
+    """Carries out a player's part of a plan."""
+    return PolicyAgent(Script(player, plan, world.initial))

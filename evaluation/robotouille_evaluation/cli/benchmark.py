@@ -294,7 +294,6 @@ def _models(base_url: str, opened: AsyncExitStack) -> Callable[[Job], Model]:
         ScriptedModel,
         SeededAnswers,
     )
-
     from robotouille_evaluation.models.openai_compatible import OPENAI_URL
 
     shared: dict[str, OpenAICompatibleModel] = {}

@@ -161,7 +161,7 @@ def _strategy(job: Job, pack: Pack, world: World, player: str) -> Strategy:
         case "random":
             return random_actions(world, player, job.seed)
         case "scripted":
-            return script(pack.plan(job.instance, job.seats))(world, player, job.seed)
+            return script(pack.plan(job.instance, world), player, world)
         case "model":
             dataset = pack.task(pack.instance(job.instance).task).dataset
             return make_strategy(pack, job.agent.strategy, dataset)
