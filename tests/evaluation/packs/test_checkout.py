@@ -1,0 +1,217 @@
+"""Checkouts of the published repository: what is read, what is missing, what is wrong."""
+
+from __future__ import annotations
+
+import time
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from robotouille import World
+from robotouille.errors import FileError
+from robotouille_evaluation.packs.checking import check_pack
+from robotouille_evaluation.packs.pack import ExampleStep, Pack
+from robotouille_evaluation.packs.published.checkout import SEEDS, read_checkout
+from tests.support.checkouts import EXPERIMENT, write_checkout
+from tests.support.published import CHECKOUT, NEEDED, conversations, read
+from tests.support.samples import first_quickly
+
+pytest.importorskip("yaml")
+
+PROBLEM = "environments/env_generator/examples/synchronous/0_toast.json"
+SETTINGS_OF_A_RUN = {"log_path", "retries"}
+"""Settings of the recorded runs that their command lines changed."""
+
+
+@cache
+def published() -> Pack:
+    return read_checkout(CHECKOUT, seeds=SEEDS[:1]).pack
+
+
+@NEEDED
+def test_the_published_checkout_is_a_pack_in_time() -> None:
+    began = time.perf_counter()
+    found = read_checkout(CHECKOUT)
+    assert time.perf_counter() - began < 30
+    assert not found.faults
+    assert all("/env_generator/" in name for name in found.missing)
+    kinds = [instance.kind for instance in found.pack.instances]
+    assert kinds.count("free") == kinds.count("noisy") == 160
+    assert found.pack.task("synchronous/2_lettuce_tomato_sandwich").optimal == 24
+
+
+@NEEDED
+def test_every_published_instance_is_a_world() -> None:
+    assert check_pack(published()) == []
+    task = published().load("synchronous/0_cheese_sandwich_42")
+    assert World(task).initial.text().endswith("Goal: Prepare a cheese sandwich on a table")
+
+
+@NEEDED
+@pytest.mark.parametrize("path", first_quickly(conversations(), quick=6), ids=lambda p: p.stem)
+def test_recorded_conversations_begin_with_these_messages(path: Path) -> None:
+    recorded = read(path)
+    name = recorded["experiment"].removeprefix("conf/experiments/").removesuffix(".yaml")
+    llm = published().experiment(name).settings["llm"]
+    for setting, value in recorded["settings"]["llm"].items():
+        assert llm[setting] == value or setting in SETTINGS_OF_A_RUN, setting
+    messages = recorded["messages"]
+    for event in recorded["events"]:
+        if event["event"] == "llm":
+            sent = [messages[i]["content"] for i in event["messages"]]
+            check_beginning(sent, event["purpose"], llm)
+
+
+def check_beginning(sent: list[str], purpose: str, llm: dict[str, object]) -> None:
+    which = {"propose": "action_proposal_prompt", "reflect": "reflection_prompt"}[purpose]
+    ids = llm["prompts"][which]  # type: ignore[index]
+    group, version = ids["experiment_name"], ids["prompt_version"]
+    prompt = published().prompt(f"{group}/{version}-{ids['prompt_description']}")
+    assert sent[:2] == [prompt.system, prompt.instructions]
+    if purpose == "propose" and llm["num_examples"]:
+        (episode,) = published().example_set(str(llm["example_dir_path"])).episodes
+        shown = [text for step in episode.steps for text in (step.user, step.assistant)]
+        assert sent[2 : 2 + len(shown)] == shown
+
+
+def test_a_checkout_is_read(tmp_path: Path) -> None:
+    found = read_checkout(write_checkout(tmp_path), seeds=[42, 84])
+    pack = found.pack
+    assert not found.faults
+    assert [instance.id for instance in pack.instances] == [
+        "synchronous/0_toast",
+        "synchronous/0_toast_42",
+        "synchronous/0_toast_84",
+        "synchronous/0_toast_42_noisy",
+        "synchronous/0_toast_84_noisy",
+    ]
+    task = pack.task("synchronous/0_toast")
+    assert (task.optimal, task.optimal_from) == (5, "constant in ReAct/plain")
+    prompt = pack.prompt("ReAct/1.0.0-plain")
+    assert prompt.system == "Be a cook."
+    assert prompt.instructions == "Answer so:\nReasoning: ...\nAction: ..."
+    (episode,) = pack.example_set("synchronous/examples").episodes
+    assert episode.steps == (
+        ExampleStep(
+            "...\n\nGoal: Put cheese on bread\n\n",
+            "Reasoning: It is there.\n\nAction: Do nothing",
+        ),
+    )
+    assert check_pack(pack) == []
+
+
+def test_settings_are_put_together(tmp_path: Path) -> None:
+    experiment = read_checkout(write_checkout(tmp_path), seeds=[]).pack.experiment("ReAct/plain")
+    assert experiment.agent == "ReAct"
+    assert experiment.seeds == (42,)
+    assert experiment.settings["game"]["stochastic"] is False
+    assert experiment.settings["game"]["max_steps"] is None
+    llm = experiment.settings["llm"]
+    assert llm["log_path"] == "${hydra:runtime.output_dir}/log"
+    assert llm["prompts"]["action_proposal_prompt"] == {
+        "experiment_name": "ReAct",
+        "prompt_description": "plain",
+        "prompt_version": "1.0.0",
+        "temperature": 0.7,
+    }
+    assert experiment.budget("synchronous/0_toast").max_steps == 8
+
+
+@pytest.mark.parametrize(
+    ("absent", "missing"),
+    [
+        (
+            "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml",
+            "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml",
+        ),
+        (
+            "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
+            "agents/in_context_examples/data/synchronous/examples",
+        ),
+        ("conf/experiments/ReAct/plain.yaml", "conf/experiments"),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path: Path, absent: str, missing: str) -> None:
+    found = read_checkout(write_checkout(tmp_path, {absent: None}), seeds=[42])
+    assert missing in found.missing
+    assert not found.faults
+    assert len(found.pack.instances) == 3
+
+
+def test_tasks_that_experiments_name_are_missing(tmp_path: Path) -> None:
+    found = read_checkout(write_checkout(tmp_path), seeds=[])
+    assert "environments/env_generator/examples/synchronous/1_absent.json" in found.missing
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "fault"),
+    [
+        ("conf/experiments/ReAct/plain.yaml", "a: [", "is not YAML"),
+        ("conf/experiments/ReAct/plain.yaml", "- a", "expected settings by name"),
+        (
+            "conf/experiments/ReAct/plain.yaml",
+            EXPERIMENT.replace("[5, 9]", "[5]"),
+            "2 tasks, but 1 optimal_steps",
+        ),
+        (
+            "conf/experiments/ReAct/plain.yaml",
+            EXPERIMENT.replace("[5, 9]", "[five, 9]"),
+            "optimal_steps: expected a list of int",
+        ),
+        (
+            "conf/experiments/ReAct/plain.yaml",
+            EXPERIMENT.replace("agent_name: ReAct", "agent_name: ${llm.nobody}"),
+            "${llm.nobody} is no setting",
+        ),
+        (
+            "conf/experiments/ReAct/plain.yaml",
+            EXPERIMENT.replace("agent_name: ReAct", "agent_name: ${game.agent_name}"),
+            "${game.agent_name} stands for itself",
+        ),
+        ("conf/llm/base_llm.yaml", "!!python/object:os.system {}", "is not YAML"),
+        ("agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml", "system: 1", "expected a text"),
+        (
+            "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
+            "Cheese!",
+            "has no interaction",
+        ),
+        (
+            "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
+            "Interaction 1\n---\nNothing\n",
+            "interaction 1: has no observation with an answer",
+        ),
+        ("environments/env_generator/examples/synchronous/1_bad.json", "{", "is not JSON"),
+        ("environments/env_generator/examples/synchronous/1_bad.json", "[]", "expected a problem"),
+    ],
+)
+def test_wrong_files_are_named_and_the_rest_is_read(
+    tmp_path: Path, path: str, text: str, fault: str
+) -> None:
+    found = read_checkout(write_checkout(tmp_path, {path: text}), seeds=[42])
+    assert any(fault in line for line in found.faults), found.faults
+    assert len(found.pack.instances) == 3
+
+
+def test_a_folder_that_is_no_checkout_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"has no domain/robotouille\.json and no environments/"):
+        read_checkout(tmp_path)
+    with pytest.raises(FileError, match="is not a folder"):
+        read_checkout(tmp_path / "absent")
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "words"),
+    [
+        ("domain/robotouille.json", None, r"it has no domain/robotouille\.json"),
+        ("domain/robotouille.json", '{"name": "x"}', "is it another version"),
+        ("domain/robotouille.json", "#", "is not JSON"),
+        (PROBLEM, None, "has no environments"),
+        (PROBLEM, "{", "no problem of the benchmark"),
+    ],
+)
+def test_a_checkout_of_another_shape_is_an_error(
+    tmp_path: Path, path: str, text: str | None, words: str
+) -> None:
+    with pytest.raises(FileError, match=words):
+        read_checkout(write_checkout(tmp_path, {path: text}))
