@@ -207,6 +207,15 @@ def published(folder: Path, **changes: Any) -> World:
     return World(load_task(write(folder, "problem.json", problem), domain=domain))
 
 
+def test_marks_of_the_published_generator_are_left_out(tmp_path: Path) -> None:
+    """Its raw output has them; a file that was tidied up is the same task."""
+    marked = published_problem()
+    for thing in (*marked["stations"], *marked["items"]):
+        thing.update(force_add=True, frozen=False)
+    raw = published(tmp_path, stations=marked["stations"], items=marked["items"])
+    assert raw.task.digest == published(tmp_path).task.digest
+
+
 def test_published_files_get_what_they_leave_unsaid(tmp_path: Path) -> None:
     world = published(tmp_path)
     assert set(world.initial.fact_names()) >= {

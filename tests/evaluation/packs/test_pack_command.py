@@ -1,0 +1,119 @@
+"""`robotouille pack`: what it prints, where it writes, and when it fails."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from robotouille_client.cli.main import app
+from robotouille_evaluation.packs.store import read_pack, write_pack
+from tests.support.checkouts import write_checkout
+
+pytest.importorskip("yaml")
+
+
+def pack(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, ["pack", *map(str, words)])
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    return write_checkout(tmp_path / "checkout")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, checkout: Path) -> Path:
+    assert pack("import", checkout, "--out", tmp_path / "toast").exit_code == 0
+    return tmp_path / "toast"
+
+
+def test_import_tells_what_is_there_and_what_is_missing(tmp_path: Path, checkout: Path) -> None:
+    result = pack("import", checkout, "--out", tmp_path / "toast")
+    assert result.exit_code == 0
+    assert "published 2.0, 1 tasks (1 default, 10 free, 10 noisy)" in result.stdout
+    assert "missing: environments/env_generator/examples/multi_agent\n" in result.stderr
+    assert read_pack(tmp_path / "toast").digest in result.stdout
+
+
+def test_import_goes_to_a_folder_of_the_packs_name(
+    tmp_path: Path, checkout: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert pack("import", checkout).exit_code == 0
+    assert read_pack(tmp_path / "packs" / "published").name == "published"
+
+
+def test_import_fails_where_files_are_wrong_and_keeps_the_rest(tmp_path: Path) -> None:
+    bad = "environments/env_generator/examples/synchronous/1_bad.json"
+    checkout = write_checkout(tmp_path / "checkout", {bad: "{"})
+    result = pack("import", checkout, "--out", tmp_path / "toast", "--json")
+    assert result.exit_code == 1
+    row = json.loads(result.stdout)
+    assert row["instances"] == {"default": 1, "free": 10, "noisy": 10}
+    assert "1_bad.json: is not JSON" in row["faults"][0]
+
+
+def test_what_is_no_checkout_is_an_error_in_a_line(tmp_path: Path) -> None:
+    result = pack("import", tmp_path)
+    assert result.exit_code == 1
+    assert result.stdout == ""
+    assert "is no checkout of the published repository" in result.stderr
+
+
+def test_show_lists_what_is_in_a_pack(folder: Path) -> None:
+    words = pack("show", folder).stdout
+    assert "synchronous/0_toast: 21 instances, 5 steps (constant in ReAct/plain)" in words
+    assert "prompts: ReAct/1.0.0-plain" in words
+    row = json.loads(pack("show", folder, "--json").stdout)
+    assert row["experiments"] == ["ReAct/plain"]
+    assert row["tasks"] == [{"task": "synchronous/0_toast", "optimal": 5}]
+
+
+def test_check_says_what_is_wrong(folder: Path) -> None:
+    assert pack("check", folder).stdout == "no faults\n"
+    found = read_pack(folder)
+    broken = found.instances[0].problem.replace('"goal":[', '"goal":[{},')
+    instances = [found.instances[0].__class__("x", "synchronous/0_toast", "free", 1, 1, broken)]
+    write_pack(type(found)("toast", "1", found.domain, found.tasks, tuple(instances)), folder)
+    result = pack("check", folder, "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["faults"]
+
+
+def test_a_changed_pack_is_an_error(folder: Path) -> None:
+    (folder / "tasks.json").write_text("[]")
+    for command in ("show", "check"):
+        result = pack(command, folder)
+        assert result.exit_code == 1
+        assert "tasks.json: was changed since the pack was made" in result.stderr
+
+
+def test_diff_prints_tables(folder: Path, tmp_path: Path) -> None:
+    other = write_checkout(
+        tmp_path / "other",
+        {"conf/experiments/ReAct/plain.yaml": None},
+    )
+    assert pack("import", other, "--out", tmp_path / "other pack").exit_code == 0
+    assert pack("diff", folder, folder).stdout == "no difference\n"
+    text = pack("diff", folder, tmp_path / "other pack").stdout
+    assert "Task by task" in text
+    markdown = pack("diff", folder, tmp_path / "other pack", "--markdown").stdout
+    assert "|  | budget | 8 | – |" in markdown
+    row = json.loads(pack("diff", folder, tmp_path / "other pack", "--json").stdout)
+    assert {"aspect": "optimum", "a": "5", "b": ""} in row["tasks"][0]["differences"]
+
+
+def test_diff_names_a_folder_that_is_no_pack(tmp_path: Path) -> None:
+    result = pack("diff", tmp_path, tmp_path)
+    assert result.exit_code == 1
+    assert "is no pack" in result.stderr
+
+
+@pytest.mark.slow
+def test_build_makes_our_pack(tmp_path: Path) -> None:
+    assert pack("build", "--out", tmp_path / "ours").exit_code == 0
+    assert read_pack(tmp_path / "ours").name == "ours"
+    assert pack("diff", "ours", tmp_path / "ours").stdout == "no difference\n"
