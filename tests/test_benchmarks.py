@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from benchmarks import core, flat, joint, planning
+from benchmarks import core, flat, joint, model_calls, planning
 from benchmarks.flat import Growth, Memory, memory_over_steps
 from benchmarks.server import BARE, OURS, STEPS, Bench, memory_row, print_rows, server
 from rich.console import Console
@@ -113,3 +113,14 @@ def test_simulated_time_passes_at_once() -> None:
         begun = runner.get_loop().time()
         runner.run(asyncio.sleep(3600))
         assert runner.get_loop().time() - begun >= 3600
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_calls_of_models_are_measured(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("openai")
+    model_calls.main(["--episodes", "2", "--calls", "1", "--thinking", "0.05"])
+    scripted, endpoint = re.findall(r"(\S+) ms \(under", capsys.readouterr().out)
+    assert 0 < float(scripted) and 0 < float(endpoint)

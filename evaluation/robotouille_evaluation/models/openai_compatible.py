@@ -68,7 +68,7 @@ class Endpoint:
     parameters: Mapping[str, object] = field(default_factory=dict, hash=False)
     prices: Prices | None = None
     timeout: float = 120.0
-    retries: RetryPolicy = RetryPolicy()
+    retries: RetryPolicy = field(default_factory=RetryPolicy)
     max_concurrent: int = 100
 
     def __post_init__(self) -> None:

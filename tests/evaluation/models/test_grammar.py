@@ -29,9 +29,7 @@ def test_a_grammar() -> None:
 def spoken(text: str) -> str:
     """What a literal stands for, as llama.cpp reads it."""
     pattern = r"\\(x[0-9A-F]{2}|U[0-9A-F]{8}|.)"
-    return re.sub(
-        pattern, lambda m: m[1] if len(m[1]) == 1 else chr(int(m[1][1:], 16)), text[1:-1]
-    )
+    return re.sub(pattern, lambda m: m[1] if len(m[1]) == 1 else chr(int(m[1][1:], 16)), text[1:-1])
 
 
 @given(st.text())

@@ -171,7 +171,7 @@ async def test_refusals_never_show_the_key() -> None:
         (answer(""), KINDS.EMPTY, True),
         (answer(" \n"), KINDS.EMPTY, True),
         (answer(None, finish_reason="length"), KINDS.EMPTY, False),
-        (answer(None, finish_reason="content_filter", refusal="I'd rather not"), KINDS.EMPTY, False),
+        (answer(None, finish_reason="content_filter", refusal="No."), KINDS.EMPTY, False),
         (tool_call(), KINDS.EMPTY, True),
     ],
 )  # fmt: skip
@@ -241,7 +241,7 @@ async def test_nobody_listens() -> None:
     pauses = Pauses()
     settings = Endpoint("scripted", gone.url, retries=RetryPolicy(attempts=2))
     async with OpenAICompatibleModel(settings, key=KEY, sleep=pauses) as model:
-        with pytest.raises(ModelError, match="127.0.0.1") as caught:
+        with pytest.raises(ModelError, match=r"127\.0\.0\.1") as caught:
             await model.complete(REQUEST)
     assert caught.value.kind is KINDS.ENDPOINT and len(pauses) == 1
 
@@ -255,9 +255,7 @@ async def test_a_megabyte_is_cut_and_marked() -> None:
 
 
 async def test_far_more_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "robotouille_evaluation.models.openai_compatible.MAX_BODY_BYTES", 100_000
-    )
+    monkeypatch.setattr("robotouille_evaluation.models.openai_compatible.MAX_BODY_BYTES", 100_000)
     caught, requests = await failure(answer("x" * 1_000_000))
     assert caught.kind is KINDS.TOO_LONG and requests == 1
 
