@@ -123,4 +123,4 @@ def test_calls_of_models_are_measured(
     pytest.importorskip("openai")
     model_calls.main(["--episodes", "2", "--calls", "1", "--thinking", "0.05"])
     scripted, endpoint = re.findall(r"(\S+) ms \(under", capsys.readouterr().out)
-    assert 0 < float(scripted) and 0 < float(endpoint)
+    assert float(scripted) > 0 and float(endpoint) > 0
