@@ -83,7 +83,7 @@ def test_an_episode_is_a_row_and_a_recording(tmp_path: Path, kind: str, task: st
     recording = read_recording(tmp_path / row.recording)
     assert recording.verify().identical
     assert recording.outcome is not None
-    assert recording.outcome["success"] == row.outcome.success
+    assert (recording.outcome["reason"] == "goal") == row.outcome.success
     if kind == "scripted":
         assert row.outcome.steps == row.optimum.steps
 
