@@ -84,7 +84,7 @@ def test_an_episode_is_a_row_and_a_recording(tmp_path: Path, kind: str, task: st
     assert recording.verify().identical
     assert recording.outcome is not None
     assert (recording.outcome["reason"] == "goal") == row.outcome.success
-    if kind == "scripted":
+    if kind == "scripted" and row.seats == 1:  # In lockstep nobody steps onto what is just left.
         assert row.outcome.steps == row.optimum.steps
 
 
