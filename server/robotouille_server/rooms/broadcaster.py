@@ -359,7 +359,7 @@ class Broadcaster:
             step=step,
             phase=phase,
             seat=player,
-            text=state.text(player),
+            text=state.text_view(player),
             actions=[a.sentence for a in state.actions(player)] if player else [],
             turn=turn,
             seq=answer.seq,

@@ -59,7 +59,7 @@ def _step(
         "hash": state.digest,
     }
     if texts:
-        row["observations"] = {p: state.text(p) for p in state.world.players}
+        row["observations"] = {p: state.text_view(p) for p in state.world.players}
     return row
 
 

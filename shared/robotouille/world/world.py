@@ -34,7 +34,7 @@ from robotouille.world.grounding.objects import Atom, Object, bound
 from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
 from robotouille.world.sentences import known, no_valid_action, said, said_exactly
 from robotouille.world.successors import SuccessorTree
-from robotouille.world.text import describe, observation
+from robotouille.world.text import describe, goal_sentences, observation, text_view
 from robotouille.world.timers import Progress, Timers, TimerTable
 from robotouille.world.unmet import Unmet, UnmetKind
 
@@ -170,6 +170,18 @@ class State:
         """
         return observation(self.world, self.facts, self.actions(player or self.world.players[0]))
 
+    def text_view(self, player: str | None = None) -> str:
+        """What an agent that reads is sent (world.md, "In words"): who it is, then `text`, then
+        `World.goal_terms`.
+
+        Args:
+            player: Who the agent is; None for one that only watches.
+
+        Raises:
+            UnknownNameError: There is no such player.
+        """
+        return text_view(self.text(player), player, self.world.goal_terms(self))
+
     @property
     def digest(self) -> str:
         """A content hash (32 hex digits), equal across processes, versions and bit orders."""
@@ -286,6 +298,19 @@ class World(GroundTask):
     def initial(self) -> State:
         """The state in which every episode of the task begins."""
         return State(self, self.initial_facts, self.timers.none)
+
+    @cached_property
+    def _goal_sentences(self) -> tuple[str, ...]:
+        return goal_sentences(self)
+
+    def goal_terms(self, state: State) -> tuple[tuple[str, bool], ...]:
+        """Every condition of the goal in words, and whether it holds in a state of this world.
+
+        They are in the problem's order, and none is left out. One holds if some choice of objects
+        makes it true together with all before it that hold; so all of them hold exactly where the
+        goal is reached.
+        """
+        return tuple(zip(self._goal_sentences, self.goal.holding(state.facts), strict=True))
 
     # Actions
 
