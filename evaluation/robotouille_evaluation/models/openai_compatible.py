@@ -215,8 +215,6 @@ class OpenAICompatibleModel:
             async with completions.create(**asked) as response:
                 content_type = response.headers.get("content-type", "")
                 return content_type, await self._read(response.iter_bytes())
-        except openai.APITimeoutError:
-            raise TimeoutError from None
         except openai.APIConnectionError as error:
             raise self._unreachable(error.__cause__ or error) from None
         except openai.APIStatusError as error:
@@ -250,12 +248,15 @@ def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
     """The SDK's client, without attempts of its own."""
     try:
         import openai
-    except ImportError:
+
+        http_client = openai.DefaultAioHttpClient()
+    except (ImportError, RuntimeError):  # the latter where aiohttp alone is missing
         raise MissingExtraError("a model behind an endpoint", "llm") from None
-    connect = min(MAX_CONNECT_SECONDS, endpoint.timeout)
     return openai.AsyncOpenAI(
         base_url=endpoint.base_url,
         api_key=key or "none",  # left out of each request
-        timeout=openai.Timeout(endpoint.timeout, connect=connect),
+        timeout=openai.Timeout(None, connect=MAX_CONNECT_SECONDS),
         max_retries=0,
+        # The SDK's usual one looks at all connections for each request: slow with a hundred.
+        http_client=http_client,
     )

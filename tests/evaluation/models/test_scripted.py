@@ -1,0 +1,83 @@
+"""The mock model: the same conversation, the same answers."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from robotouille_evaluation.models import (
+    AnswerKind,
+    Completion,
+    Message,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+    ScriptedModel,
+    SeededAnswers,
+    Usage,
+)
+
+ACTIONS = ("Move robot1 from table1 to stove1", "Pick up patty1 from table1 using robot1")
+
+
+def request(words: str = "") -> ModelRequest:
+    observation = f"{words}\nValid Actions:\n" + "\n".join(ACTIONS) + "\n\nGoal: a burger"
+    return ModelRequest((Message("user", observation),))
+
+
+async def test_a_list() -> None:
+    full = ModelError(ModelErrorKind.CONTEXT_OVERFLOW, "scripted")
+    model = ScriptedModel.of(["two words", Completion("x", attempts=3), full])
+    answer = await model.complete(request())
+    assert answer.text == "two words" and answer.usage == Usage(18, 2)
+    assert (await model.complete(request())).attempts == 3
+    with pytest.raises(ModelError, match="context-overflow"):
+        await model.complete(request())
+    with pytest.raises(ModelError, match="no further answer"):
+        await model.complete(request())
+
+
+async def test_a_function() -> None:
+    model = ScriptedModel(lambda asked: asked.purpose, name="echo")
+    assert (await model.complete(ModelRequest((), "reflect"))).text == "reflect"
+    assert model.name == "echo"
+
+
+def answers(seed: int, count: int = 300) -> list[str]:
+    seeded = SeededAnswers(seed)
+    return [str(seeded(request(str(i % 20)))) for i in range(count)]
+
+
+def test_a_seed_decides_everything() -> None:
+    assert answers(1) == answers(1)
+    assert answers(1) != answers(2)
+    assert len(Counter(answers(1)[::20])) > 2, "the same question is always answered alike"
+
+
+def test_what_was_asked_between_does_not_matter() -> None:
+    straight, crossed = SeededAnswers(1), SeededAnswers(1)
+    expected = [straight(request("a")) for _ in range(5)]
+    found = []
+    for i in range(5):
+        crossed(request(f"other {i}"))
+        found.append(crossed(request("a")))
+    assert found == expected
+
+
+@pytest.mark.parametrize("kind", AnswerKind)
+def test_every_kind(kind: AnswerKind) -> None:
+    said = SeededAnswers(1, {kind: 1})(request())
+    if kind is AnswerKind.EMPTY:
+        assert isinstance(said, ModelError) and said.kind is ModelErrorKind.EMPTY
+        return
+    assert isinstance(said, str)
+    lines = [line.removeprefix("Action: ") for line in said.splitlines()]
+    proper = len(lines) == 2 and lines[0].startswith("Reasoning: ") and lines[1] in ACTIONS
+    assert proper == (kind in (AnswerKind.PLAN, AnswerKind.RANDOM))
+
+
+def test_a_plan() -> None:
+    seeded = SeededAnswers(1, {AnswerKind.PLAN: 1}, plan=lambda _: ACTIONS[1])
+    assert str(seeded(request())).endswith(f"\nAction: {ACTIONS[1]}")
+    assert str(seeded(ModelRequest((), "reflect"))).startswith("Reflection: ")
