@@ -28,6 +28,7 @@ from robotouille.protocol.codec import (
 )
 from robotouille.replay.bounded_msgpack import MAX_ENTRIES
 from robotouille.replay.container import MAX_FILE, MAX_FRAME
+from robotouille.world.sentences import MAX_SENTENCE
 from robotouille_server.admin.http.connection_slots import (
     MAX_CONNECTIONS,
     MAX_PER_ADDRESS,
@@ -176,6 +177,9 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             value=_longest(messages.Hello, "name"),
         ),
         Limit("a token", "refused", INVALID, value=_longest(messages.Hello, "token")),
+        Limit(
+            "an action as a text", "refused", INVALID, value=f"{MAX_SENTENCE:,} characters"
+        ),
         Limit(
             "reasoning with an action", "refused", INVALID,
             value=_longest(messages.Act, "reasoning"),

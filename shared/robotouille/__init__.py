@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from robotouille.certification.certificate import Certificate, load_certificate
     from robotouille.domain.catalogue import load_task, task_names
     from robotouille.domain.task import Task, Timing
     from robotouille.errors import (
@@ -39,10 +40,12 @@ else:
         "robotouille.domain.catalogue",
         "robotouille.world.grounding.actions",
         "robotouille.world.world",
+        "robotouille.certification.certificate",
     )
 
 __all__ = [
     "Attempt",
+    "Certificate",
     "Fault",
     "FileError",
     "GroundAction",
@@ -60,6 +63,7 @@ __all__ = [
     "World",
     "WrongArgumentError",
     "WrongWorldError",
+    "load_certificate",
     "load_task",
     "task_names",
 ]

@@ -41,10 +41,20 @@ __all__ = [
 ]
 
 
-def did_you_mean(name: object, valid: Iterable[str]) -> str:
-    """The clause `; did you mean 'x'?`, or nothing where no valid name is near."""
-    near = difflib.get_close_matches(str(name), list(valid), n=1, cutoff=0.6)
-    return f"; did you mean {near[0]!r}?" if near else ""
+def did_you_mean(name: object, valid: Iterable[str], most: int = 1) -> str:
+    """The clause `; did you mean 'x'?`, or nothing where no valid name is near.
+
+    Args:
+        name: What was said; its case does not matter.
+        valid: What could have been meant.
+        most: How many of the nearest are given.
+    """
+    names = {known.casefold(): known for known in valid}
+    near = difflib.get_close_matches(str(name).casefold(), list(names), n=most, cutoff=0.6)
+    if not near:
+        return ""
+    *others, last = [repr(names[each]) for each in near]
+    return f"; did you mean {', '.join(others)} or {last}?" if others else f"; did you mean {last}?"
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -166,7 +166,7 @@ def test_chat_and_text_view(tmp_path: Path) -> None:
                     results = await asyncio.gather(one.act(sentence), two.act(None))
                     assert all(r.applied for r in results)
                     assert one.observation.step == 1
-                    assert one.observation.text == two.state.text("robot1")
+                    assert one.observation.text == two.state.text_view("robot1")
                     refused = await one.act("Boil the sea")
                     assert not refused.applied
                     assert refused.code == "action/unknown"

@@ -44,6 +44,11 @@ def test_recordings_examples() -> None:
     assert names["recording"].outcome["steps"] == 3
 
 
+def test_packs_examples() -> None:
+    names = run_blocks("packs.md")
+    assert names["world"].task.name == names["instance"].id
+
+
 def test_api_examples() -> None:
     """The page's own assertions hold, and its bots play a game on a real server."""
     names = run_blocks("api.md")

@@ -285,3 +285,28 @@ def test_published_goals_may_name_objects_by_a_string(tmp_path: Path) -> None:
 def test_lists_and_objects_that_contradict_each_other(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="objects: input should be a valid dictionary"):
         published(tmp_path, objects=5)
+
+
+def test_generated_instances_are_listed_when_asked_for() -> None:
+    names = task_names(generated=True)
+    assert set(task_names()) < set(names)
+    generated = [name for name in names if name.startswith("generated/")]
+    assert len(names) == len(task_names()) + len(generated)
+    assert load_task(generated[0]).name == generated[0]
+
+
+@pytest.mark.parametrize("name", ["synchronous/01", "asynchronous/10", "multi_agent/01@3"])
+def test_a_task_knows_its_instances_by_their_seeds(name: str) -> None:
+    task = load_task(name)
+    instances = task.instances()
+    assert set(instances) <= set(task_names(generated=True))
+    seeds = [int(instance.rpartition("_s")[2]) for instance in instances]
+    assert seeds == sorted(seeds)
+    assert len(set(seeds)) >= 10
+    assert load_task(instances[0], seats=task.seats).problem.goal == task.problem.goal
+    assert load_task(instances[0]).instances() == ()
+
+
+def test_every_generated_instance_is_some_tasks() -> None:
+    known = {name for task in task_names() for name in load_task(task).instances()}
+    assert known == set(task_names(generated=True)) - set(task_names())

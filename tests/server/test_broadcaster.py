@@ -80,7 +80,7 @@ def test_whoever_sees_words_is_sent_words(room: Room) -> None:
     reader = room.member("Ada", view="text")
     stepped = room.step()
     assert reader.kinds() == ["observation"]
-    assert reader.got[0]["text"] == stepped.state.text(PLAYER)
+    assert reader.got[0]["text"] == stepped.state.text_view(PLAYER)
     assert reader.got[0]["actions"]
 
 

@@ -126,7 +126,7 @@ def test_unknown_names_are_refused_with_the_nearest() -> None:
         world.action("move", "robot1")
     with pytest.raises(KeyError, match="did you mean 'robot1'"):
         world.initial.actions("robot")
-    with pytest.raises(KeyError, match="did you mean 'move robot1 from table1 to table2'"):
+    with pytest.raises(KeyError, match="did you mean 'Move robot1 from table1 to table2'"):
         world.parse(world.initial, "robot1", "Move robot1 from table1 to tabel2")
 
 

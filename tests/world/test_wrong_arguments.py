@@ -19,7 +19,7 @@ HERE = STATE.actions("robot1")[0]
 ROW = ("cook", 0, ("patty1", "stove1"), (0, 0))
 
 NAMES: list[tuple[Callable[[], Any], str]] = [
-    (lambda: STATE.step("Move robot1 from table2 to tabel1"), "did you mean 'move robot1 from"),
+    (lambda: STATE.step("Move robot1 from table2 to tabel1"), "did you mean 'Move robot1 from"),
     (lambda: STATE.step([None, "Dance"]), "no valid action 'Dance'"),
     (lambda: STATE.step({"robot3": HERE}), "no player 'robot3'; did you mean 'robot"),
     (lambda: STATE.step({"robot2": HERE.sentence}), "no valid action"),

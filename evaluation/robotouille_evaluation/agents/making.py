@@ -94,8 +94,15 @@ def own_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
 
 def _own_prompts(pack: Pack, id_: str, dataset: str, examples: str = "") -> Prompts:
     prompt = pack.prompt(id_)
-    shown = _turns(pack, f"{dataset}/{examples}") if examples else ()
+    shown = _turns(pack, _nearest(pack, dataset, examples)) if examples else ()
     return Prompts(prompt.system, prompt.instructions, shown)
+
+
+def _nearest(pack: Pack, dataset: str, form: str) -> str:
+    """The examples of a data set; those of the last one where it has none of its own."""
+    names = [found.name for found in pack.examples if found.name.endswith(f"/{form}")]
+    wanted = f"{dataset}/{form}"
+    return wanted if wanted in names or not names else names[-1]
 
 
 def _plan(prompt: str, examples: str, *, chain: bool) -> Callable[[Pack, str], Strategy]:

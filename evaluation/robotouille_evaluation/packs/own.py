@@ -30,6 +30,7 @@ from robotouille_evaluation.packs.pack import (
     ProvenPlan,
     canonical_json,
 )
+from robotouille_evaluation.packs.prompting import own_examples, own_prompts
 
 __all__ = ["build_own_pack", "instance_id"]
 
@@ -61,7 +62,8 @@ def build_own_pack(progress: Progress | None = None) -> Pack:
         if progress is not None:
             progress(number, len(names))
     text = canonical_json(domain.model_dump(mode="json", by_alias=True, exclude_unset=True))
-    return Pack(NAME, VERSION, text, tuple(tasks), tuple(instances))
+    told = own_prompts(domain), own_examples()
+    return Pack(NAME, VERSION, text, tuple(tasks), tuple(instances), *told)
 
 
 def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:

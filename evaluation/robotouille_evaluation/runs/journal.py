@@ -31,9 +31,10 @@ class CallJournal:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._kept = self._read()
         self._next = 0
         self._file: BinaryIO | None = None
+        self._kept: list[dict[str, Any]] = []
+        self._kept = self._read()
 
     def __enter__(self) -> CallJournal:
         return self

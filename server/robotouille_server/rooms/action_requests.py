@@ -13,7 +13,7 @@ from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.write_ahead import WriteAhead
 from robotouille_server.runtime.metrics import Metrics
 
-__all__ = ["ActionRequests", "ground", "in_words"]
+__all__ = ["ActionRequests", "in_words", "requested_action"]
 
 
 class ActionRequests:
@@ -48,16 +48,18 @@ class ActionRequests:
         if request.seq == self._episode.seat(session.player).seq:
             self._answer_again(session, request)
             return
-        self._episode.submit(
-            session.player,
-            request.seq,
-            ground(self._episode, session.player, request),
-            now,
-            think_ms=request.think_ms,
-            reasoning=request.reasoning or "",
-        )
-        if request.reasoning:
-            session.recorded_bytes += len(request.reasoning.encode())
+        player, seq, reasoning = session.player, request.seq, request.reasoning or ""
+        try:
+            action = requested_action(self._episode, player, request)
+        except ProtocolError as error:
+            self._metrics.errors.labels(error.code).inc()
+            words = in_words(request)
+            self._episode.refuse(player, seq, words, error, now, reasoning=reasoning)
+        else:
+            self._episode.submit(
+                player, seq, action, now, think_ms=request.think_ms, reasoning=reasoning
+            )
+        session.recorded_bytes += len(reasoning.encode())
 
     def _answer_again(self, session: Session, request: messages.Act) -> None:
         """An action that was received before: send what became of it, do nothing."""
@@ -72,6 +74,7 @@ class ActionRequests:
             step=answer.step,
             action=in_words(request),
             reasons=list(answer.reasons),
+            code=answer.code,
         )
         send = partial(self._broadcaster.send, session, rejected)
         self._write_ahead.when_committed(session, send)
@@ -91,20 +94,20 @@ class ActionRequests:
             self._broadcaster.ask_snapshot(session)
 
 
-def ground(episode: Episode, player: str, request: messages.Act) -> GroundAction | None:
-    """The action, valid at present or not; None for nothing.
+def requested_action(
+    episode: Episode, player: str, request: messages.Act
+) -> GroundAction | str | None:
+    """The action, valid at present or not, or the text that says one; None for nothing.
 
     ProtocolError `action/unknown` if there is no such action, `action/stale` for a position in the
     list of another step.
     """
-    requested, state = request.action, episode.state
-    if requested is None:
-        return None
+    requested = request.action
+    if requested is None or isinstance(requested, str):
+        return requested
     if isinstance(requested, int):
         return _at(episode, player, requested, request.basis)
     try:
-        if isinstance(requested, str):
-            return episode.world.parse(state, player, requested)
         return episode.world.action(requested.name, *requested.args)
     except KeyError as error:
         raise ProtocolError("action/unknown", str(error.args[0]), "action") from None

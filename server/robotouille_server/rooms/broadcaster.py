@@ -21,8 +21,10 @@ from robotouille.episode import (
 )
 from robotouille.protocol import messages
 from robotouille.protocol.codec import MSGPACK, Codec
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateWriter, unmet_rows, why_rows
 from robotouille.replay.recorder import HASH_EVERY
+from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.snapshots import Snapshots
@@ -222,15 +224,20 @@ class Broadcaster:
     def publish_rejection(self, event: Rejected) -> None:
         """To the seat whose action it was."""
         session = self.holder(event.player)
-        if session is not None:
-            rejected = messages.Rejected(
-                seq=event.seq,
-                step=self._episode.step,
-                action=event.action,
-                reasons=list(event.reasons),
-                why=[messages.Why.of(unmet) for unmet in event.unmet],
-            )
-            self.send(session, rejected)
+        if session is None:
+            return
+        only_words = all(unmet.kind is UnmetKind.OTHER for unmet in event.unmet)
+        rejected = messages.Rejected(
+            seq=event.seq,
+            step=self._episode.step,
+            action=event.action,
+            reasons=list(event.reasons),
+            why=[] if only_words else [messages.Why.of(unmet) for unmet in event.unmet],
+            code=event.code,
+        )
+        self.send(session, rejected)
+        if event.code == ErrorCode.ACTION_STALE:
+            self.ask_snapshot(session)
 
     def publish_quota(self, event: QuotaReached) -> None:
         """To the seat whose words are not recorded any more; spectators notice when they talk."""
@@ -352,7 +359,7 @@ class Broadcaster:
             step=step,
             phase=phase,
             seat=player,
-            text=state.text(player),
+            text=state.text_view(player),
             actions=[a.sentence for a in state.actions(player)] if player else [],
             turn=turn,
             seq=answer.seq,

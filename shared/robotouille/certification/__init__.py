@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         Solver,
         certify,
         check,
+        load_certificate,
         write_certificate,
     )
     from robotouille.certification.certifying import BUDGET, certify_dataset
@@ -38,6 +39,7 @@ __all__ = [
     "certify_dataset",
     "check",
     "check_dataset",
+    "load_certificate",
     "plan_beside",
     "write_certificate",
 ]

@@ -20,6 +20,7 @@ from typing import Annotated, Literal, Protocol
 
 from pydantic import BaseModel, Field
 
+from robotouille.domain.catalogue import load_task
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task, Timing
@@ -42,6 +43,7 @@ __all__ = [
     "check",
     "content_hash",
     "json_text",
+    "load_certificate",
     "prove_again",
     "read_certificate",
     "write_certificate",
@@ -330,6 +332,27 @@ def json_text(model: BaseModel) -> str:
 def read_certificate(path: Path) -> Certificate:
     """The certificate in a file, unchecked; FileError lists all faults of its form."""
     return read_model(path, Certificate)
+
+
+def load_certificate(task: Task | str) -> Certificate:
+    """The certificate that lies beside a task's problem file; that it is of this task is checked,
+    its plan is not (`check` replays it).
+
+    Args:
+        task: A task, or a name or path for `load_task`: `multi_agent/01@2` is for two seats.
+
+    Raises:
+        UnknownTaskError: No task and no file goes by that name.
+        FileError: There is no certificate, or it is damaged, or of another task: one with other
+            timing or another domain, for instance.
+    """
+    if not isinstance(task, Task):
+        task = load_task(task)
+    path = certificate_path(Path(task.source), task)
+    certificate = read_certificate(path)
+    if faults := _identity_faults(certificate, task, None):
+        raise FileError(str(path), [Fault("", fault) for fault in faults])
+    return certificate
 
 
 def write_certificate(certificate: Certificate, path: Path) -> None:

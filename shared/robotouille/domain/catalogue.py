@@ -8,31 +8,24 @@ from pathlib import Path
 
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.shipped_names import GENERATED, shipped_names
 from robotouille.domain.task import Task, Timing, build_task, read_domain
 from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
 from robotouille.resources import data_folder
 
 __all__ = ["load_task", "task_names"]
 
-GENERATED = "generated/"
-NOT_TASKS = (".certificate.json", "manifest.json")
-
 
 @cache
-def task_names() -> tuple[str, ...]:
+def task_names(*, generated: bool = False) -> tuple[str, ...]:
     """Every shipped task, e.g. `synchronous/01_cheese_sandwich`, in order.
 
-    Their generated instances are tasks too, but not listed: `generated/synchronous/…_s42`.
+    Args:
+        generated: Their generated instances are listed, too: `generated/synchronous/…_s42`.
+            They are tasks like all others; `Task.instances` gives those of one task.
     """
-    return tuple(name for name in _all_names() if not name.startswith(GENERATED))
-
-
-@cache
-def _all_names() -> tuple[str, ...]:
-    root = data_folder("problems")
-    files = (p.relative_to(root).as_posix() for p in root.rglob("*.json"))
-    names = (f.removesuffix(".json") for f in files if not f.endswith(NOT_TASKS))
-    return tuple(sorted(names))
+    names = shipped_names()
+    return names if generated else tuple(n for n in names if not n.startswith(GENERATED))
 
 
 def load_task(
@@ -92,7 +85,7 @@ def _find(name: str) -> Path:
         if not is_file(Path(name)):
             raise UnknownTaskError(name, task_names())
         return Path(name)
-    names = _all_names() if name.startswith(GENERATED) else task_names()
+    names = shipped_names() if name.startswith(GENERATED) else task_names()
     matches = [n for n in names if n == name] or [n for n in names if _matches(n, name)]
     if len(matches) != 1:
         if matches:

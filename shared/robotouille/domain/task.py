@@ -21,6 +21,7 @@ from robotouille.domain.schema import (
     PublishedDefaults,
     Repetitive,
 )
+from robotouille.domain.shipped_names import instance_names
 from robotouille.domain.wildcards import resolve_wildcards
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille.resources import data_folder
@@ -91,6 +92,13 @@ class Task:
     def goal_description(self) -> str:
         """The goal in words, as the problem has it."""
         return self.problem.goal_description
+
+    def instances(self) -> tuple[str, ...]:
+        """The names of its generated instances, by their seeds; `load_task` loads them.
+
+        There are none of a task that is not shipped.
+        """
+        return instance_names(self.name)
 
     @cached_property
     def json(self) -> dict[str, Any]:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         SeatTally,
         Started,
         Stepped,
+        Verdict,
     )
     from robotouille.episode.lifecycle import Phase
     from robotouille.episode.pauses import PauseReason
@@ -81,4 +82,5 @@ __all__ = [
     "SeatTally",
     "Started",
     "Stepped",
+    "Verdict",
 ]

@@ -7,9 +7,12 @@ same course alone or beside a hundred others, in real or in simulated time.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from robotouille.episode.episode_state import EpisodeState
 from robotouille.episode.events import (
+    ACTION_INVALID,
+    ACTION_UNKNOWN,
     Controller,
     Departure,
     Paused,
@@ -25,9 +28,9 @@ from robotouille.episode.presence import Presence
 from robotouille.episode.quota import size_of_rejection
 from robotouille.episode.rules import Absence, Rules
 from robotouille.episode.seats import ActionAnswer, PendingAction, Seat, joint_action
-from robotouille.errors import ProtocolError
+from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, UnmetKind
+from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
 from robotouille.world.world import World
 
 __all__ = ["Episode"]
@@ -238,7 +241,7 @@ class Episode(EpisodeState):
         self,
         player: str,
         seq: int,
-        action: GroundAction | None,
+        action: GroundAction | str | None,
         now: float,
         *,
         think_ms: int = 0,
@@ -246,10 +249,11 @@ class Episode(EpisodeState):
     ) -> None:
         """A seat's action for the next step; None decides to do nothing.
 
-        An action whose preconditions do not hold is rejected at once and may be replaced. While
-        time stands still an action waits.
+        An action whose preconditions do not hold is rejected at once and may be replaced, and so
+        is a text that says no action. While time stands still an action waits.
 
         Args:
+            action: An action, or the text that says one, as `World.parse` reads it.
             seq: The seat's number of this action. The same again acts no second time
                 (`Seat.answer` tells its fate); a lower one is stale.
             think_ms: Milliseconds of thought, which count where thinking is declared.
@@ -260,22 +264,64 @@ class Episode(EpisodeState):
                 `rate/words`, where no more reasoning is recorded of the seat: it may act without.
         """
         seat = self.seat(player)
+        if not self._hears(seat, seq, reasoning, now):
+            return
+        text = ""
+        if isinstance(action, str):
+            text = action
+            try:
+                action = self.world.parse(self.state, player, text, valid=False)
+            except UnknownNameError as error:
+                unmet = only_words(str(error))
+                self._reject(seat, seq, text, unmet, now, reasoning, ACTION_UNKNOWN)
+                return
+        if unmet := self._faults(seat, action):
+            self._reject(seat, seq, _sentence(action), unmet, now, reasoning, text=text)
+            return
+        pending = seat.pending
+        if pending is not None and pending.seq > 0:
+            superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
+            words = _sentence(pending.action)
+            self._reject(seat, pending.seq, words, (superseded,), now, pending.reasoning)
+        self._decide(seat, action, seq, now, self._clock.delay(think_ms), reasoning)
+
+    def refuse(
+        self,
+        player: str,
+        seq: int,
+        request: str,
+        why: ProtocolError,
+        now: float,
+        *,
+        reasoning: str = "",
+    ) -> None:
+        """A seat has asked for an action in another form than `submit` takes, and it is none, or
+        not any more: it is rejected like those.
+
+        Args:
+            request: What was asked for, in words.
+            why: With the code `action/unknown` it is no action, else one that is not valid now.
+
+        Raises:
+            ProtocolError: As `submit` does.
+        """
+        seat = self.seat(player)
+        if self._hears(seat, seq, reasoning, now):
+            unmet = only_words(why.message)
+            self._reject(seat, seq, request, unmet, now, reasoning, why.code)
+
+    def _hears(self, seat: Seat, seq: int, reasoning: str, now: float) -> bool:
+        """Whether a request is a new one of a seat; then it is the seat's last."""
         self._check_begun()
         if seq < seat.seq:
             message = f"action {seq} is older than {seat.seq}; ask for a snapshot"
             raise ProtocolError("action/stale", message, "seq")
         if seq == seat.seq and seq > 0:
-            return
+            return False
         if reasoning:
-            self._take_quota(seat.quota, len(reasoning.encode()), player, now, "act without")
+            self._take_quota(seat.quota, len(reasoning.encode()), seat.player, now, "act without")
         seat.seq = seq
-        if unmet := self._faults(seat, action):
-            self._reject(seat, PendingAction(action, seq, 0.0, 0, 0, reasoning), unmet, now)
-            return
-        if seat.pending is not None and seat.pending.seq > 0:
-            superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-            self._reject(seat, seat.pending, (superseded,), now)
-        self._decide(seat, action, seq, now, self._clock.delay(think_ms), reasoning)
+        return True
 
     def substitute(self, player: str, action: GroundAction | None, now: float) -> None:
         """A stand-in's action for the next step; nothing happens if it is not in control (any
@@ -325,19 +371,25 @@ class Episode(EpisodeState):
         return self.world.unmet(self.state, action)
 
     def _reject(
-        self, seat: Seat, rejected: PendingAction, unmet: tuple[Unmet, ...], now: float
+        self,
+        seat: Seat,
+        seq: int,
+        sentence: str,
+        unmet: tuple[Unmet, ...],
+        now: float,
+        reasoning: str,
+        code: str = ACTION_INVALID,
+        text: str = "",
     ) -> None:
-        action, seq = rejected.action, rejected.seq
-        sentence = action.sentence if action is not None else "nothing"
-        reasons = tuple(each.words for each in unmet)
-        seat.answer = ActionAnswer(seq, self.step, reasons)
-        seat.tally.rejected += 1
+        text = "" if text == sentence else text
         time, reached = self._elapsed(now), seat.quota.reached
-        recorded = seat.quota.take(size_of_rejection(sentence, reasons))
+        event = Rejected(seat.player, seq, sentence, unmet, time, reasoning, True, code, text)
+        seat.answer = ActionAnswer(seq, self.step, event.reasons, code)
+        seat.count_rejection(event.verdict)
+        recorded = seat.quota.take(size_of_rejection((sentence, text, *texts_of(unmet))))
         if seat.quota.reached and not reached:
             self._emit(QuotaReached(seat.player, time))
-        event = Rejected(seat.player, seq, sentence, unmet, time, rejected.reasoning, recorded)
-        self._emit(event)
+        self._emit(event if recorded else replace(event, recorded=False))
 
     # Time
 
@@ -405,3 +457,7 @@ class Episode(EpisodeState):
         elif self.step >= self.rules.max_steps:
             self._end(Reason.STEP_LIMIT, now)
         return self.ended
+
+
+def _sentence(action: GroundAction | None) -> str:
+    return action.sentence if action is not None else "nothing"

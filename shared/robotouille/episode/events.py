@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
 from robotouille.episode.pauses import PauseReason
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet
+from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import Attempt, State
 
 __all__ = [
+    "ACTION_INVALID",
+    "ACTION_UNKNOWN",
     "Announced",
     "Controller",
     "Departure",
@@ -33,7 +35,14 @@ __all__ = [
     "SeatTally",
     "Started",
     "Stepped",
+    "Verdict",
 ]
+
+
+ACTION_INVALID = "action/invalid"
+"""The code of a known action that is not valid now."""
+ACTION_UNKNOWN = "action/unknown"
+"""The code of what is no action at all."""
 
 
 class Reason(StrEnum):
@@ -74,13 +83,20 @@ class Moderation(StrEnum):
 
 @dataclass(slots=True)
 class SeatTally:
-    """What one seat did over an episode."""
+    """What one seat did over an episode.
+
+    `rejected` counts everything that was asked for and not done. Of these, `invalid` are known
+    actions that were not valid when they were asked for, and `malformed` texts that were no action
+    at all; the rest were replaced by a later one, or were lost to another's in their step.
+    """
 
     player: str
     applied: int = 0
     rejected: int = 0
     idle: int = 0
     said: int = 0
+    invalid: int = 0
+    malformed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +136,8 @@ class Outcome:
                     "rejected": t.rejected,
                     "idle": t.idle,
                     "said": t.said,
+                    "invalid": t.invalid,
+                    "malformed": t.malformed,
                 }
                 for t in self.seats
             ],
@@ -164,10 +182,33 @@ class RosterChanged:
     why: Departure | None = None
 
 
+class Verdict(StrEnum):
+    """What an action was that was taken into no step."""
+
+    INVALID = "invalid"
+    """A known action that was not valid when it was asked for."""
+    MALFORMED = "malformed"
+    """No action at all."""
+    SUPERSEDED = "superseded"
+    """A valid one, which a later one of the seat has replaced."""
+
+    @classmethod
+    def of(cls, code: str, unmet: Iterable[Unmet]) -> Verdict:
+        """What was rejected with this code and for these reasons."""
+        if code == ACTION_UNKNOWN:
+            return cls.MALFORMED
+        superseded = any(each.kind is UnmetKind.SUPERSEDED for each in unmet)
+        return cls.SUPERSEDED if superseded else cls.INVALID
+
+
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """An action that was not taken into a step, and why; `recorded` unless the seat's quota of
-    text is used up."""
+    """An action that was not taken into a step, and why.
+
+    `action` is its sentence, or what was asked for where that is no action; `text` what was asked
+    for where it is another text. `code` is that of the wire: `action/invalid`, `action/unknown`
+    or `action/stale`. It is `recorded` unless the seat's quota of text is used up.
+    """
 
     player: str
     seq: int
@@ -176,11 +217,18 @@ class Rejected:
     time: float
     reasoning: str = ""
     recorded: bool = True
+    code: str = ACTION_INVALID
+    text: str = ""
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """What is unmet, in words."""
         return tuple(unmet.words for unmet in self.unmet)
+
+    @property
+    def verdict(self) -> Verdict:
+        """What it was."""
+        return Verdict.of(self.code, self.unmet)
 
 
 @dataclass(frozen=True, slots=True)

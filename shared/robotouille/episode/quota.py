@@ -33,9 +33,10 @@ NOTE_BYTES = 100
 """What a note takes beside its text."""
 
 
-def size_of_rejection(action: str, reasons: Iterable[str]) -> int:
-    """Bytes of a rejected action in a recording; its reasoning was taken off before."""
-    return NOTE_BYTES + sum(len(text.encode()) for text in (action, *reasons))
+def size_of_rejection(texts: Iterable[str]) -> int:
+    """Bytes of a rejected action in a recording: what it asked for, and the reasons; its reasoning
+    was taken off before."""
+    return NOTE_BYTES + sum(len(text.encode()) for text in texts)
 
 
 class Quota:

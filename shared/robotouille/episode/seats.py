@@ -6,7 +6,15 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from robotouille.episode.events import Controller, Departure, Move, RosterChanged, SeatTally
+from robotouille.episode.events import (
+    ACTION_INVALID,
+    Controller,
+    Departure,
+    Move,
+    RosterChanged,
+    SeatTally,
+    Verdict,
+)
 from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
@@ -29,11 +37,13 @@ class PendingAction:
 
 
 class ActionAnswer(NamedTuple):
-    """What became of a seat's action: taken in `step`, or rejected for some reasons."""
+    """What became of a seat's action: taken in `step`, or rejected for some reasons, with the
+    code that it was told."""
 
     seq: int
     step: int
     reasons: tuple[str, ...] = ()
+    code: str = ACTION_INVALID
 
 
 @dataclass(slots=True)
@@ -141,6 +151,12 @@ class Seat:
             generation=self.generation,
             why=why,
         )
+
+    def count_rejection(self, verdict: Verdict) -> None:
+        """One more of its actions was taken into no step."""
+        self.tally.rejected += 1
+        self.tally.invalid += verdict is Verdict.INVALID
+        self.tally.malformed += verdict is Verdict.MALFORMED
 
     def take_pending(self, step: int) -> PendingAction | None:
         """What it has decided on for the step after `step`, which is its answer; None: nothing."""

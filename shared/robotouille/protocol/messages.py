@@ -30,6 +30,7 @@ from robotouille.episode.rules import (
     Thinking,
 )
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille.world.sentences import MAX_SENTENCE
 from robotouille.world.unmet import Unmet, UnmetKind
 
 __all__ = [
@@ -213,7 +214,7 @@ class Act(Message):
 
     type: Literal["act"] = "act"
     seq: Annotated[int, Field(ge=1, le=2**53)]
-    action: NamedAction | Annotated[str, Field(max_length=300)] | Position | None
+    action: NamedAction | Annotated[str, Field(max_length=MAX_SENTENCE)] | Position | None
     basis: Position | None = None
     think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = 0
     reasoning: Annotated[str, Field(max_length=8000)] | None = None

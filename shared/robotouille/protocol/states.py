@@ -17,7 +17,15 @@ from robotouille.world.grounding.objects import Object
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import Attempt, State, World
 
-__all__ = ["StateReader", "StateWriter", "effect_label", "parse_label", "unmet_rows", "why_rows"]
+__all__ = [
+    "StateReader",
+    "StateWriter",
+    "effect_label",
+    "parse_label",
+    "unmet_rows",
+    "why_row",
+    "why_rows",
+]
 
 
 _tables: WeakKeyDictionary[World, dict[int, dict[str, Any]]] = WeakKeyDictionary()
@@ -52,10 +60,13 @@ def unmet_rows(attempts: Iterable[Attempt]) -> dict[str, list[str]]:
 
 def why_rows(attempts: Iterable[Attempt]) -> dict[str, list[dict[str, Any]]]:
     """The same as values: the fields of `messages.Why`, as plain data."""
-    return {str(i): [_why(unmet) for unmet in a.unmet] for i, a in enumerate(attempts) if a.unmet}
+    return {
+        str(i): [why_row(unmet) for unmet in a.unmet] for i, a in enumerate(attempts) if a.unmet
+    }
 
 
-def _why(unmet: Unmet) -> dict[str, Any]:
+def why_row(unmet: Unmet) -> dict[str, Any]:
+    """A reason as plain data, without its words."""
     row: dict[str, Any] = {"kind": unmet.kind.value}
     if unmet.predicate:
         row["predicate"] = unmet.predicate

@@ -88,6 +88,13 @@ class RosterNote(Frame):
     why: str = ""
 
 
+class RecordedWhy(Frame):
+    kind: str
+    predicate: str = ""
+    objects: list[str] = []
+    expected: bool = True
+
+
 class RejectedNote(Frame):
     note: Literal["rejected"]
     t: int
@@ -95,6 +102,9 @@ class RejectedNote(Frame):
     seq: int
     action: str
     reasons: list[str]
+    why: list[RecordedWhy] = []
+    code: Literal["action/invalid", "action/unknown", "action/stale"] = "action/invalid"
+    text: str = ""
     reasoning: str = ""
 
 
@@ -185,6 +195,8 @@ class RecordedTally(Frame):
     rejected: int
     idle: int = 0
     said: int = 0
+    invalid: int = 0
+    malformed: int = 0
 
 
 class RecordedOutcome(Frame):

@@ -12,6 +12,7 @@ from typing import Any
 
 from robotouille.domain.task import Task
 from robotouille.episode.events import (
+    ACTION_INVALID,
     Announced,
     Ended,
     Event,
@@ -28,9 +29,10 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.rules import Rules
-from robotouille.protocol.states import StateWriter, unmet_rows
+from robotouille.protocol.states import StateWriter, unmet_rows, why_row
 from robotouille.release import VERSION
 from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
+from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import Attempt, State, World
 
 __all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "step_frames"]
@@ -39,7 +41,7 @@ HASH_EVERY = 10
 SNAPSHOT_EVERY = 100
 MAX_NOTES = 50
 """Notes in a frame: the longest (a rejection with 8,000 characters of reasoning and its reasons)
-takes less than 64 KiB, so that they all fit."""
+takes less than 80 KiB, so that they all fit."""
 
 
 def header(
@@ -196,18 +198,30 @@ def _ms(seconds: float) -> int:
     return round(seconds * 1000)
 
 
+def _rejection(event: Rejected) -> dict[str, Any]:
+    note: dict[str, Any] = {
+        "note": "rejected",
+        "t": _ms(event.time),
+        "player": event.player,
+        "seq": event.seq,
+        "action": event.action,
+        "reasons": list(event.reasons),
+    }
+    if any(unmet.kind is not UnmetKind.OTHER for unmet in event.unmet):
+        note["why"] = [why_row(unmet) for unmet in event.unmet]
+    if event.code != ACTION_INVALID:
+        note["code"] = event.code
+    if event.text:
+        note["text"] = event.text
+    if event.reasoning:
+        note["reasoning"] = event.reasoning
+    return note
+
+
 def _note(event: Event) -> dict[str, Any]:
     match event:
         case Rejected():
-            return {
-                "note": "rejected",
-                "t": _ms(event.time),
-                "player": event.player,
-                "seq": event.seq,
-                "action": event.action,
-                "reasons": list(event.reasons),
-                **({"reasoning": event.reasoning} if event.reasoning else {}),
-            }
+            return _rejection(event)
         case Said():
             return {
                 "note": "said",

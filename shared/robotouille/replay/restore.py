@@ -22,9 +22,11 @@ from robotouille.episode import (
     Rules,
     Seat,
 )
+from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Comparison, Recording
+from robotouille.replay.refusals import verdict
 from robotouille.world.world import World
 
 __all__ = ["Restored", "restore", "restoring"]
@@ -159,12 +161,7 @@ class _Replayer:
                 if note["present"] or not note.get("taken", True):
                     self.expected.discard(note["player"])
             case "rejected":
-                seat = self._seat(note)
-                seat.seq = max(seat.seq, note["seq"])
-                seat.answer = ActionAnswer(note["seq"], self.episode.step, tuple(note["reasons"]))
-                seat.tally.rejected += 1
-                seat.quota.take(size_of_rejection(note["action"], note["reasons"]))
-                seat.quota.take(len(note.get("reasoning", "").encode()))
+                self._rejected(self._seat(note), note)
             case "said":
                 self.said.append(note)
                 self.episode.said += 1
@@ -186,6 +183,17 @@ class _Replayer:
                 self.expected |= {seat.player for seat in seats if seat.present}
             case "started" if self.episode.phase is Phase.WAITING:
                 self.episode.replay_start()
+
+    def _rejected(self, seat: Seat, note: dict[str, Any]) -> None:
+        reasons, code = tuple(note["reasons"]), note.get("code", ACTION_INVALID)
+        seat.seq = max(seat.seq, note["seq"])
+        seat.answer = ActionAnswer(note["seq"], self.episode.step, reasons, code)
+        seat.count_rejection(verdict(note))
+        texts = [note["action"], note.get("text", ""), *reasons]
+        for why in note.get("why", ()):
+            texts += [why.get("predicate", ""), *why.get("objects", ())]
+        seat.quota.take(size_of_rejection(texts))
+        seat.quota.take(len(note.get("reasoning", "").encode()))
 
     def _quota(self, note: dict[str, Any]) -> Quota:
         """The quota of a seat, or that of all spectators."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from robotouille.errors import UnknownNameError, WrongArgumentError, WrongWorldError, did_you_mean
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.ground_task import GroundTask
 
-__all__ = ["JointAction", "in_order", "not_an_action", "read", "said"]
+__all__ = ["JointAction", "in_order", "not_an_action", "read"]
 
 ActionLike = GroundAction | str | None
 """One player's action, the sentence of a valid one, or nothing."""
@@ -42,12 +42,12 @@ def in_order(
         raise WrongArgumentError(f"{_EXPECTED}; found {joint!r}")
 
 
-def read(action: object, task: GroundTask, valid: Iterable[GroundAction]) -> GroundAction:
+def read(action: object, task: GroundTask, said: Callable[[str], GroundAction]) -> GroundAction:
     """The action of a task that is meant by a sentence, or by an action of another world."""
     if isinstance(action, GroundAction):
         return _own(action, task)
     if isinstance(action, str):
-        return said(action, valid)
+        return said(action)
     raise WrongArgumentError(f"{_EXPECTED}; found {action!r}")
 
 
@@ -56,20 +56,6 @@ def not_an_action(found: object) -> WrongArgumentError:
     return WrongArgumentError(
         f"expected an action, as world.action(name, *arguments) gives, found {found!r}"
     )
-
-
-def said(sentence: str, valid: Iterable[GroundAction]) -> GroundAction:
-    """The one of some actions that a sentence says, whatever its case and blanks.
-
-    Raises UnknownNameError, which gives the nearest.
-    """
-    if not isinstance(sentence, str):
-        raise WrongArgumentError(f"expected the sentence of an action, found {sentence!r}")
-    wanted = " ".join(sentence.split()).casefold()
-    sentences = {" ".join(action.sentence.split()).casefold(): action for action in valid}
-    if wanted not in sentences:
-        raise UnknownNameError(f"no valid action {sentence!r}{did_you_mean(wanted, sentences)}")
-    return sentences[wanted]
 
 
 def _own(action: GroundAction, task: GroundTask) -> GroundAction:

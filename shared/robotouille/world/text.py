@@ -9,7 +9,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
 
-__all__ = ["describe", "observation"]
+__all__ = ["describe", "goal_sentences", "observation", "text_view"]
 
 
 def observation(task: GroundTask, facts: int, actions: Iterable[GroundAction]) -> str:
@@ -34,6 +34,47 @@ def observation(task: GroundTask, facts: int, actions: Iterable[GroundAction]) -
     paragraphs.append("\n".join(["Valid Actions:", *(action.sentence for action in actions)]))
     paragraphs.append(f"Goal: {task.task.goal_description}")
     return "\n\n".join(paragraphs)
+
+
+def text_view(text: str, player: str | None, terms: Iterable[tuple[str, bool]]) -> str:
+    """What an agent that reads is sent: who it is, the observation, and each condition of the goal
+    with whether it holds.
+
+    Args:
+        text: The observation.
+        player: Who the agent is; None for one that only watches.
+        terms: The conditions, as `goal_sentences` says them.
+    """
+    you = [f"You are {player}."] if player is not None else []
+    conditions = [f"- {sentence}: {'yes' if holds else 'no'}" for sentence, holds in terms]
+    return "\n\n".join([*you, text, "\n".join(["Goal conditions:", *conditions])])
+
+
+def goal_sentences(task: GroundTask) -> tuple[str, ...]:
+    """Every condition of the goal in words, in the problem's order.
+
+    `some lettuce` is any one; where the goal speaks of several of a kind, they are `bread A`,
+    `bread B` and so on, and all different.
+    """
+    variables = task.goal.variables
+    by_kind: dict[str, list[int | str]] = {}
+    for variable in variables.values():
+        if variable.fixed is None:
+            by_kind.setdefault(variable.kind, []).append(variable.id)
+    names = {v.id: v.fixed for v in variables.values() if v.fixed is not None}
+    for kind, alike in by_kind.items():
+        for number, identifier in enumerate(alike):
+            names[identifier] = f"{kind} {_letters(number)}" if alike[1:] else f"some {kind}"
+    return tuple(
+        describe(task.task.domain, (term.predicate, *(names[i] for i in term.ids)), True)
+        for term in task.goal.terms
+    )
+
+
+def _letters(number: int) -> str:
+    """A to Z, then AA and so on."""
+    rest, letter = divmod(number, 26)
+    return (_letters(rest - 1) if rest else "") + chr(ord("A") + letter)
 
 
 def describe(domain: DomainFile, atom: Atom, is_true: bool) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-__all__ = ["Unmet", "UnmetKind", "from_words", "only_words"]
+__all__ = ["Unmet", "UnmetKind", "from_words", "only_words", "texts_of"]
 
 
 class UnmetKind(StrEnum):
@@ -47,6 +48,13 @@ class Unmet:
 def only_words(*reasons: str) -> tuple[Unmet, ...]:
     """Reasons of which no more than the words are known."""
     return tuple(Unmet(UnmetKind.OTHER, words) for words in reasons)
+
+
+def texts_of(reasons: Iterable[Unmet]) -> Iterator[str]:
+    """Whatever is written where reasons are recorded: their words and, of more than those, their
+    predicates and objects."""
+    for reason in reasons:
+        yield from (reason.words, reason.predicate, *reason.objects)
 
 
 def from_words(*reasons: str) -> tuple[Unmet, ...]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import weakref
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -31,9 +31,10 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, bound
-from robotouille.world.joint_action import JointAction, in_order, not_an_action, read, said
+from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
+from robotouille.world.sentences import known, no_valid_action, said, said_exactly
 from robotouille.world.successors import SuccessorTree
-from robotouille.world.text import describe, observation
+from robotouille.world.text import describe, goal_sentences, observation, text_view
 from robotouille.world.timers import Progress, Timers, TimerTable
 from robotouille.world.unmet import Unmet, UnmetKind
 
@@ -169,6 +170,18 @@ class State:
         """
         return observation(self.world, self.facts, self.actions(player or self.world.players[0]))
 
+    def text_view(self, player: str | None = None) -> str:
+        """What an agent that reads is sent (world.md, "In words"): who it is, then `text`, then
+        `World.goal_terms`.
+
+        Args:
+            player: Who the agent is; None for one that only watches.
+
+        Raises:
+            UnknownNameError: There is no such player.
+        """
+        return text_view(self.text(player), player, self.world.goal_terms(self))
+
     @property
     def digest(self) -> str:
         """A content hash (32 hex digits), equal across processes, versions and bit orders."""
@@ -286,6 +299,19 @@ class World(GroundTask):
         """The state in which every episode of the task begins."""
         return State(self, self.initial_facts, self.timers.none)
 
+    @cached_property
+    def _goal_sentences(self) -> tuple[str, ...]:
+        return goal_sentences(self)
+
+    def goal_terms(self, state: State) -> tuple[tuple[str, bool], ...]:
+        """Every condition of the goal in words, and whether it holds in a state of this world.
+
+        They are in the problem's order, and none is left out. One holds if some choice of objects
+        makes it true together with all before it that hold; so all of them hold exactly where the
+        goal is reached.
+        """
+        return tuple(zip(self._goal_sentences, self.goal.holding(state.facts), strict=True))
+
     # Actions
 
     def actions(self, state: State, player: str) -> tuple[GroundAction, ...]:
@@ -310,15 +336,54 @@ class World(GroundTask):
         self._trees[player] = tree
         return tree
 
-    def parse(self, state: State, player: str, sentence: str) -> GroundAction:
-        """The valid action of a player that a sentence says, whatever its case and blanks.
+    def parse(
+        self,
+        state: State,
+        player: str,
+        sentence: str,
+        *,
+        exact: bool = False,
+        valid: bool = True,
+    ) -> GroundAction:
+        """The action of a player that a sentence says (world.md, "Sentences").
+
+        A full stop at its end, brackets or quotes around it, blanks and case do not matter, and
+        `move(robot1, table1, table2)` will do: the domain's name and order of arguments.
+
+        Args:
+            state: The state in which the action is to be done.
+            player: Whose action it is.
+            sentence: The text to read.
+            exact: The text has to be the sentence of a valid action, character for character.
+            valid: The action has to be valid in the state. If not, any that the task has is
+                given, another player's too, and `unmet` says what speaks against it.
 
         Raises:
-            UnknownNameError: It says none, and the message gives the nearest; or there is no such
-                player.
+            UnknownNameError: It says no such action, or several, and the message gives these, or
+                what is unmet, or the nearest valid sentences; or there is no such player.
             WrongArgumentError: The sentence is no string.
         """
-        return said(sentence, self.actions(state, player))
+        actions = self.actions(state, player)
+        if exact:
+            found = said_exactly(sentence, actions)
+            if found is None:
+                raise no_valid_action(sentence, actions)
+            return found
+        return self._said(state, sentence, actions, valid=valid)
+
+    def _said(
+        self, state: State, sentence: str, actions: Sequence[GroundAction], *, valid: bool = True
+    ) -> GroundAction:
+        found = said(sentence, actions)
+        if found is not None:
+            return found
+        action = known(sentence, self)
+        if action is None:
+            raise no_valid_action(sentence, actions)
+        if not valid:
+            return action
+        unmet = [each.words for each in self.unmet(state, action)]
+        raise no_valid_action(sentence, actions, unmet or [f"it moves {action.player}"])
 
     # Steps
 
@@ -382,8 +447,8 @@ class World(GroundTask):
             The new state, with an `Attempt` for each action in the same order.
 
         Raises:
-            UnknownNameError: A sentence is that of no valid action, and the message gives the
-                nearest; or there is no such player.
+            UnknownNameError: A sentence is that of no valid action, and the message says what is
+                unmet or gives the nearest; or there is no such player.
             WrongArgumentError: Something is no action at all.
             WrongWorldError: The state or an action is one of another task.
         """
@@ -424,14 +489,18 @@ class World(GroundTask):
         return [
             (player, action)
             if type(action) is GroundAction and action.source is self
-            else (player, read(action, self, self._valid(state, player)))
+            else (player, read(action, self, self._reader(state, player)))
             for player, action in in_order(joint, self.players)
         ]
 
+    def _reader(self, state: State, player: str | None) -> Callable[[str], GroundAction]:
+        """How the sentences of a player are read, or those of any player."""
+        return lambda sentence: self._said(state, sentence, tuple(self._valid(state, player)))
+
     def _valid(self, state: State, player: str | None) -> Iterator[GroundAction]:
         """What a player can do, or any player."""
-        for name in self.players if player is None else (player,):
-            yield from self.actions(state, name)
+        names = self.players if player is None else (player,)
+        yield from dict.fromkeys(a for name in names for a in self.actions(state, name))
 
     def unmet(self, state: State, action: GroundAction) -> tuple[Unmet, ...]:
         """What speaks against an action in a state: preconditions above all; empty if nothing.

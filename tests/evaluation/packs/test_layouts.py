@@ -82,6 +82,7 @@ ERRORS = {
     "Item force add failed",
     "Container force add failed",
     "No place for the groups found",
+    "No player stands beside a station",
     "0",
 }
 
@@ -90,7 +91,7 @@ def check_layout(raw: dict[str, Any], layout: Layout, *, noisy: bool) -> None:
     found = layout.problem
     own = Counter(thing["name"] for thing in raw["stations"])
     assert own <= Counter(thing["name"] for thing in found["stations"])
-    own = Counter(thing["name"] for thing in raw["items"])
+    own = Counter(thing["name"] for thing in (on_stations(raw) if noisy else raw["items"]))
     assert own <= Counter(thing["name"] for thing in found["items"])
     assert len(found["containers"]) == (0 if noisy else len(raw["containers"]))
     cells = [(thing["x"], thing["y"]) for thing in found["stations"]]
@@ -135,16 +136,38 @@ def test_a_noisy_layout_keeps_what_is_on_a_station(raw: dict[str, Any], seed: in
     layout = generate_layout(raw, seed, noisy=True)
     check_layout(raw, layout, noisy=True)
     stations = layout.problem["stations"][: len(raw["stations"])]
-    items = layout.problem["items"][: len(raw["items"])]
     origin = {(s["x"], s["y"]): i for i, s in enumerate(sorted_by_cell(raw["stations"]))}
-    for before, after in zip(sorted_by_cell(raw["items"]), items, strict=True):
-        if (before["x"], before["y"]) in origin:
-            station = stations[origin[before["x"], before["y"]]]
-            assert (after["x"], after["y"]) == (station["x"], station["y"])
+    before = on_stations(raw)
+    for old, new in zip(before, layout.problem["items"][: len(before)], strict=True):
+        station = stations[origin[old["x"], old["y"]]]
+        assert (new["x"], new["y"]) == (station["x"], station["y"])
+
+
+def on_stations(raw: dict[str, Any]) -> list[dict[str, Any]]:
+    """The items on stations: noisy layouts lose the others."""
+    cells = {(station["x"], station["y"]) for station in raw["stations"]}
+    return [item for item in sorted_by_cell(raw["items"]) if (item["x"], item["y"]) in cells]
 
 
 def sorted_by_cell(things: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(things, key=lambda thing: (thing["x"], thing["y"]))
+
+
+def test_a_noisy_layout_needs_a_player_at_a_station() -> None:
+    raw = {**problem(), "players": [{"name": "robot", "x": 4, "y": 4, "direction": [0, 1]}]}
+    with pytest.raises(FileError, match="No player stands beside a station"):
+        generate_layout(raw, 42, noisy=True)
+
+
+def test_what_is_held_goes_along_and_stays_behind() -> None:
+    raw = problem(items=1)
+    raw["items"].append({"name": "egg", "x": 0, "y": 0, "stack-level": 0})
+    found = generate_layout(raw, 42, noisy=True).problem
+    assert [item["name"] for item in found["items"]][:2] == ["lettuce", "egg"]
+    (player,), egg = found["players"], found["items"][1]
+    cells = [(station["x"], station["y"]) for station in found["stations"]]
+    assert (egg["x"], egg["y"]) not in cells
+    assert (player["x"], player["y"]) not in cells
 
 
 def test_random_numbers_go_on_where_the_generator_stopped() -> None:

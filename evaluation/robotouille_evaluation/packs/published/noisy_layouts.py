@@ -1,13 +1,14 @@
 """The published generator's noisy layouts: stations move, and take along what is on and at them.
 
 A group is a station, the items on it and the first player beside it. Containers of the problem are
-lost, so that soups cannot be made; and the player ends beside the first station, wherever its
-group is, while an item that it held stays behind.
+lost, so that soups cannot be made, as is what is in no group; and the player ends beside the first
+station, wherever its group is, while an item that it held stays behind.
 """
 
 from __future__ import annotations
 
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robotouille_evaluation.packs.published.floor import Cell, Floor
@@ -38,19 +39,31 @@ def place_noisily(kitchen: Kitchen, rng: random.Random) -> Draft:
     extra_stations, extra_items = draw_extras(kitchen, rng)
     stations, items, players = (kitchen.own(name) for name in ("stations", "items", "players"))
     groups = [_group(station, items, players) for station in stations]
-    _place_groups(groups, players[0], kitchen.floor, rng)
-    draft = Draft(kitchen.floor, stations=stations, items=items)
-    frozen = players[0].cell
+    # Whoever and whatever is in no group is lost, and the players are in the order of the groups.
+    standing = list(dict.fromkeys(group.player for group in groups if group.player is not None))
+    if not standing:
+        raise PlacementError("No player stands beside a station", hopeless=True)
+    _place_groups(groups, standing[0], kitchen.floor, rng)
+    draft = Draft(kitchen.floor, stations, list(_items(groups)))
+    frozen = {player.cell for player in standing}
     for station in extra_stations:
-        if station.cell != frozen:
-            draft.add_extra_station(station, frozen)
-    draft.place_player(players[0])
+        if station.cell not in frozen:
+            draft.add_extra_station(station, standing[0].cell)
+    draft.place_player(standing[0])
     for item in extra_items:
-        station_there = draft.station_at(item.cell)
-        free = station_there is not None and not station_there.own
-        if free and draft.item_at(item.cell) is None:
+        there = draft.station_at(item.cell)
+        if there is not None and not there.own and draft.item_at(item.cell) is None:
             draft.items.append(item)
     return draft
+
+
+def _items(groups: Iterable[_Group]) -> dict[Thing, None]:
+    """The items of all groups, each once: those on the station, then the one that is held."""
+    things: dict[Thing, None] = {}
+    for group in groups:
+        held = [] if group.held is None else [group.held]
+        things.update(dict.fromkeys((*group.items, *held)))
+    return things
 
 
 def _group(station: Thing, items: list[Thing], players: list[Thing]) -> _Group:

@@ -19,7 +19,8 @@ __all__ = ["Goal", "Variable"]
 
 Binding = dict[int | str, str]
 Domains = dict[int | str, frozenset[str]]
-Rows = list[list[tuple[str, ...]]]
+Rows = list[tuple[GoalTerm, list[tuple[str, ...]]]]
+"""Predicates of a goal, each with the choices of objects that make it true."""
 
 MAX_KEPT = 20_000
 """Parts of states of which a goal knows whether it holds; then it learns anew."""
@@ -72,6 +73,7 @@ class Goal:
         self.relevant = 0
         self._necessary: list[int] = []
         self._known: dict[int, bool] = {}
+        self._holding: dict[int, tuple[bool, ...]] = {}
         for term, mask in self._mask.items():
             if term.predicate not in self._table.static_predicates:
                 self.relevant |= mask
@@ -97,9 +99,56 @@ class Goal:
         """Know of no state any more whether the goal holds."""
         self._known.clear()
 
+    def holding(self, facts: int) -> tuple[bool, ...]:
+        """Which predicates of the goal hold, in the problem's order.
+
+        One holds if some choice of objects makes it true together with all before it that hold.
+        So all of them hold exactly where the goal does.
+        """
+        relevant = facts & self.relevant
+        known = self._holding.get(relevant)
+        if known is None:
+            if len(self._holding) >= MAX_KEPT:
+                self._holding.clear()
+            known = self._holding[relevant] = tuple(self._each_holding(facts))
+        return known
+
+    def _each_holding(self, facts: int) -> Iterator[bool]:
+        held: Rows = []
+        chosen: Binding = {}
+        for term in self.terms:
+            rows = [*held, (term, self._rows(term, facts))]
+            found = self._extended(chosen, *rows[-1]) or self._chosen(rows)
+            if found is not None:
+                held, chosen = rows, found
+            yield found is not None
+
+    def _extended(
+        self, chosen: Binding, term: GoalTerm, choices: list[tuple[str, ...]]
+    ) -> Binding | None:
+        """A choice of objects that makes one predicate true beside what is chosen already."""
+        for names in choices:
+            more = {i: name for i, name in zip(term.ids, names, strict=True) if i not in chosen}
+            both = {**chosen, **more}
+            fits = all(both[i] == name for i, name in zip(term.ids, names, strict=True))
+            if fits and all(self._is_free(chosen, i, name) for i, name in more.items()):
+                return both
+        return None
+
+    def _is_free(self, chosen: Binding, identifier: int | str, name: str) -> bool:
+        """Whether an object stands for nothing else of its kind."""
+        kind = self.variables[identifier].kind
+        return all(name != taken or self.variables[i].kind != kind for i, taken in chosen.items())
+
+    def _chosen(self, rows: Rows) -> Binding | None:
+        """Some choice of objects that makes these predicates true."""
+        names = dict.fromkeys(identifier for term, _ in rows for identifier in term.ids)
+        domains: Domains = {name: frozenset(self._candidates[name]) for name in names}
+        return next(self._search(domains, rows), None)
+
     def assignments(self, facts: int) -> Iterator[Binding]:
         """Every choice of objects that makes the goal true in `facts`."""
-        rows = [self._rows(term, facts) for term in self.terms]
+        rows = [(term, self._rows(term, facts)) for term in self.terms]
         yield from self._search({i: frozenset(c) for i, c in self._candidates.items()}, rows)
 
     def candidates(self, identifier: int | str) -> tuple[str, ...]:
@@ -177,20 +226,21 @@ class Goal:
         before = None
         while before != domains:
             before = dict(domains)
-            for position, term in enumerate(self.terms):
+            for position, (term, choices) in enumerate(rows):
                 pools = [domains[identifier] for identifier in term.ids]
                 kept = [
                     names
-                    for names in rows[position]
+                    for names in choices
                     if all(name in pool for name, pool in zip(names, pools, strict=True))
                 ]
                 if not kept:
                     return None
-                rows[position] = kept
+                rows[position] = (term, kept)
                 for identifier, column in zip(term.ids, zip(*kept, strict=True), strict=True):
                     domains[identifier] = domains[identifier].intersection(column)
             for group in self._groups:
-                if not _make_different(domains, group):
+                chosen = [identifier for identifier in group if identifier in domains]
+                if not _make_different(domains, chosen):
                     return None
         return domains, rows
 

@@ -1,0 +1,180 @@
+"""Runs: every job has one row and a recording that verifies, whatever stops it meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from robotouille.errors import FileError, RobotouilleError
+from robotouille.replay.recording import read_recording
+from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.models import (
+    Completion,
+    Model,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+    ScriptedModel,
+    SeededAnswers,
+)
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    Job,
+    RunFolder,
+    RunPlan,
+    Workers,
+    jobs,
+    play_job,
+    run_jobs,
+)
+
+TASKS = ("synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger")
+
+
+@cache
+def pack() -> Pack:
+    whole = build_own_pack()
+    kept = tuple(i for i in whole.instances if i.task in TASKS and i.kind == "default")
+    return replace(whole, instances=kept)
+
+
+def agent(kind: str, **more: str) -> AgentSpec:
+    return AgentSpec.model_validate({"name": kind, "kind": kind, **more})
+
+
+MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
+
+
+def created(path: Path, planned: tuple[Job, ...]) -> RunFolder:
+    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
+    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=planned, software="0")
+    return RunFolder.create(path, plan)
+
+
+def play(folder: RunFolder, job: Job, model: Model | None = None) -> EpisodeRow:
+    clock = itertools.count().__next__
+    return asyncio.run(play_job(job, "r", pack(), folder, model, lambda: float(clock())))
+
+
+def planned(*agents: AgentSpec, budget: str = "own") -> tuple[Job, ...]:
+    return tuple(jobs(pack(), agents, pack().instances, budget=budget))  # type: ignore[arg-type]
+
+
+def job_of(kind: AgentSpec, task: str) -> Job:
+    return next(job for job in planned(kind) if job.instance.startswith(task))
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("kind", ["planner", "random", "scripted"])
+def test_an_episode_is_a_row_and_a_recording(tmp_path: Path, kind: str, task: str) -> None:
+    job = job_of(agent(kind), task)
+    folder = created(tmp_path, (job,))
+    row = play(folder, job)
+    assert row.error is None
+    assert row.outcome.success == (kind != "random")
+    assert row.recording is not None
+    recording = read_recording(tmp_path / row.recording)
+    assert recording.verify().identical
+    assert recording.outcome is not None
+    assert (recording.outcome["reason"] == "goal") == row.outcome.success
+    if kind == "scripted" and row.seats == 1:  # In lockstep nobody steps onto what is just left.
+        assert row.outcome.steps == row.optimum.steps
+
+
+def test_a_model_plays_and_what_it_said_is_counted(tmp_path: Path) -> None:
+    job = job_of(MODEL, TASKS[0])
+    folder = created(tmp_path, (job,))
+    row = play(folder, job, ScriptedModel(SeededAnswers(3)))
+    assert row.counts.calls > 0
+    assert row.usage.prompt_tokens > 1000
+    assert row.strategy == "react-last-reasoning-action"
+    assert play(folder, job, None) == row.model_copy(update={"seconds": 1.0}), "nobody is asked"
+
+
+def test_a_model_that_fails_ends_its_episode_and_no_other(tmp_path: Path) -> None:
+    planned_jobs = planned(MODEL, agent("random"))
+    folder = created(tmp_path, planned_jobs)
+    refused = ModelError(ModelErrorKind.REFUSED, "the key is wrong")
+
+    def make(job: Job) -> Model:
+        return ScriptedModel(lambda _: refused)
+
+    asking = [job for job in planned_jobs if job.agent.kind == "model"]
+    finished: list[EpisodeRow] = []
+    running = run_jobs(folder, pack(), asking, Workers(), make, lambda _, row: finished.append(row))
+    asyncio.run(running)
+    assert [row.outcome.ended_by for row in finished] == ["error"] * len(asking)
+    assert all("the key is wrong" in str(row.error) for row in finished)
+
+
+def test_empty_answers_are_malformed_ones(tmp_path: Path) -> None:
+    job = job_of(MODEL, TASKS[0])
+    empty = ModelError(ModelErrorKind.EMPTY, "no text")
+    row = play(created(tmp_path, (job,)), job, ScriptedModel(lambda _: empty))
+    assert row.outcome.ended_by == "feedback-limit"
+    assert row.counts.malformed == row.counts.calls == 15
+
+
+class Stopping:
+    """A model that is killed after so many answers."""
+
+    name = "mock"
+
+    def __init__(self, answers: int) -> None:
+        self.left, self.asked = answers, 0
+        self._model = ScriptedModel(SeededAnswers(5))
+
+    async def complete(self, request: ModelRequest) -> Completion:
+        if self.left == 0:
+            raise KeyboardInterrupt
+        self.left -= 1
+        self.asked += 1
+        return await self._model.complete(request)
+
+
+def test_no_paid_call_is_made_twice(tmp_path: Path) -> None:
+    job = job_of(MODEL, TASKS[0])
+    whole = Stopping(1000)
+    wanted = play(created(tmp_path / "whole", (job,)), job, whole)
+    folder, asked = created(tmp_path / "stopped", (job,)), 0
+    for _ in range(100):
+        model = Stopping(4)
+        try:
+            row = play(folder, job, model)
+        except KeyboardInterrupt:
+            asked += model.asked
+            continue
+        asked += model.asked
+        break
+    assert asked == whole.asked
+    assert row.model_copy(update={"seconds": 0.0}) == wanted.model_copy(update={"seconds": 0.0})
+
+
+def test_rows_survive_a_tear_and_another_run_is_refused(tmp_path: Path) -> None:
+    all_jobs = planned(agent("scripted"))
+    folder = created(tmp_path, all_jobs)
+    for job in all_jobs:
+        folder.add(job, play(folder, job))
+    whole = (tmp_path / "rows.jsonl").read_bytes()
+    assert set(folder.finished()) == {job.id for job in all_jobs}
+    (tmp_path / "rows.jsonl").write_bytes(whole[:-10])
+    assert len(folder.finished()) == len(all_jobs) - 1
+    folder.add(all_jobs[-1], play(folder, all_jobs[-1]))
+    assert len(folder.finished()) == len(all_jobs)
+    with pytest.raises(RobotouilleError, match="resume"):
+        created(tmp_path, all_jobs)
+
+
+def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="there is no run"):
+        RunFolder(tmp_path).plan()
+    (tmp_path / "run.json").write_text('{"format": "x"}')
+    with pytest.raises(FileError, match=r"run\.json"):
+        RunFolder(tmp_path).plan()

@@ -1,0 +1,139 @@
+"""Sentences are read as people and language models write them; exactly where that is asked for."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import UnknownNameError, World, WrongArgumentError
+from robotouille.world.sentences import MAX_SENTENCE, plain
+from tests.world.kitchens import kitchen
+
+PATTY = {"name": "patty", "x": 0, "y": 0, "predicates": ["iscookable"]}
+TWO_PLAYERS = [
+    {"name": "robot", "x": 0, "y": 1, "direction": [0, -1]},
+    {"name": "robot", "x": 2, "y": 1, "direction": [0, -1]},
+]
+
+MOVE = "Move robot1 from table1 to table2"
+WAYS = [
+    MOVE,
+    f"{MOVE}.",
+    f" {MOVE} . ",
+    f"[{MOVE}]",
+    f"({MOVE}).",
+    f'"{MOVE}."',
+    f"`{MOVE}`",
+    f"“{MOVE}”",
+    "['Move  robot1 from\ttable1 to table2.']",
+    "move ROBOT1 FROM table1 to Table2",
+    "move(robot1, table1, table2)",
+    "Move( robot1,table1 , table2 ).",
+    "[move('robot1', \"table1\", `table2`)]",
+]
+COOK = "Start cooking patty1 at stove1 with robot1"
+
+
+@pytest.mark.parametrize("sentence", WAYS)
+def test_a_valid_action_is_read_however_it_is_written(sentence: str) -> None:
+    world = kitchen()
+    action = world.parse(world.initial, "robot1", sentence)
+    assert action is world.action("move", "robot1", "table1", "table2")
+    assert world.initial.step(sentence) == world.initial.step(action)
+
+
+@pytest.mark.parametrize("sentence", WAYS[1:])
+def test_exactly_is_character_for_character(sentence: str) -> None:
+    world = kitchen()
+    assert world.parse(world.initial, "robot1", MOVE, exact=True).sentence == MOVE
+    with pytest.raises(UnknownNameError, match="did you mean 'Move robot1 from"):
+        world.parse(world.initial, "robot1", sentence, exact=True)
+
+
+@pytest.mark.parametrize("sentence", [COOK, f"[{COOK.upper()}.]", "cook(robot1, patty1, stove1)"])
+def test_a_known_action_that_is_not_valid_says_what_is_unmet(sentence: str) -> None:
+    world = kitchen(items=[PATTY])
+    for ask in (world.initial.step, lambda text: world.parse(world.initial, "robot1", text)):
+        with pytest.raises(UnknownNameError, match="now: robot1 stands at stove1; patty1 lies"):
+            ask(sentence)
+    found = world.parse(world.initial, "robot1", sentence, valid=False)
+    assert found is world.action("cook", "robot1", "patty1", "stove1")
+    assert len(world.unmet(world.initial, found)) == 2
+
+
+def test_the_action_of_another_player_is_known_and_not_valid() -> None:
+    world = kitchen(players=TWO_PLAYERS)
+    with pytest.raises(UnknownNameError, match="now: it moves robot1"):
+        world.parse(world.initial, "robot2", MOVE)
+    assert world.parse(world.initial, "robot2", MOVE, valid=False).player == "robot1"
+
+
+def test_the_nearest_valid_sentences_are_given_as_they_are() -> None:
+    world = kitchen(items=[PATTY])
+    with pytest.raises(UnknownNameError) as error:
+        world.parse(world.initial, "robot1", "I think I move robot1 from table1 to tabel2!")
+    listed = str(error.value).partition("did you mean ")[2]
+    near = [part for part in listed.split("'") if part.startswith("Move")]
+    sentences = [action.sentence for action in world.initial.actions("robot1")]
+    assert len(near) == 3
+    assert near[0] == MOVE
+    assert set(near) <= set(sentences)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    ["", ".", "()", "move", "move(", "move()", "move(robot1)", "move(robot1, table1, table2) now",
+     "move(robot1, table1, tisch2)", "cook(robot1, stove1, patty1)", f"{MOVE} {MOVE}",
+     "Move {p1} from {s1} to {s2}", "(" * 5_000, MOVE + " " * MAX_SENTENCE],
+)  # fmt: skip
+def test_what_says_no_action_is_none(sentence: str) -> None:
+    world = kitchen()
+    for valid in (True, False):
+        with pytest.raises(UnknownNameError, match="no valid action") as error:
+            world.parse(world.initial, "robot1", sentence, valid=valid)
+        assert len(str(error.value)) < 600
+
+
+def test_a_sentence_of_two_actions_is_an_error_that_names_both() -> None:
+    world = alike()
+    with pytest.raises(UnknownNameError, match=r"may be .*\(.*\) or .*\(.*\): say which"):
+        world.parse(world.initial, "robot1", "Go")
+    with pytest.raises(UnknownNameError, match="say which"):
+        world.parse(world.initial, "robot1", "Go", exact=True)
+    with pytest.raises(UnknownNameError, match="say which"):
+        world.initial.step("go.")
+    first = world.initial.actions("robot1")[0]
+    assert world.parse(world.initial, "robot1", str(first)) is first
+
+
+def alike() -> World:
+    """A kitchen where all walks are called `Go`."""
+    task = kitchen().task
+    domain = task.domain.model_copy(
+        update={
+            "action_defs": tuple(
+                action.model_copy(update={"language_description": "Go"})
+                if action.name == "move"
+                else action
+                for action in task.domain.action_defs
+            )
+        }
+    )
+    return World(type(task)(task.name, domain, task.problem, task.seats))
+
+
+def test_everybody_can_do_what_has_no_player() -> None:
+    world = kitchen(players=TWO_PLAYERS)
+    assert world.initial.step("do nothing.").attempts[0].applied
+
+
+def test_what_is_no_string_is_an_error() -> None:
+    world = kitchen()
+    for exact in (True, False):
+        with pytest.raises(WrongArgumentError):
+            world.parse(world.initial, "robot1", 3, exact=exact)  # type: ignore[arg-type]
+
+
+def test_plain() -> None:
+    assert [plain(text) for text in ("", " . ", "((A  b.))..", "a)", "'A' or 'B'")] == [
+        "", "", "a b", "a)", "a' or 'b",
+    ]  # fmt: skip

@@ -1,0 +1,59 @@
+"""Write the table of docs/packs.md: how our pack differs from the published one.
+
+    python tools/pack_differences.py CHECKOUT [PROBLEMS…]
+
+CHECKOUT is a checkout of the published repository, PROBLEMS folders with more of its problems
+(`multi_agent/…`), where it is not whole.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from robotouille_evaluation.packs.difference_tables import markdown_tables
+from robotouille_evaluation.packs.differences import compare_packs
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.published.checkout import DATASETS, PROBLEMS, read_checkout
+
+PAGE = Path(__file__).resolve().parents[1] / "docs/packs.md"
+PART = re.compile(r"(<!-- begin generated: pack differences -->\n).*?(<!-- end)", re.DOTALL)
+
+
+def table(checkout: Path, *more: Path) -> str:
+    """The table of the tasks that both packs have."""
+    with tempfile.TemporaryDirectory() as name:
+        whole = Path(name) / "checkout"
+        shutil.copytree(checkout, whole)
+        for folder in more:
+            for dataset in DATASETS:
+                if (folder / dataset).is_dir():
+                    target = whole / PROBLEMS / dataset
+                    shutil.copytree(folder / dataset, target, dirs_exist_ok=True)
+        published = read_checkout(whole, seeds=[]).pack
+    found = compare_packs(build_own_pack(), published)
+    tasks = tuple(task for task in found.tasks if task.a is not None and task.b is not None)
+    return markdown_tables(replace(found, overall=(), wording=(), tasks=tasks))
+
+
+def page(text: str, checkout: Path, *more: Path) -> str:
+    """The page with the table as it is now."""
+    new = f"\n{table(checkout, *more)}\n"
+    return PART.sub(lambda match: f"{match[1]}{new}{match[2]}", text)
+
+
+def main(arguments: list[str]) -> int:
+    if not arguments:
+        print(__doc__)
+        return 2
+    text = PAGE.read_text(encoding="utf-8")
+    PAGE.write_text(page(text, *map(Path, arguments)), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
