@@ -21,7 +21,7 @@ from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotie
 from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import Recording, read_recording
-from robotouille.replay.refusals import refusals
+from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.timeline import course, course_text, note_lines
 from robotouille_client.console import explain, fail
 
@@ -70,7 +70,7 @@ def info(
         "software": head["software"],
         "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
         "steps": recording.length,
-        "refused": {player: dict(counts) for player, counts in refusals(recording).items()},
+        "rejected": {player: dict(counts) for player, counts in rejections(recording).items()},
         "outcome": recording.outcome,
     }
     if json_output:
@@ -79,18 +79,18 @@ def info(
         return
     end = recording.outcome
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
-    rows["refused"] = _refused(rows["refused"])
+    rows["rejected"] = _rejected(rows["rejected"])
     rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
     for key, value in [*rows.items(), *course_text(recording)]:
         tell(printable(f"{key:9} {value}"))
 
 
-def _refused(counts: dict[str, dict[str, int]]) -> str:
-    """How often each player was refused what; a dash for nobody and nothing."""
+def _rejected(counts: dict[str, dict[str, int]]) -> str:
+    """What of each player was rejected how often; a dash for nothing of anybody."""
     told = [
-        f"{player}: {', '.join(f'{number} {what}' for what, number in sorted(refused.items()))}"
-        for player, refused in counts.items()
-        if refused
+        f"{player}: {', '.join(f'{number} {what}' for what, number in sorted(kinds.items()))}"
+        for player, kinds in counts.items()
+        if kinds
     ]
     return "; ".join(told) or "-"
 

@@ -54,7 +54,7 @@ class ActionRequests:
         except ProtocolError as error:
             self._metrics.errors.labels(error.code).inc()
             words = in_words(request)
-            self._episode.refuse(player, seq, words, error, now, reasoning=reasoning)
+            self._episode.reject(player, seq, words, error, now, reasoning=reasoning)
         else:
             self._episode.submit(
                 player, seq, action, now, think_ms=request.think_ms, reasoning=reasoning

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         QuotaReached,
         Reason,
         Rejected,
+        RejectionKind,
         Restarted,
         Resumed,
         RosterChanged,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
         SeatTally,
         Started,
         Stepped,
-        Verdict,
     )
     from robotouille.episode.lifecycle import Phase
     from robotouille.episode.pauses import PauseReason
@@ -73,6 +73,7 @@ __all__ = [
     "Reason",
     "RecoveredEpisode",
     "Rejected",
+    "RejectionKind",
     "Restarted",
     "Resumed",
     "RosterChanged",
@@ -82,5 +83,4 @@ __all__ = [
     "SeatTally",
     "Started",
     "Stepped",
-    "Verdict",
 ]

@@ -285,7 +285,7 @@ class Episode(EpisodeState):
             self._reject(seat, pending.seq, words, (superseded,), now, pending.reasoning)
         self._decide(seat, action, seq, now, self._clock.delay(think_ms), reasoning)
 
-    def refuse(
+    def reject(
         self,
         player: str,
         seq: int,
@@ -385,7 +385,7 @@ class Episode(EpisodeState):
         time, reached = self._elapsed(now), seat.quota.reached
         event = Rejected(seat.player, seq, sentence, unmet, time, reasoning, True, code, text)
         seat.answer = ActionAnswer(seq, self.step, event.reasons, code)
-        seat.count_rejection(event.verdict)
+        seat.count_rejection(event.kind)
         recorded = seat.quota.take(size_of_rejection((sentence, text, *texts_of(unmet))))
         if seat.quota.reached and not reached:
             self._emit(QuotaReached(seat.player, time))

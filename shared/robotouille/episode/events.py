@@ -28,6 +28,7 @@ __all__ = [
     "QuotaReached",
     "Reason",
     "Rejected",
+    "RejectionKind",
     "Restarted",
     "Resumed",
     "RosterChanged",
@@ -35,7 +36,6 @@ __all__ = [
     "SeatTally",
     "Started",
     "Stepped",
-    "Verdict",
 ]
 
 
@@ -182,7 +182,7 @@ class RosterChanged:
     why: Departure | None = None
 
 
-class Verdict(StrEnum):
+class RejectionKind(StrEnum):
     """What an action was that was taken into no step."""
 
     INVALID = "invalid"
@@ -193,7 +193,7 @@ class Verdict(StrEnum):
     """A valid one, which a later one of the seat has replaced."""
 
     @classmethod
-    def of(cls, code: str, unmet: Iterable[Unmet]) -> Verdict:
+    def of(cls, code: str, unmet: Iterable[Unmet]) -> RejectionKind:
         """What was rejected with this code and for these reasons."""
         if code == ACTION_UNKNOWN:
             return cls.MALFORMED
@@ -226,9 +226,9 @@ class Rejected:
         return tuple(unmet.words for unmet in self.unmet)
 
     @property
-    def verdict(self) -> Verdict:
+    def kind(self) -> RejectionKind:
         """What it was."""
-        return Verdict.of(self.code, self.unmet)
+        return RejectionKind.of(self.code, self.unmet)
 
 
 @dataclass(frozen=True, slots=True)

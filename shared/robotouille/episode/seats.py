@@ -11,9 +11,9 @@ from robotouille.episode.events import (
     Controller,
     Departure,
     Move,
+    RejectionKind,
     RosterChanged,
     SeatTally,
-    Verdict,
 )
 from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
@@ -152,11 +152,11 @@ class Seat:
             why=why,
         )
 
-    def count_rejection(self, verdict: Verdict) -> None:
+    def count_rejection(self, kind: RejectionKind) -> None:
         """One more of its actions was taken into no step."""
         self.tally.rejected += 1
-        self.tally.invalid += verdict is Verdict.INVALID
-        self.tally.malformed += verdict is Verdict.MALFORMED
+        self.tally.invalid += kind is RejectionKind.INVALID
+        self.tally.malformed += kind is RejectionKind.MALFORMED
 
     def take_pending(self, step: int) -> PendingAction | None:
         """What it has decided on for the step after `step`, which is its answer; None: nothing."""

@@ -10,11 +10,24 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from robotouille.replay.recorder import Recorder, header
     from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
+    from robotouille.replay.rejection_notes import rejection_kind, rejections
 else:
     from robotouille.lazy_exports import lazy_exports
 
     __getattr__ = lazy_exports(
-        __name__, "robotouille.replay.recorder", "robotouille.replay.recording"
+        __name__,
+        "robotouille.replay.recorder",
+        "robotouille.replay.recording",
+        "robotouille.replay.rejection_notes",
     )
 
-__all__ = ["Recorder", "Recording", "Verification", "header", "read_recording", "recording_of"]
+__all__ = [
+    "Recorder",
+    "Recording",
+    "Verification",
+    "header",
+    "read_recording",
+    "recording_of",
+    "rejection_kind",
+    "rejections",
+]

@@ -9,7 +9,7 @@ from typing import Any
 from robotouille.errors import RecordingError
 from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import Recording
-from robotouille.replay.refusals import verdict
+from robotouille.replay.rejection_notes import rejection_kind
 from robotouille.world.world import State
 
 __all__ = ["json_lines"]
@@ -17,7 +17,7 @@ __all__ = ["json_lines"]
 
 def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     """The lines; each step says who moved the seats, and with `texts` what each seat read. A note
-    of what was rejected has a `verdict`: `invalid`, `malformed` or `superseded`."""
+    of what was rejected has its kind as `rejection`: `invalid`, `malformed` or `superseded`."""
     head = {key: value for key, value in recording.header.items() if key not in ("tables",)}
     head["participants"] = {
         player: {"name": name, "kind": kind}
@@ -30,8 +30,8 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     for frame in recording.each_frame():
         if frame["kind"] == "notes":
             for note in frame["notes"]:
-                refused = {"verdict": verdict(note)} if note["note"] == "rejected" else {}
-                yield _line({"kind": "note", "note": note, **refused})
+                told = {"rejection": rejection_kind(note)} if note["note"] == "rejected" else {}
+                yield _line({"kind": "note", "note": note, **told})
         elif frame["kind"] == "step":
             state = next(states)[1]
             row = _step(recording, frame, before, state, texts)

@@ -26,7 +26,7 @@ from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Comparison, Recording
-from robotouille.replay.refusals import verdict
+from robotouille.replay.rejection_notes import rejection_kind
 from robotouille.world.world import World
 
 __all__ = ["Restored", "restore", "restoring"]
@@ -188,7 +188,7 @@ class _Replayer:
         reasons, code = tuple(note["reasons"]), note.get("code", ACTION_INVALID)
         seat.seq = max(seat.seq, note["seq"])
         seat.answer = ActionAnswer(note["seq"], self.episode.step, reasons, code)
-        seat.count_rejection(verdict(note))
+        seat.count_rejection(rejection_kind(note))
         texts = [note["action"], note.get("text", ""), *reasons]
         for why in note.get("why", ()):
             texts += [why.get("predicate", ""), *why.get("objects", ())]

@@ -13,7 +13,7 @@ from robotouille.replay.container import magic, pack_frame
 from robotouille.replay.export import json_lines
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
-from robotouille.replay.refusals import refusals
+from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.restore import restore
 
 WORLD = World("synchronous/01")
@@ -28,7 +28,7 @@ def recorded(*, ended: bool) -> tuple[Episode, bytes]:
     episode.join("robot1", "ada", "model", 0.0)
     for seq, text in enumerate(["Boil the sea", BAD, BAD, "", "🍕", "I do not know"], 1):
         episode.submit("robot1", seq, text, float(seq), reasoning=f"thought {seq}")
-    episode.refuse("robot1", 7, "99", ProtocolError("action/stale", "step 0 is past"), 7.0)
+    episode.reject("robot1", 7, "99", ProtocolError("action/stale", "step 0 is past"), 7.0)
     episode.submit("robot1", 8, WORLD.initial.actions("robot1")[0].sentence, 8.0)
     if ended:
         episode.abort(9.0, "enough")
@@ -80,11 +80,11 @@ def test_they_are_counted_in_the_outcome_and_the_export() -> None:
     (seat,) = recording.outcome["seats"]
     assert (seat["applied"], seat["rejected"]) == (1, 7)
     assert (seat["invalid"], seat["malformed"]) == (3, 4)
-    assert refusals(recording) == {"robot1": {"invalid": 3, "malformed": 4}}
+    assert rejections(recording) == {"robot1": {"invalid": 3, "malformed": 4}}
     rows = [json.loads(line) for line in json_lines(recording)]
-    verdicts = [row["verdict"] for row in rows if "verdict" in row]
-    assert verdicts.count("invalid") == 3
-    assert verdicts.count("malformed") == 4
+    kinds = [row["rejection"] for row in rows if "rejection" in row]
+    assert kinds.count("invalid") == 3
+    assert kinds.count("malformed") == 4
 
 
 def test_a_restart_keeps_them() -> None:
@@ -99,7 +99,7 @@ def test_a_restart_keeps_them() -> None:
 def test_recordings_of_earlier_versions_are_read_verified_and_continued(ended: bool) -> None:
     old = Recording(without_what_is_new(recorded(ended=ended)[1]))
     assert old.verify().ok
-    assert refusals(old) == {"robot1": {"invalid": 2}}
+    assert rejections(old) == {"robot1": {"invalid": 2}}
     found = restore(old, 100.0, 10.0)
     if ended:
         assert found.episode.outcome is not None
@@ -110,4 +110,4 @@ def test_recordings_of_earlier_versions_are_read_verified_and_continued(ended: b
     found.episode.abort(103.0, "enough")
     going = Recording(old.stream + found.missing + Recorder(WORLD).record(found.episode.events()))
     assert going.verify().ok
-    assert refusals(going) == {"robot1": {"invalid": 2, "malformed": 1}}
+    assert rejections(going) == {"robot1": {"invalid": 2, "malformed": 1}}

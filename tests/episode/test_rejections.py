@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotouille import ProtocolError
-from robotouille.episode import Episode, QuotaReached, Rejected, Verdict
+from robotouille.episode import Episode, QuotaReached, Rejected, RejectionKind
 from robotouille.world.unmet import UnmetKind
 from tests.support.episodes import ONE, TWO, first, start
 
@@ -29,7 +29,7 @@ def test_a_text_that_is_no_action_is_kept_with_its_reasoning() -> None:
     (event,) = rejections(episode)
     assert (event.player, event.seq, event.action) == ("robot1", 1, "Boil the sea.")
     assert (event.reasoning, event.code) == ("it is salty", "action/unknown")
-    assert event.verdict is Verdict.MALFORMED
+    assert event.kind is RejectionKind.MALFORMED
     assert event.reasons[0].startswith("no valid action 'Boil the sea.'")
     tally = episode.seat("robot1").tally
     assert (tally.rejected, tally.invalid, tally.malformed) == (1, 0, 1)
@@ -44,7 +44,7 @@ def test_a_known_action_that_is_not_valid_says_what_is_unmet_and_what_was_sent()
     assert one.unmet[0].kind is UnmetKind.CONDITION
     assert (one.action, one.text, one.reasoning) == (BAD, "", "why not")
     assert (two.action, two.text) == (BAD, "place-item(robot1, cheese1, table1)")
-    assert one.verdict is two.verdict is Verdict.INVALID
+    assert one.kind is two.kind is RejectionKind.INVALID
     tally = episode.seat("robot1").tally
     assert (tally.rejected, tally.invalid, tally.malformed) == (2, 2, 0)
 
@@ -54,7 +54,7 @@ def test_what_is_replaced_is_neither_invalid_nor_malformed() -> None:
     for seq in (1, 2):
         episode.submit("robot1", seq, first(episode, "robot1").sentence, 1.0)
     (event,) = rejections(episode)
-    assert event.verdict is Verdict.SUPERSEDED
+    assert event.kind is RejectionKind.SUPERSEDED
     tally = episode.seat("robot1").tally
     assert (tally.rejected, tally.invalid, tally.malformed) == (1, 0, 0)
 
@@ -63,7 +63,7 @@ def test_the_same_number_again_is_counted_once() -> None:
     episode = start(ONE)
     for _ in range(2):
         episode.submit("robot1", 1, "Boil the sea", 1.0)
-    episode.refuse("robot1", 2, "99", ProtocolError("action/unknown", "no 99"), 1.0)
+    episode.reject("robot1", 2, "99", ProtocolError("action/unknown", "no 99"), 1.0)
     episode.submit("robot1", 2, "Boil the sea", 1.0)
     with pytest.raises(ProtocolError, match="older than 2"):
         episode.submit("robot1", 1, "Boil the sea", 1.0)
@@ -74,9 +74,9 @@ def test_the_same_number_again_is_counted_once() -> None:
 
 def test_a_position_of_a_step_that_is_past_is_invalid() -> None:
     episode = start(ONE)
-    episode.refuse("robot1", 1, "3", ProtocolError("action/stale", "step 0 is past"), 1.0)
+    episode.reject("robot1", 1, "3", ProtocolError("action/stale", "step 0 is past"), 1.0)
     (event,) = rejections(episode)
-    assert (event.code, event.verdict) == ("action/stale", Verdict.INVALID)
+    assert (event.code, event.kind) == ("action/stale", RejectionKind.INVALID)
 
 
 def test_nothing_is_counted_before_the_beginning() -> None:

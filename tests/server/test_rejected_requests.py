@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.replay.recording import read_recording
-from robotouille.replay.refusals import refusals
+from robotouille.replay.rejection_notes import rejections
 from robotouille.world.sentences import MAX_SENTENCE
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
@@ -79,4 +79,4 @@ def test_every_request_is_answered_once_recorded_and_counted(tmp_path: Path) -> 
     assert [note.get("reasoning", "") for note in found] == [
         "thought 1", "thought 2", "thought 3", "thought 4", "", "thought 6",
     ]  # fmt: skip
-    assert refusals(recording) == {"robot1": {"invalid": 2, "malformed": 4}}
+    assert rejections(recording) == {"robot1": {"invalid": 2, "malformed": 4}}

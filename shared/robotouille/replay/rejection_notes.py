@@ -1,0 +1,30 @@
+"""What was asked for in a recording and taken into no step."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from robotouille.episode.events import ACTION_INVALID, RejectionKind
+from robotouille.replay.recording import Recording
+from robotouille.world.unmet import from_words
+
+__all__ = ["rejection_kind", "rejections"]
+
+
+def rejection_kind(note: Mapping[str, Any]) -> RejectionKind:
+    """What a `rejected` note rejects; notes of earlier versions say it by their reasons alone."""
+    return RejectionKind.of(note.get("code", ACTION_INVALID), from_words(*note["reasons"]))
+
+
+def rejections(recording: Recording) -> dict[str, Counter[RejectionKind]]:
+    """What of each player was rejected how often, by kind: also in a recording that has no end, or
+    is older than the counts in its outcome."""
+    counts: dict[str, Counter[RejectionKind]] = {
+        player: Counter() for player in recording.world.players
+    }
+    for note in recording.notes():
+        if note["note"] == "rejected":
+            counts.setdefault(note["player"], Counter())[rejection_kind(note)] += 1
+    return counts
