@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 
 import typer
 
@@ -16,13 +16,28 @@ from robotouille_client.bots.own_policy import own_policy_maker
 from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from robotouille.protocol.messages import View
     from robotouille_client.bots.player import MakePolicy
     from robotouille_client.client import Client
+    from robotouille_client.game import Game
 
 __all__ = ["main"]
 
 
 LOOK_SECONDS = 0.5
+LLM = "llm"
+"""A language model, by the text view."""
+
+
+@runtime_checkable
+class TextBot(Protocol):
+    """Plays a game that is joined in the text view."""
+
+    async def play(self, game: Game) -> Mapping[str, Any]:
+        """To its end; the outcome, empty if the connection was lost for good."""
+        ...
 
 
 async def _waiting(url: str, name: str, token: str | None) -> str:
@@ -42,7 +57,7 @@ async def _run(
     token: str | None,
     episode: str | None,
     seat: str | None,
-    make: MakePolicy,
+    bot: MakePolicy | TextBot,
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
@@ -55,12 +70,14 @@ async def _run(
     with kept_seat(state_folder(), url, code, name) as kept:
         resume = kept.token if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
-            game = await client.join(code, seat=seat)
+            view: View = "text" if isinstance(bot, TextBot) else "state"
+            game = await client.join(code, seat=seat, view=view)
             tell(printable(f"{game.name or name} plays {game.seat} in {game.code}"), err=True)
             meanwhile = (keep_seat(client, game, kept), _tell_of_line(client))
             tasks = [asyncio.create_task(each) for each in meanwhile]
             try:
-                outcome = await play(game, make)
+                playing = bot.play(game) if isinstance(bot, TextBot) else play(game, bot)
+                outcome = await playing
             finally:
                 for task in tasks:
                     task.cancel()
@@ -90,15 +107,26 @@ def _maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
     if ":" in kind:
         return own_policy_maker(kind)
     if kind not in list(BotKind):
-        shipped = ", ".join(BotKind)
+        shipped = ", ".join([*BotKind, LLM])
         raise RobotouilleError(f"there is no bot {kind!r}; possible: {shipped}, or MODULE:NAME")
     return policy_maker(BotKind(kind), seed, plan)
+
+
+def _language_model(*arguments: Any) -> TextBot:
+    """From the package for evaluation, which is loaded only if it is asked for."""
+    from importlib import import_module
+
+    made: TextBot = import_module("robotouille_evaluation.cli.bot").LanguageModelBot(*arguments)
+    return made
 
 
 def command(
     kind: Annotated[
         str,
-        typer.Argument(help="What decides: random, scripted, planner, or MODULE:NAME of your own."),
+        typer.Argument(
+            help="What decides: random, scripted, planner, llm (a language model), or "
+            "MODULE:NAME of your own."
+        ),
     ],
     episode: Annotated[
         str | None, typer.Option(help="Id or code; the first that waits if left out.")
@@ -111,6 +139,19 @@ def command(
     token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of what is random.")] = 0,
+    model: Annotated[
+        str, typer.Option(help="llm: the model's name; `local` for a small one, `mock` for none.")
+    ] = "mock",
+    base_url: Annotated[
+        str, typer.Option(help="llm: an OpenAI-compatible endpoint; OpenAI's if left out.")
+    ] = "",
+    strategy: Annotated[
+        str, typer.Option(help="llm: how it is asked (docs/agents.md).")
+    ] = "react-last-reasoning-action",
+    temperature: Annotated[float | None, typer.Option(help="llm: sent with each request.")] = None,
+    transcript: Annotated[
+        Path | None, typer.Option(help="llm: a file for what the model is sent and says.")
+    ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
     version: VersionOption = False,
 ) -> None:
@@ -120,10 +161,14 @@ def command(
     from pydantic import ValidationError
 
     try:
-        make = _maker(kind, seed, plan)
+        bot: MakePolicy | TextBot
+        if kind == LLM:
+            bot = _language_model(model, base_url, strategy, transcript, seed, temperature)
+        else:
+            bot = _maker(kind, seed, plan)
         address = server_url(url, host, port)
         called = name or f"{kind.rpartition(':')[2]}-bot"
-        outcome = asyncio.run(_run(address, called, token, episode, seat, make))
+        outcome = asyncio.run(_run(address, called, token, episode, seat, bot))
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:

@@ -42,6 +42,10 @@ class _Commands(LazyGroup):
             "robotouille_client.cli.replay:replay",
             "Look at, verify, measure, watch and export recordings.",
         ),
+        "benchmark": LazyCommand(
+            "robotouille_evaluation.cli.benchmark:benchmark",
+            "Evaluate agents on packs of tasks: run, resume, report, compare.",
+        ),
         "pack": LazyCommand(
             "robotouille_evaluation.cli.pack:pack",
             "Packs of tasks to evaluate on: import the published one, build ours, compare them.",

@@ -28,8 +28,6 @@ __all__ = ["benchmark"]
 benchmark = typer.Typer(no_args_is_help=True, help="Evaluate agents on packs of tasks.")
 
 COMPUTED = ("planner", "random", "scripted")
-MOCK = "mock"
-"""A model that answers by a seed, mostly well: for trying things out."""
 
 PackOption = Annotated[
     Path | None,
@@ -74,7 +72,9 @@ def run(
             "(react-last-reasoning-action, io, …, or an experiment of the pack).",
         ),
     ] = "planner,random,scripted",
-    model: Annotated[str, typer.Option(help="The language model's name; `mock` for none.")] = MOCK,
+    model: Annotated[
+        str, typer.Option(help="The language model's name; `mock` for none.")
+    ] = "mock",
     base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
     pack: PackOption = None,
     datasets: Annotated[str, typer.Option(help="Which data sets; all if none are named.")] = "",
@@ -281,34 +281,22 @@ async def _run(
     finished: Callable[[Job, EpisodeRow], None],
     run_jobs: Any,
 ) -> None:
-    async with AsyncExitStack() as open_models:
-        make = _models(base_url, open_models)
+    from robotouille_evaluation.cli.models import MOCK, open_model
+
+    async with AsyncExitStack() as opened:
+        models: dict[str, Model] = {}
+
+        async def make(job: Job) -> Model:
+            """One client for all episodes of a model; mocks have one each, so that they repeat."""
+            name, seed = job.agent.model, job.seed
+            if name == MOCK:
+                return await open_model(name, "", {}, seed, opened)
+            if name not in models:
+                parameters = job.agent.parameters
+                models[name] = await open_model(name, base_url, parameters, 0, opened)
+            return models[name]
+
         await run_jobs(folder, pack, left, workers, make, finished)
-
-
-def _models(base_url: str, opened: AsyncExitStack) -> Callable[[Job], Model]:
-    """Models by name: one client for all episodes; mocks have one each, so that they repeat."""
-    from robotouille_evaluation.models import (
-        Endpoint,
-        OpenAICompatibleModel,
-        ScriptedModel,
-        SeededAnswers,
-    )
-    from robotouille_evaluation.models.openai_compatible import OPENAI_URL
-
-    shared: dict[str, OpenAICompatibleModel] = {}
-
-    def make(job: Job) -> Model:
-        name = job.agent.model
-        if name == MOCK:
-            return ScriptedModel(SeededAnswers(job.seed), MOCK)
-        if name not in shared:
-            endpoint = Endpoint(name, base_url or OPENAI_URL, job.agent.parameters)
-            shared[name] = OpenAICompatibleModel(endpoint)
-            opened.push_async_callback(shared[name].aclose)
-        return shared[name]
-
-    return make
 
 
 def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -9,6 +9,7 @@ from pathlib import Path
 from robotouille import World
 from robotouille.errors import RobotouilleError
 from robotouille.replay.container import compress
+from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.policies import planner, random_actions, script
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange, Strategy, Verdict
@@ -33,7 +34,7 @@ from robotouille_evaluation.runs.folder import RunFolder
 from robotouille_evaluation.runs.jobs import Job
 from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
 from robotouille_evaluation.runs.stage import RecordedStage
-from robotouille_evaluation.runs.team_episode import Complete, answer_all, play_team
+from robotouille_evaluation.runs.team_episode import play_team
 from robotouille_evaluation.runs.text_episode import TextEpisode
 
 __all__ = ["play_job"]

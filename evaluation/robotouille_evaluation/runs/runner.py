@@ -22,7 +22,7 @@ from robotouille_evaluation.runs.jobs import Job
 
 __all__ = ["MakeModel", "Workers", "run_jobs"]
 
-MakeModel = Callable[[Job], Model]
+MakeModel = Callable[[Job], Awaitable[Model]]
 Finished = Callable[[Job, EpisodeRow], None]
 
 
@@ -62,7 +62,7 @@ async def run_jobs(
 
     async def ask(job: Job) -> None:
         async with slots:
-            model = make_model(job)
+            model = await make_model(job)
             row = await play_job(job, plan.name, pack, folder, model, time.perf_counter)
         _finish(folder, job, row, finished)
 

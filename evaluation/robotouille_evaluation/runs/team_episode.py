@@ -4,27 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable, Generator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar
 
 from robotouille import State, World
+from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.proposal import (
-    ContextOverflow,
     Exchange,
     Observation,
     Strategy,
 )
-from robotouille_evaluation.models.model import Completion, ModelRequest
 from robotouille_evaluation.runs.stage import Decision, Stage
 from robotouille_evaluation.runs.text_episode import Ended
 
-__all__ = ["Complete", "TeamResult", "answer_all", "play_team"]
-
-R = TypeVar("R")
-
-Complete = Callable[[ModelRequest], Awaitable[Completion]]
-"""Asks a model. Raises ContextOverflow, or ModelError."""
+__all__ = ["TeamResult", "play_team"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,22 +28,6 @@ class TeamResult:
     success: bool
     steps: int
     exchanges: Mapping[str, tuple[Exchange, ...]]
-
-
-async def answer_all(asking: Generator[ModelRequest, Completion, R], complete: Complete) -> R:
-    """Answer what a generator asks until it returns."""
-    try:
-        request = next(asking)
-        while True:
-            try:
-                completion = await complete(request)
-            except ContextOverflow as error:
-                request = asking.throw(error)
-            else:
-                request = asking.send(completion)
-    except StopIteration as stop:
-        result: R = stop.value
-        return result
 
 
 async def play_team(

@@ -103,7 +103,7 @@ def test_a_model_that_fails_ends_its_episode_and_no_other(tmp_path: Path) -> Non
     folder = created(tmp_path, planned_jobs)
     refused = ModelError(ModelErrorKind.REFUSED, "the key is wrong")
 
-    def make(job: Job) -> Model:
+    async def make(job: Job) -> Model:
         return ScriptedModel(lambda _: refused)
 
     asking = [job for job in planned_jobs if job.agent.kind == "model"]

@@ -1,0 +1,90 @@
+"""A language model in a seat of a game on a server, by the text view: as anybody's bot would.
+
+It works with every clock: where the world does not wait, an answer may come late, and is then an
+action that is not valid any more, which the server says and records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from robotouille.world.sentences import MAX_SENTENCE
+from robotouille_client import Game
+from robotouille_client.sansio.game_events import Observed
+from robotouille_evaluation.agents.asking import Complete, answer_all
+from robotouille_evaluation.agents.proposal import Exchange, Observation, Strategy, Verdict
+
+__all__ = ["MAX_REASONING", "NetworkAgent"]
+
+MAX_REASONING = 8000
+"""Characters of reasoning that are sent with an action (docs/protocol.md)."""
+
+
+class NetworkAgent:
+    """Plays a seat with a strategy; `told` hears of each exchange with the model.
+
+    Answers that are no action are sent, too: the server refuses them, and they are recorded with
+    their reasons.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        strategy: Strategy,
+        complete: Complete,
+        told: Callable[[Exchange], None] = lambda _: None,
+    ) -> None:
+        self._game = game
+        self._strategy = strategy
+        self._complete = complete
+        self._told = told
+        self._decided = -1
+        self._plan: list[str] = []
+        self._reasoning = ""
+        self._done = False
+
+    async def play(self) -> Mapping[str, Any]:
+        """Play to the end; the outcome, empty if the connection was lost for good."""
+        game = self._game
+        while not game.ended:
+            game.poll()
+            if game.observation is not None and game.my_move and game.step > self._decided:
+                await self._move(game.observation)
+            elif not game.ended:
+                await game.next_event()
+        return game.outcome or {}
+
+    async def _move(self, seen: Observed) -> None:
+        step = self._game.step
+        if not self._plan and not self._done:
+            await self._decide(seen)
+            if self._game.ended or self._game.step != step:
+                self._plan.clear()  # It was thought of another state.
+                return
+        action = self._plan.pop(0) if self._plan else None
+        result = await self._game.act(action or None, reasoning=self._reasoning or None)
+        self._reasoning = ""
+        if result.applied:
+            self._decided = step
+        else:
+            self._plan.clear()
+
+    async def _decide(self, seen: Observed) -> None:
+        observation = Observation(seen.text, seen.actions, self._game.seat or "")
+        proposal = await answer_all(self._strategy.propose(observation), self._complete)
+        for exchange in proposal.exchanges:
+            self._told(exchange)
+            await self._record(exchange)
+        self._plan = list(proposal.actions)
+        self._reasoning = proposal.reasoning[:MAX_REASONING]
+        self._done = proposal.done
+
+    async def _record(self, exchange: Exchange) -> None:
+        """Let the server refuse what was no action, so that it is in the recording."""
+        if exchange.verdict is not Verdict.INVALID and not exchange.verdict.malformed:
+            return
+        said = exchange.action or (exchange.completion.text if exchange.completion else "")
+        if said.strip() and self._game.my_move:
+            reasoning = exchange.reasoning[:MAX_REASONING] or None
+            await self._game.act(said.strip()[:MAX_SENTENCE], reasoning=reasoning)

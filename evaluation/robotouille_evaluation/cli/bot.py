@@ -1,0 +1,105 @@
+"""`robotouille-bot llm`: a language model takes a seat."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import AsyncExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+from robotouille.errors import RobotouilleError
+from robotouille.program import printable, tell
+from robotouille_client import Game
+from robotouille_evaluation.agents.asking import Complete
+from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.agents.network import NetworkAgent
+from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
+from robotouille_evaluation.cli.models import open_model
+from robotouille_evaluation.models import (
+    Completion,
+    Model,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+)
+from robotouille_evaluation.packs.own import build_own_pack
+
+__all__ = ["LanguageModelBot"]
+
+FATAL = (ModelErrorKind.NO_KEY, ModelErrorKind.REFUSED, ModelErrorKind.ENDPOINT)
+
+
+@dataclass(frozen=True, slots=True)
+class LanguageModelBot:
+    """Plays a game that is joined in the text view.
+
+    Args:
+        model: The model's name.
+        base_url: Of its endpoint.
+        strategy: One of ours.
+        transcript: A file of JSON lines with what the model was sent and has said.
+    """
+
+    model: str
+    base_url: str = ""
+    strategy: str = "react-last-reasoning-action"
+    transcript: Path | None = None
+    seed: int = 0
+    temperature: float | None = None
+
+    async def play(self, game: Game) -> Mapping[str, Any]:
+        """To the end. Raises ModelError where nobody answers at all."""
+        pack = build_own_pack()
+        strategy = make_strategy(pack, self.strategy, "asynchronous")
+        parameters = {} if self.temperature is None else {"temperature": self.temperature}
+        async with AsyncExitStack() as opened:
+            model = await open_model(self.model, self.base_url, parameters, self.seed, opened)
+            with _transcript(self.transcript) as told:
+                agent = NetworkAgent(game, strategy, _patiently(model), told)
+                return await agent.play()
+
+
+def _patiently(model: Model) -> Complete:
+    """A model that fails for a moment says nothing in it: the game goes on."""
+
+    async def complete(request: ModelRequest) -> Completion:
+        try:
+            return await model.complete(request)
+        except ModelError as error:
+            if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
+                raise ContextOverflow from None
+            if error.kind in FATAL:
+                raise
+            tell(printable(f"{model.name}: {error}"), err=True)
+            return Completion("", error.usage, finish_reason=error.kind.value)
+
+    return complete
+
+
+@contextmanager
+def _transcript(path: Path | None) -> Iterator[Any]:
+    if path is None:
+        yield lambda _: None
+        return
+    try:
+        with path.open("a", encoding="utf-8") as file:
+            yield lambda exchange: _write(file, exchange)
+    except OSError as error:
+        raise RobotouilleError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _write(file: TextIO, exchange: Exchange) -> None:
+    completion = exchange.completion
+    row = {
+        "purpose": exchange.request.purpose,
+        "messages": [asdict(message) for message in exchange.request.messages],
+        "answer": completion.text if completion is not None else None,
+        "seconds": completion.seconds if completion is not None else None,
+        "verdict": exchange.verdict.value,
+        "action": exchange.action,
+        "feedback": exchange.feedback,
+    }
+    file.write(json.dumps(row, ensure_ascii=False) + "\n")
+    file.flush()
