@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,13 +15,21 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robotouille.errors import RobotouilleError
+from robotouille.planning import solve
 from robotouille.program import printable, tell
 from robotouille_client.console import explain, fail
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.difference_tables import markdown_tables, text_tables
 from robotouille_evaluation.packs.differences import compare_packs
 from robotouille_evaluation.packs.own import NAME, build_own_pack
-from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.packs.proving import (
+    EXPANSIONS,
+    KINDS,
+    SECONDS,
+    prove_instances,
+    with_instances,
+)
 from robotouille_evaluation.packs.published.checkout import read_checkout
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
 
@@ -121,6 +129,37 @@ def check(folder: FolderArgument, json_output: JsonOption = False) -> None:
         tell("\n".join(printable(fault) for fault in faults or ["no faults"]))
     if faults:
         raise typer.Exit(1)
+
+
+@pack.command()
+def prove(
+    folder: FolderArgument,
+    expansions: Annotated[
+        int, typer.Option(min=1, help="Expansions that an instance may cost.")
+    ] = EXPANSIONS,
+    timeout: Annotated[
+        float,
+        typer.Option(min=0.1, help="Seconds for an instance; what it gives up depends on speed."),
+    ] = SECONDS,
+) -> None:
+    """Find shortest plans of the default and free instances, and keep those that are proven.
+
+    The pack gets another digest. After an interruption, what is proven is kept, and the next run
+    goes on.
+    """
+    with _errors():
+        found = read_pack(folder)
+        proven: list[PackInstance] = []
+        with suppress(KeyboardInterrupt), _bar("instances") as progress:
+            for instance in prove_instances(
+                found, solve, expansions=expansions, seconds=timeout, progress=progress
+            ):
+                proven.append(instance)  # noqa: PERF402 - an interruption keeps what came before
+        made = with_instances(found, proven)
+        write_pack(made, folder)
+    open_ones = sum(i.optimal() is None for i in made.instances_of(kinds=KINDS))
+    tell(f"{len(proven)} proven now, {open_ones} have no proven plan")
+    tell(f"digest {made.digest}")
 
 
 @pack.command()
