@@ -36,6 +36,7 @@ test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: four
 	$(PYTEST)
 
 nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local]'
 	ROBOTOUILLE_FUZZ=10 ROBOTOUILLE_ORACLE_TASKS=500 $(PYTEST) -m "nightly or not nightly"
 	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
 	$(BIN)/python -m tests.programs.simulation --day

@@ -114,6 +114,13 @@ def page(status: int = 200) -> Reply:
     return Reply(b"<html><h1>It works!</h1></html>", status=status, content_type="text/html")
 
 
+class Raw(Reply):
+    """A body that is written as it is, without status and headers."""
+
+    def encoded(self) -> bytes:
+        return self.body
+
+
 SILENCE = Reply(silent=True)
 HANG_UP = Reply(missing=1, status=-1)
 """The connection ends without a byte."""

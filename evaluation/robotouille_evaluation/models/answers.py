@@ -9,7 +9,14 @@ from dataclasses import dataclass
 from robotouille_evaluation.models.model import ModelError, ModelErrorKind, Usage
 from robotouille_evaluation.models.prices import Prices
 
-__all__ = ["MAX_ANSWER_BYTES", "MAX_BODY_BYTES", "Answer", "read_answer", "read_completion"]
+__all__ = [
+    "MAX_ANSWER_BYTES",
+    "MAX_BODY_BYTES",
+    "Answer",
+    "encodable",
+    "read_answer",
+    "read_completion",
+]
 
 MAX_ANSWER_BYTES = 1_000_000
 """Length of an answer's text in UTF-8; the rest is cut."""
@@ -118,7 +125,12 @@ def _text(content: object) -> str:
         content = "".join(part for part in parts if isinstance(part, str))
     if not isinstance(content, str):
         return ""
-    return content.encode(errors="replace").decode()  # lone surrogates cannot be written
+    return encodable(content)
+
+
+def encodable(text: str) -> str:
+    """A text without lone surrogates, which can neither be sent nor written."""
+    return text.encode(errors="replace").decode()
 
 
 def _usage(usage: object, prices: Prices | None) -> Usage:

@@ -14,7 +14,9 @@ __all__ = ["refusal", "without_key"]
 
 MAX_SHOWN = 300
 """Characters of an endpoint's words that are shown."""
-KEY_LIKE = re.compile(r"\b(?:sk|key|pk|gsk|xai)-[\w*.\-]{6,}|Bearer\s+\S+", re.IGNORECASE)
+KEY_LIKE = re.compile(
+    r"\b(?:sk|key|pk|gsk|xai)-[\w*.\-]{6,}|Bearer\s+\S+|\S*\*{3}\S*", re.IGNORECASE
+)
 OVERFLOW = re.compile(
     r"context.?length|context.?window|context.?size|maximum context|prompt is too long"
     r"|input is too long|too many (?:input )?tokens|input tokens exceed",

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import random
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from robotouille.errors import MissingExtraError, WrongArgumentError
-from robotouille_evaluation.models.answers import MAX_BODY_BYTES, Answer, read_answer
+from robotouille_evaluation.models.answers import MAX_BODY_BYTES, Answer, encodable, read_answer
 from robotouille_evaluation.models.failures import refusal, without_key
 from robotouille_evaluation.models.model import (
     Completion,
@@ -60,7 +61,7 @@ class Endpoint:
 
     Raises:
         WrongArgumentError: No usable address, or one with a password or a query in it (keys
-            do not belong there), or a parameter that the model sets itself.
+            do not belong there), or a parameter that the model sets itself or that is no JSON.
     """
 
     model: str
@@ -86,6 +87,10 @@ class Endpoint:
 def _check_parameters(parameters: Mapping[str, object]) -> None:
     if wrong := RESERVED & parameters.keys():
         raise WrongArgumentError(f"parameters of a model cannot set {', '.join(sorted(wrong))}")
+    try:
+        json.dumps(dict(parameters))
+    except (TypeError, ValueError) as error:
+        raise WrongArgumentError(f"parameters of a model are JSON: {error}") from None
 
 
 def key_from_environment(environment: Mapping[str, str], base_url: str) -> str | None:
@@ -104,6 +109,14 @@ def key_from_environment(environment: Mapping[str, str], base_url: str) -> str |
     return openai or None if urlsplit(base_url).scheme == "https" else None
 
 
+def _checked(key: str | None) -> str | None:
+    """A key that can be sent."""
+    key = key.strip() if key else None
+    if key and not (key.isascii() and key.isprintable() and " " not in key):
+        raise ModelError(ModelErrorKind.NO_KEY, "the key has characters that no key has")
+    return key
+
+
 class OpenAICompatibleModel:
     """A model behind an OpenAI-compatible endpoint: one client for any number of episodes.
 
@@ -120,7 +133,7 @@ class OpenAICompatibleModel:
 
     Raises:
         MissingExtraError: The SDK is not installed.
-        ModelError: OpenAI's own endpoint, and no key.
+        ModelError: OpenAI's own endpoint and no key, or what is given is none.
     """
 
     def __init__(
@@ -135,7 +148,7 @@ class OpenAICompatibleModel:
     ) -> None:
         self.name = endpoint.model
         self.endpoint = endpoint
-        self._key = key or key_from_environment(os.environ, endpoint.base_url)
+        self._key = _checked(key or key_from_environment(os.environ, endpoint.base_url))
         if self._key is None and endpoint.base_url == OPENAI_URL:
             raise ModelError(ModelErrorKind.NO_KEY, f"set {' or '.join(KEY_VARIABLES)}")
         self._rng = rng or random.Random()
@@ -161,7 +174,7 @@ class OpenAICompatibleModel:
 
         Raises:
             ModelError: There is none.
-            WrongArgumentError: A parameter that the model sets itself.
+            WrongArgumentError: A parameter that the model sets itself, or that is no JSON.
         """
         _check_parameters(request.parameters)
         body = self._body(request)
@@ -184,7 +197,9 @@ class OpenAICompatibleModel:
                 return Completion(answer.text, used + answer.usage, seconds, reason, attempt)
 
     def _body(self, request: ModelRequest) -> dict[str, object]:
-        messages = [{"role": each.role, "content": each.content} for each in request.messages]
+        messages = [
+            {"role": each.role, "content": encodable(each.content)} for each in request.messages
+        ]
         given = {**self.endpoint.parameters, **request.parameters}
         return {"model": self.endpoint.model, "messages": messages, **given}
 
@@ -215,31 +230,32 @@ class OpenAICompatibleModel:
             async with completions.create(**asked) as response:
                 content_type = response.headers.get("content-type", "")
                 return content_type, await self._read(response.iter_bytes())
-        except openai.APIConnectionError as error:
-            raise self._unreachable(error.__cause__ or error) from None
         except openai.APIStatusError as error:
             response = error.response
             headers = {name.lower(): value for name, value in response.headers.items()}
             said = response.text[:MAX_REFUSAL_CHARS]
             status = response.status_code
             raise refusal(status, headers, said, self._key, self._wall()) from None
-
-    async def _read(self, pieces: Any) -> bytes:
-        read = bytearray()
-        try:
-            async for piece in pieces:
-                read += piece
-                if len(read) > MAX_BODY_BYTES:
-                    what = f"an answer of more than {MAX_BODY_BYTES:,} bytes"
-                    raise ModelError(ModelErrorKind.TOO_LONG, what)
         except ModelError:
             raise
-        except Exception as error:  # the SDK lets those of its HTTP library through
+        except openai.APIConnectionError as error:
+            raise self._unreachable(error.__cause__ or error) from None
+        except Exception as error:  # the SDK lets some of its HTTP library's through
             raise self._unreachable(error) from None
+
+    @staticmethod
+    async def _read(pieces: AsyncIterator[bytes]) -> bytes:
+        read = bytearray()
+        async for piece in pieces:
+            read += piece
+            if len(read) > MAX_BODY_BYTES:
+                what = f"an answer of more than {MAX_BODY_BYTES:,} bytes"
+                raise ModelError(ModelErrorKind.TOO_LONG, what)
         return bytes(read)
 
     def _unreachable(self, error: BaseException) -> ModelError:
-        said = without_key(f"{type(error).__name__} {error}".strip(), self._key)
+        words = " ".join(f"{type(error).__name__} {error}".split())
+        said = without_key(words, self._key)[:300]
         what = f"{self.endpoint.base_url}: {said}"
         return ModelError(ModelErrorKind.ENDPOINT, what, retry_may_help=True)
 

@@ -14,6 +14,7 @@ from robotouille_evaluation.models.failures import refusal, without_key
         "Authorization: Bearer abcdef-xyz",
         "key-0123456789xyz is not valid",
         "you sent tops3cret-xyz",
+        "you sent AIza*******xyz",
     ],
 )
 def test_keys_are_struck_out(text: str) -> None:

@@ -29,6 +29,7 @@ from tests.support import openai_server
 from tests.support.openai_server import (
     HANG_UP,
     SILENCE,
+    Raw,
     Reply,
     ScriptedEndpoint,
     answer,
@@ -159,6 +160,9 @@ async def test_refusals_never_show_the_key() -> None:
         (Reply(b'\xff\xfe{"choices"'), KINDS.ENDPOINT, True),
         (Reply(b'{"error": {"message": "overloaded", "code": 502}}'), KINDS.ENDPOINT, True),
         (Reply(b'{"choices": [', missing=500), KINDS.ENDPOINT, True),
+        (Reply(b"{}", headers={"content-encoding": "gzip"}), KINDS.ENDPOINT, True),
+        (Reply(b"{}", headers={"x-long": "x" * 100_000}), KINDS.ENDPOINT, True),
+        (Raw(b"SSH-2.0-OpenSSH_9.2\r\n\r\n"), KINDS.ENDPOINT, True),
         (HANG_UP, KINDS.ENDPOINT, True),
         (stream("Action: Wa", ended=False), KINDS.ENDPOINT, True),
         (error(500), KINDS.SERVER, True),
@@ -265,6 +269,22 @@ async def test_an_answer_that_the_endpoint_cut() -> None:
     assert completion.text == "Action: Mo" and completion.finish_reason == "length"
 
 
+async def test_the_key_does_not_follow_to_another_host() -> None:
+    async with openai_server.endpoint(answer("yes")) as other:
+        there = other.url.replace("127.0.0.1", "localhost") + "/chat/completions"
+        moved = Reply(status=307, headers={"location": there})
+        completion, _ = await success(moved)
+    assert completion.text == "yes"
+    assert "authorization" not in other.received[0].headers
+
+
+@pytest.mark.parametrize("key", ["a b", "schlüssel", "a\nb"])
+def test_keys_that_are_none(key: str) -> None:
+    with pytest.raises(ModelError) as caught:
+        OpenAICompatibleModel(Endpoint("m", "https://host/v1"), key=key)
+    assert caught.value.kind is KINDS.NO_KEY and key not in str(caught.value)
+
+
 async def test_a_stream_that_nobody_asked_for() -> None:
     completion, _ = await success(stream("Action", ": ", "Wait", usage={"completion_tokens": 3}))
     assert completion.text == "Action: Wait" and completion.usage == Usage(0, 3)
@@ -318,6 +338,14 @@ async def test_parameters_that_the_model_sets_itself() -> None:
     async with asking(answer("yes")) as (model, _, _):
         with pytest.raises(WrongArgumentError, match="messages"):
             await model.complete(ModelRequest((), parameters={"messages": []}))
+        with pytest.raises(WrongArgumentError, match="JSON"):
+            await model.complete(ModelRequest((), parameters={"stop": {"a", "b"}}))
+
+
+async def test_a_lone_surrogate_is_sent_as_a_question_mark() -> None:
+    async with asking(answer("yes")) as (model, server, _):
+        await model.complete(ModelRequest((Message("user", "\ud800 and 汉"),)))
+    assert server.received[0].body["messages"][0]["content"] == "? and 汉"
 
 
 def test_what_is_recorded_has_no_key() -> None:
