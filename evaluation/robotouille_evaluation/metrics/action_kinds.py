@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robotouille.domain.schema import Creation, Delayed, DomainFile, EffectDef
+from robotouille.domain.schema import Creation, Delayed, EffectDef
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
@@ -15,7 +15,6 @@ __all__ = [
     "is_waiting",
     "is_work",
     "needs_asynchronous_work",
-    "one_at_a_place",
     "work_stations",
 ]
 
@@ -77,12 +76,6 @@ def work_stations(world: World) -> frozenset[str]:
         for thing in world.placed
         if thing.type in stations and any((k, thing.name) in world.table.static for k in kinds)
     )
-
-
-def one_at_a_place(domain: DomainFile) -> frozenset[str]:
-    """The predicates by which a domain says that there is room for one more: `station_empty`,
-    `vacant`, `nothing`, `container_empty`. Its layout derives them by `unless`."""
-    return frozenset(rule.predicate for rule in domain.layout or () if rule.unless is not None)
 
 
 def needs_asynchronous_work(world: World) -> bool:

@@ -26,11 +26,11 @@ from enum import StrEnum
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
-from robotouille_evaluation.metrics.action_kinds import one_at_a_place, work_stations
+from robotouille_evaluation.metrics.action_kinds import work_stations
 from robotouille_evaluation.metrics.outcomes import success_within
 from robotouille_evaluation.metrics.trajectory import Answer, Trajectory, Verdict
 
-__all__ = ["Category", "Evidence", "Failure", "Subcategory", "classify", "evidence"]
+__all__ = ["CATEGORIES", "Category", "Evidence", "Failure", "Subcategory", "classify", "evidence"]
 
 LAST_SHARE = 0.75
 """Where the end of a run begins, as a share of its answers."""
@@ -66,7 +66,7 @@ class Subcategory(StrEnum):
     NOT_PLAYED = "broken off"
 
 
-_CATEGORY = {
+CATEGORIES = {
     Subcategory.BELIEVED_DONE: Category.STATE,
     Subcategory.UNKNOWN_ACTION: Category.ACTION,
     Subcategory.OUT_OF_REACH: Category.ACTION,
@@ -100,7 +100,7 @@ class Evidence:
     @property
     def category(self) -> Category:
         """The category of its subcategory."""
-        return _CATEGORY[self.subcategory]
+        return CATEGORIES[self.subcategory]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ def _failure(found: list[Evidence]) -> Failure:
     most = max(counts.values())
     chosen = next(e.subcategory for e in reversed(found) if counts[e.subcategory] == most)
     kept = tuple(each for each in found if each.subcategory is chosen)
-    return Failure(_CATEGORY[chosen], chosen, kept)
+    return Failure(CATEGORIES[chosen], chosen, kept)
 
 
 def evidence(trajectory: Trajectory) -> list[Evidence]:
@@ -160,15 +160,14 @@ def evidence(trajectory: Trajectory) -> list[Evidence]:
 
 
 def _refused(trajectory: Trajectory) -> Iterator[Evidence]:
-    rooms = one_at_a_place(trajectory.world.task.domain)
     at_the_end = set(_wrong_at_the_end(trajectory.answers))
     for number, answer in enumerate(trajectory.answers):
         if not answer.wrong:
             continue
-        subcategory = _broken_rule(trajectory.world, answer, rooms)
+        subcategory = _broken_rule(trajectory.states[answer.step], answer)
         if subcategory is None:
             continue
-        if _CATEGORY[subcategory] is Category.ACTION:
+        if CATEGORIES[subcategory] is Category.ACTION:
             lasting = number in at_the_end
         else:
             lasting = not _worked_later(trajectory.answers[number + 1 :], answer)
@@ -195,15 +194,13 @@ def _worked_later(answers: Iterable[Answer], failed: Answer) -> bool:
     )
 
 
-def _broken_rule(world: World, answer: Answer, rooms: frozenset[str]) -> Subcategory | None:
+def _broken_rule(state: State, answer: Answer) -> Subcategory | None:
     """Which rule a refused answer breaks; None where only its turn had not come."""
     if answer.verdict is Verdict.MALFORMED:
         return Subcategory.UNKNOWN_ACTION
     conditions = [u for u in answer.unmet if u.kind in (UnmetKind.CONDITION, UnmetKind.MISSING)]
-    if not conditions:
-        return None
-    kinds = [_rule_of(world, each, rooms) for each in conditions]
-    return next(kind for kind in _BY_WEIGHT if kind in kinds)
+    kinds = {_rule_of(state, each) for each in conditions}
+    return next((kind for kind in _BY_WEIGHT if kind in kinds), None)
 
 
 _BY_WEIGHT = (
@@ -216,23 +213,32 @@ _BY_WEIGHT = (
 """Who is at the wrong place breaks other rules by the way: the first of these is the one."""
 
 
-def _rule_of(world: World, unmet: Unmet, rooms: frozenset[str]) -> Subcategory:
-    domain = world.task.domain
+def _rule_of(state: State, unmet: Unmet) -> Subcategory:
+    """The rule behind one unmet condition, told from what the domain's layout says of it."""
+    domain = state.world.task.domain
     if unmet.kind is UnmetKind.MISSING:
         return Subcategory.OUT_OF_REACH
+    rules = {rule.predicate: rule for rule in domain.layout or ()}
     types = next(p.param_types for p in domain.predicate_defs if p.name == unmet.predicate)
-    players, stations = set(domain.player_types), set(domain.station_types)
-    if unmet.predicate in rooms and players.intersection(types):
-        return Subcategory.ONE_IN_HAND
-    if players.intersection(types):
+    of_players = bool({*domain.player_types} & {*types})
+    of_stations = bool({*domain.station_types} & {*types})
+    rule = rules.get(unmet.predicate)
+    room = rule is not None and rule.unless is not None
+    when = rule.when if rule else None
+    if of_players:
+        return Subcategory.ONE_IN_HAND if room else Subcategory.OUT_OF_REACH
+    if room and of_stations:
+        taken = {rules[name].when for name in (rule and rule.unless) or () if name in rules}
+        return Subcategory.ONE_PLAYER if "faces" in taken else Subcategory.ONE_ITEM
+    if when in ("bottom_of_stack", "next_in_stack"):
+        near = [name for name, each in rules.items() if each.when == "shares_tile"]
+        there = any(state.holds(name, *unmet.objects) for name in near)
+        return Subcategory.ONE_ITEM if there else Subcategory.OUT_OF_REACH
+    if when == "top_of_stack":
+        return Subcategory.ONE_ITEM
+    if when == "shares_tile" and of_stations:
         return Subcategory.OUT_OF_REACH
-    if unmet.predicate in rooms and stations.intersection(types):
-        facing = {rule.predicate for rule in domain.layout or () if rule.when == "faces"}
-        rule = next(r for r in domain.layout or () if r.predicate == unmet.predicate)
-        by_players = facing.intersection(rule.unless or ())
-        return Subcategory.ONE_PLAYER if by_players else Subcategory.ONE_ITEM
-    places = {rule.predicate for rule in domain.layout or ()}
-    return Subcategory.ONE_ITEM if unmet.predicate in places else Subcategory.OTHER_RULE
+    return Subcategory.OTHER_RULE
 
 
 def _stacked_where_work_is_done(trajectory: Trajectory) -> Iterator[Evidence]:

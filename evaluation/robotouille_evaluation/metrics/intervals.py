@@ -90,7 +90,7 @@ def permutation_test(
     number = len(differences)
     if not number:
         return 1.0
-    observed = abs(differences.sum()) - 1e-9
+    observed = abs(float(differences.sum())) - 1e-9
     if number <= MAX_EXACT:
         ways = np.arange(2**number)[:, None] >> np.arange(number) & 1
         return float((abs((1 - 2 * ways) @ differences) >= observed).mean())
@@ -99,7 +99,7 @@ def permutation_test(
     for begin in range(0, resamples, at_once):
         size = (min(at_once, resamples - begin), number)
         signs = 1 - 2 * generator.integers(2, size=size)
-        extreme += int((abs(signs @ differences) >= observed).sum())
+        extreme += int(np.count_nonzero(abs(signs @ differences) >= observed))
     return (extreme + 1) / (resamples + 1)
 
 

@@ -189,7 +189,6 @@ class ActionReader:
     def __init__(self, world: World) -> None:
         self._world = world
         self._patterns = [(schema, _pattern(schema)) for schema in world.schemas]
-        self._by_name = {schema.name: schema for schema in world.schemas}
 
     def __call__(self, text: str) -> GroundAction | None:
         """The action that a text names; None if it names none."""
@@ -200,7 +199,9 @@ class ActionReader:
         for schema, pattern in self._patterns:
             if found := pattern.fullmatch(words):
                 names = found.groupdict()
-                return self._action(schema.name, tuple(names[p] for p, _ in schema.parameters))
+                action = self._action(schema.name, tuple(names[p] for p, _ in schema.parameters))
+                if action is not None:  # "Pick up {}" is said of items and of containers
+                    return action
         return None
 
     def _action(self, name: str, arguments: tuple[str, ...]) -> GroundAction | None:
