@@ -10,7 +10,7 @@ __all__ = ["SANDWICH", "WANDERING", "refused", "solo", "wandering"]
 
 SANDWICH = World(load_task("synchronous/01"))
 """A cheese sandwich: bread1 on table2, cheese1 on table1, bread2 on table5; the cook at table3.
-The fewest steps are 8: to the cheese, take it, to table2, stack; to bread2, take it, back, stack."""
+Fewest steps: to the cheese, take it, to table2, stack; to bread2, take it, back, stack: 8."""
 
 WANDERING = (
     "Move robot1 from table3 to table1",

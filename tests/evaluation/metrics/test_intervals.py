@@ -41,7 +41,14 @@ def test_clusters_widen_an_interval() -> None:
 def test_without_values() -> None:
     assert bootstrap([]) is None
     assert bootstrap([[], []]) is None
-    assert bootstrap([[1.0], [1.0]]) == Interval(1.0, 1.0, 1.0, 2)
+    assert bootstrap([[3.0], [3.0]]) == Interval(3.0, 3.0, 3.0, 2)
+
+
+def test_always_is_not_certainty() -> None:
+    # Ten of ten: below 1 - 0.025^(1/10) = 0.3085 of failures (Clopper and Pearson).
+    always, never = bootstrap([[1.0]] * 10), bootstrap([[0.0, 0.0]] * 10)
+    assert always == Interval(1.0, pytest.approx(1 - 0.3085, abs=1e-4), 1.0, 10)
+    assert never == Interval(0.0, 0.0, pytest.approx(0.3085, abs=1e-4), 20)
 
 
 @settings(max_examples=50, deadline=None)
@@ -51,7 +58,9 @@ def test_an_interval_holds_its_mean_and_is_the_same_again(values: list[float]) -
     found = bootstrap(clusters, resamples=200)
     assert found == bootstrap(clusters, resamples=200)
     assert found is not None
-    assert min(values) - 1e-9 <= found.low <= found.high <= max(values) + 1e-9
+    assert found.low - 1e-9 <= found.mean <= found.high + 1e-9 or len(values) > 1
+    if {*values} not in ({0.0}, {1.0}):
+        assert min(values) - 1e-9 <= found.low <= found.high <= max(values) + 1e-9
 
 
 def test_a_permutation_test_by_hand() -> None:

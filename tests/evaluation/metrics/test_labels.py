@@ -54,7 +54,8 @@ def test_no_file(tmp_path: Path) -> None:
 
 def test_kappa_by_hand() -> None:
     # Both say "goal" 20 times and "state" 15 times, and differ 5 + 10 times of 50: p = 0.7.
-    # One says "goal" 25 of 50 times, the other 30: e = 0.5 · 0.6 + 0.5 · 0.4 = 0.5; (0.7 - 0.5)/0.5.
+    # One says "goal" 25 of 50 times, the other 30:
+    # e = 0.5 · 0.6 + 0.5 · 0.4 = 0.5; (0.7 - 0.5) / 0.5 = 0.4.
     one = ["goal"] * 20 + ["goal"] * 5 + ["state"] * 10 + ["state"] * 15
     other = ["goal"] * 20 + ["state"] * 5 + ["goal"] * 10 + ["state"] * 15
     assert cohens_kappa(one, other) == pytest.approx(0.4)
