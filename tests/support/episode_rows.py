@@ -21,7 +21,7 @@ from robotouille_evaluation.metrics.rows import FailureRow
 
 __all__ = ["TASKS", "made_up_rows", "row"]
 
-PACK = PackId(name="own", version="1.0", digest="0123456789abcdef")
+PACK = PackId(name="ours", version="1.0", digest="0123456789abcdef")
 TASKS = {
     "synchronous": {"01_cheese_sandwich": 8, "02_lettuce_sandwich": 14, "04_hamburger": 8},
     "asynchronous": {"01_cheese_chicken_sandwich": 21, "06_potato_soup": 19},

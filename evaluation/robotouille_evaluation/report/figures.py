@@ -236,7 +236,7 @@ def _histogram(
                 axes.plot(ends, [value, value], color=INK, linewidth=1.6)
     axes.set_xticks(range(len(names)), [name.replace("more than", ">") for name in names])
     axes.tick_params(axis="x", labelsize=8, length=0)
-    axes.set_ylim(0, 119)
+    axes.set_ylim(0, 140)
     axes.set_yticks([0, 25, 50, 75, 100])
     axes.legend(loc="upper right", borderaxespad=0, fontsize=7.5, handlelength=1)
 
@@ -252,7 +252,7 @@ def repeated_transitions(rows: Sequence[EpisodeRow]) -> Picture | None:
     def draw(axes: Axes, group: list[EpisodeRow]) -> None:
         labels, values, colours = [], [], []
         for dataset, episodes in datasets(group).items():
-            for word, won in (("successes", True), ("failures", False)):
+            for word, won in (("won", True), ("lost", False)):
                 found = [row.repetitions for row in episodes if succeeded(row) == won]
                 if found:
                     labels.append(f"{_SHORT.get(dataset, dataset[:6])}\n{word}")
