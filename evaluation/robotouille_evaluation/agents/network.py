@@ -13,12 +13,14 @@ from robotouille.world.sentences import MAX_SENTENCE
 from robotouille_client import Game
 from robotouille_client.sansio.game_events import Observed
 from robotouille_evaluation.agents.asking import Complete, answer_all
-from robotouille_evaluation.agents.proposal import Exchange, Observation, Strategy, Verdict
+from robotouille_evaluation.agents.proposal import (
+    MAX_REASONING,
+    Exchange,
+    Observation,
+    Strategy,
+)
 
-__all__ = ["MAX_REASONING", "NetworkAgent"]
-
-MAX_REASONING = 8000
-"""Characters of reasoning that are sent with an action (docs/protocol.md)."""
+__all__ = ["NetworkAgent"]
 
 
 class NetworkAgent:
@@ -82,7 +84,7 @@ class NetworkAgent:
 
     async def _record(self, exchange: Exchange) -> None:
         """Let the server refuse what was no action, so that it is in the recording."""
-        if exchange.verdict is not Verdict.INVALID and not exchange.verdict.malformed:
+        if not exchange.verdict.rejected:
             return
         said = exchange.action or (exchange.completion.text if exchange.completion else "")
         if said.strip() and self._game.my_move:

@@ -12,6 +12,7 @@ from robotouille.planning.policies import Did
 from robotouille_evaluation.models.model import Completion, ModelRequest
 
 __all__ = [
+    "MAX_REASONING",
     "ContextOverflow",
     "Exchange",
     "Observation",
@@ -20,6 +21,10 @@ __all__ = [
     "Strategy",
     "Verdict",
 ]
+
+
+MAX_REASONING = 8000
+"""Characters of reasoning that are recorded with an action (docs/protocol.md)."""
 
 
 class Verdict(StrEnum):
@@ -33,6 +38,11 @@ class Verdict(StrEnum):
     INVALID = "invalid"
     REFLECTION = "reflection"
     OVERFLOW = "overflow"
+
+    @property
+    def rejected(self) -> bool:
+        """It is refused, and the model is asked again."""
+        return self is Verdict.INVALID or self.malformed
 
     @property
     def malformed(self) -> bool:

@@ -162,9 +162,10 @@ def evidence(trajectory: Trajectory) -> list[Evidence]:
 def _refused(trajectory: Trajectory) -> Iterator[Evidence]:
     at_the_end = set(_wrong_at_the_end(trajectory.answers))
     for number, answer in enumerate(trajectory.answers):
-        if not answer.wrong:
+        state = trajectory.states[answer.step]
+        if not answer.wrong or _outrun(state, answer):
             continue
-        subcategory = _broken_rule(trajectory.states[answer.step], answer)
+        subcategory = _broken_rule(state, answer)
         if subcategory is None:
             continue
         if CATEGORIES[subcategory] is Category.ACTION:
@@ -173,6 +174,11 @@ def _refused(trajectory: Trajectory) -> Iterator[Evidence]:
             lasting = not _worked_later(trajectory.answers[number + 1 :], answer)
         words = answer.text if not answer.reasons else f"{answer.text}: {'; '.join(answer.reasons)}"
         yield Evidence(answer.step, answer.seat, subcategory, words, lasting)
+
+
+def _outrun(state: State, answer: Answer) -> bool:
+    """Whether the action applied, and was refused for what another did in the same step."""
+    return answer.action is not None and state.world.applicable(state, answer.action)
 
 
 def _wrong_at_the_end(answers: tuple[Answer, ...]) -> Iterator[int]:
@@ -341,10 +347,10 @@ def _ingredients(world: World) -> frozenset[str]:
 def _against_the_goal(trajectory: Trajectory) -> Iterator[Evidence]:
     """Things put together in a way that the goal does not ask for."""
     world, last = trajectory.world, trajectory.states[-1]
-    wishes = _Wishes(world)
+    wishes, stations = _Wishes(world), work_stations(world)
     for step, (before, joint, after) in enumerate(trajectory.each_step()):
         for move in joint:
-            if not move.applied or work_stations(world).intersection(move.action.arguments):
+            if not move.applied or stations.intersection(move.action.arguments):
                 continue
             for atom in _things_joined(world, before, after):
                 if not {*atom[1:]} & {*move.action.arguments}:

@@ -42,6 +42,9 @@ def bootstrap(
     Clusters are drawn with replacement, each with all its values: trials of one instance, which
     are alike, are a cluster. Independent values are clusters of one. None without values.
 
+    Where all values are 0 or all are 1, every sample is the same and would pretend certainty: then
+    it is the exact interval of Clopper and Pearson (1934) for so many clusters.
+
     Args:
         clusters: The values, those that belong together side by side.
         level: The confidence, between 0 and 1.
@@ -54,8 +57,8 @@ def bootstrap(
         return None
     total = int(counts.sum())
     mean = float(sums.sum() / total)
-    if sums.min() == sums.max() and counts.min() == counts.max():
-        return Interval(mean, mean, mean, total)
+    if mean in (0.0, 1.0) and set(sums / counts) == {mean}:
+        return _never_or_always(mean, len(sums), total, level)
     generator = np.random.default_rng(seed)
     means = []
     at_once = max(1, CHUNK // len(sums))
@@ -66,6 +69,12 @@ def bootstrap(
     tail = (1 - level) / 2
     low, high = np.quantile(np.concatenate(means), (tail, 1 - tail))
     return Interval(mean, float(low), float(high), total)
+
+
+def _never_or_always(mean: float, clusters: int, count: int, level: float) -> Interval:
+    reach = 1 - ((1 - level) / 2) ** (1 / clusters)
+    low, high = (0.0, reach) if mean == 0 else (1 - reach, 1.0)
+    return Interval(mean, low, high, count)
 
 
 def permutation_test(

@@ -152,8 +152,8 @@ class EpisodeRow(Row):
     @property
     def player(self) -> str:
         """Who played, in words: the agent, and strategy and model where they say more."""
-        parts = (self.agent, self.strategy, self.model)
-        return " · ".join(dict.fromkeys(part for part in parts if part))
+        more = [part for part in (self.strategy, self.model) if part not in self.agent]
+        return " · ".join([self.agent, *more])
 
     @property
     def pair(self) -> tuple[str, str, str, int, int]:

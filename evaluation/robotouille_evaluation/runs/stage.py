@@ -6,11 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from robotouille import State, World
+from robotouille import GroundAction, State, World
 from robotouille.episode import Clock, Episode, Phase, Rules, Stepped
+from robotouille.errors import ProtocolError
 from robotouille.planning.policies import Did
 from robotouille.replay.recorder import Recorder, header
-from robotouille_evaluation.agents.proposal import Exchange
+from robotouille.world.sentences import MAX_SENTENCE
+from robotouille_evaluation.agents.proposal import MAX_REASONING, Exchange
+
+ACTION_INVALID, ACTION_UNKNOWN = "action/invalid", "action/unknown"
 
 __all__ = ["Decision", "Moved", "PlainStage", "RecordedStage", "Stage"]
 
@@ -95,6 +99,7 @@ class RecordedStage:
         self._recorder = Recorder(world)
         self._bytes = self._recorder.begin(header(world.task, rules, episode=episode))
         self._now = 0.0
+        self._seq = 0
         self._answered = answered
         for player in world.players:
             self._episode.join(player, names[player], "bot", self._now)
@@ -106,7 +111,7 @@ class RecordedStage:
 
     def step(self, decisions: Mapping[str, Decision]) -> Moved:
         """Take a step, in which a player of whom nothing is said does nothing."""
-        episode, before = self._episode, self._episode.step
+        episode = self._episode
         self._now += 1.0
         for player in self._world.players:
             decision = decisions.get(player, Decision())
@@ -114,7 +119,7 @@ class RecordedStage:
             if episode.phase is not Phase.RUNNING or state.busy_steps(player):
                 continue
             action = self._world.parse(state, player, decision.action) if decision.action else None
-            episode.submit(player, before + 1, action, self._now, reasoning=decision.reasoning)
+            self._submit(player, action, decision.reasoning[:MAX_REASONING])
         episode.tick(self._now)
         events = episode.events()
         self._bytes += self._recorder.record(events)
@@ -126,15 +131,35 @@ class RecordedStage:
         ]
         return Moved(episode.state, tuple(did))
 
+    def _submit(self, player: str, action: GroundAction | None, reasoning: str) -> None:
+        self._seq += 1
+        try:
+            self._episode.submit(player, self._seq, action, self._now, reasoning=reasoning)
+        except ProtocolError:  # No more reasoning of this seat is recorded.
+            self._episode.submit(player, self._seq, action, self._now)
+
     @property
     def steps(self) -> int:
         """Steps that were taken."""
         return self._episode.step
 
     def answered(self, player: str, exchange: Exchange) -> None:
-        """Tell whoever wants to know."""
+        """Record what was no action, with its reasoning; tell whoever wants to know."""
         if self._answered is not None:
             self._answered(player, exchange)
+        if exchange.verdict.rejected:
+            said = exchange.action or (exchange.completion.text if exchange.completion else "")
+            code = ACTION_UNKNOWN if exchange.verdict.malformed else ACTION_INVALID
+            why = ProtocolError(code, exchange.feedback, "action")
+            reasoning = exchange.reasoning[:MAX_REASONING]
+            self._reject(player, said[:MAX_SENTENCE], why, reasoning)
+
+    def _reject(self, player: str, said: str, why: ProtocolError, reasoning: str) -> None:
+        self._seq += 1
+        try:
+            self._episode.reject(player, self._seq, said, why, self._now, reasoning=reasoning)
+        except ProtocolError:  # No more words of this seat are recorded; that it failed is.
+            self._episode.reject(player, self._seq, "", why, self._now)
 
     def recording(self, why: str = "the agent is done") -> bytes:
         """The whole recording; the episode is over."""

@@ -95,6 +95,10 @@ def test_a_model_plays_and_what_it_said_is_counted(tmp_path: Path) -> None:
     assert row.counts.calls > 0
     assert row.usage.prompt_tokens > 1000
     assert row.strategy == "react-last-reasoning-action"
+    assert row.recording is not None
+    (seat,) = read_recording(tmp_path / row.recording).outcome["seats"]
+    assert (seat["invalid"], seat["malformed"]) == (row.counts.invalid, row.counts.malformed)
+    assert row.counts.malformed > 0
     assert play(folder, job, None) == row.model_copy(update={"seconds": 1.0}), "nobody is asked"
 
 

@@ -1,0 +1,265 @@
+"""The report as one HTML page that needs nothing else: no script, no request, no style attribute.
+
+Whatever comes from rows is escaped; the page's policy allows its own style and nothing more, so
+that a name which slips through does nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from string import Template
+
+from robotouille_evaluation.metrics import outcomes
+from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.report import published
+from robotouille_evaluation.report.drawing import Picture, inline_svg
+from robotouille_evaluation.report.grouping import datasets, interval, named, tasks
+from robotouille_evaluation.report.page_style import STYLE
+from robotouille_evaluation.report.tables import Table, percent
+
+__all__ = ["render_page"]
+
+PAGE = Template("""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src '$style_hash'; \
+base-uri 'none'; form-action 'none'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="referrer" content="no-referrer">
+<title>$title</title>
+<style>$style</style>
+</head>
+<body>
+<main>
+<header>
+<h1>$title</h1>
+<p class="about">$about</p>
+<nav><a href="#results">Results</a><a href="#figures">Figures</a><a href="#tables">Tables</a>\
+$graph_link<a href="#episodes">Episodes</a></nav>
+</header>
+<section id="results"><div class="cards">$cards</div>$notes</section>
+<section id="figures"><h2>Figures</h2>$figures</section>
+<section id="tables"><h2>Tables</h2>
+<p class="hint">Lines with a mark <span class="mark">published</span> are for reference: measured \
+by others, on other instances ($source).</p>$tables</section>
+$graphs
+<section id="episodes"><h2>Episodes</h2>
+<p class="hint">Every episode, by data set, player and task. Commands show its recording.</p>\
+$episodes</section>
+<footer><p>What each number means and how it is computed: docs/metrics.md.</p></footer>
+</main>
+</body>
+</html>
+""")
+
+
+def render_page(
+    rows: Sequence[EpisodeRow],
+    tables: Sequence[Table],
+    figures: Sequence[Picture],
+    graphs: Sequence[Picture] = (),
+    title: str = "Robotouille: results",
+) -> str:
+    """The page's HTML; equal arguments give equal text."""
+    digest = base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()
+    return PAGE.substitute(
+        title=escape(title),
+        style=STYLE,
+        style_hash=f"sha256-{digest}",
+        about=escape(_about(rows)),
+        cards="".join(_card(*card) for card in _cards(rows)),
+        notes=_notes(rows),
+        figures="".join(map(_figure, figures)),
+        tables="".join(map(_table, tables)),
+        graph_link='<a href="#graphs">Tasks</a>' if graphs else "",
+        graphs=_graphs(graphs),
+        episodes="".join(_episodes(rows)),
+        source=escape(published.SOURCE),
+    )
+
+
+# What it is about
+
+
+def _about(rows: Sequence[EpisodeRow]) -> str:
+    runs = sorted({row.run for row in rows})
+    packs = sorted({f"{r.pack.name} {r.pack.version} ({r.pack.digest[:12]})" for r in rows})
+    rules = sorted({row.budget.rule for row in rows})
+    return " · ".join([
+        f"{'runs' if len(runs) > 1 else 'run'} {_some(runs)}",
+        f"{'packs' if len(packs) > 1 else 'pack'} {_some(packs)}",
+        f"step budget {_some(rules)}",
+        f"timing {_some(sorted({row.timing for row in rows}))}",
+    ])  # fmt: skip
+
+
+def _some(words: Sequence[str], most: int = 4) -> str:
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
+
+
+def _cards(rows: Sequence[EpisodeRow]) -> Iterator[tuple[str, str]]:
+    yield f"{len(rows):,}", "episodes"
+    yield f"{len({(row.dataset, row.task) for row in rows})}", "tasks"
+    for dataset, episodes in datasets(rows).items():
+        best = max(
+            (
+                (outcomes.success_rate(group) or 0.0, name)
+                for name, group in named(episodes).items()
+            ),
+            default=(0.0, ""),
+        )
+        yield f"{100 * best[0]:.3g} %", f"best, {dataset.replace('_', '-')}: {best[1]}"
+    prompt, completion = outcomes.tokens(rows)
+    if prompt + completion:
+        yield f"{(prompt + completion) / 1e6:,.3g} M", "tokens"
+    total = outcomes.cost(rows)
+    if total:
+        yield f"${total:,.2f}", "cost"
+
+
+def _card(value: str, name: str) -> str:
+    return f'<div class="card"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
+
+
+def _notes(rows: Sequence[EpisodeRow]) -> str:
+    """What a reader has to know before believing a number."""
+    broken = [row for row in rows if row.error]
+    unproven = sum(not row.optimum.proven for row in rows)
+    notes = []
+    if broken:
+        first = f"the first: {broken[0].error}"[:300]
+        notes.append(f"{len(broken):,} episodes broke off by an error and count as failed; {first}")
+    if unproven:
+        notes.append(f"of {unproven:,} episodes the optimum is not proven: no optimality rate")
+    if len({row.pack.digest for row in rows}) > 1:
+        notes.append("these are several packs; their players are listed apart")
+    if len({row.budget.rule for row in rows}) > 1:
+        notes.append("step budgets follow several rules; their players are listed apart")
+    lines = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    return f'<ul class="notes">{lines}</ul>' if lines else ""
+
+
+# Figures and tables
+
+
+def _figure(picture: Picture) -> str:
+    return (
+        f"<figure>{inline_svg(picture)}<figcaption>{escape(picture.caption)}</figcaption></figure>"
+    )
+
+
+def _graphs(graphs: Sequence[Picture]) -> str:
+    if not graphs:
+        return ""
+    figures = "".join(
+        f"<details><summary>{escape(_title(each.name))}</summary>{_figure(each)}</details>"
+        for each in graphs
+    )
+    hint = (
+        "What each task is made of. Dashed work goes on by itself: begin it first, and do other "
+        "things meanwhile."
+    )
+    return f'<section id="graphs"><h2>Tasks</h2><p class="hint">{hint}</p>{figures}</section>'
+
+
+def _title(name: str) -> str:
+    return name.removeprefix("graph_").replace("_", " ")
+
+
+def _table(table: Table) -> str:
+    head = "".join(f'<th scope="col">{escape(column)}</th>' for column in table.columns)
+    body = "".join(_line(line.cells, reference=line.reference) for line in table.lines)
+    note = f'<p class="hint">{escape(table.note)}</p>' if table.note else ""
+    return (
+        f'<h3 id="table-{escape(table.name)}">{escape(table.title)}</h3>{note}'
+        f'<div class="table" tabindex="0"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def _line(cells: Sequence[str], *, reference: bool) -> str:
+    first, *others = cells
+    mark = ' <span class="mark">published</span>' if reference else ""
+    kind = ' class="reference"' if reference else ""
+    rest = "".join(f"<td>{escape(cell)}</td>" for cell in others)
+    return f'<tr{kind}><th scope="row">{escape(first)}{mark}</th>{rest}</tr>'
+
+
+# Episodes
+
+COLUMNS = ("instance", "result", "steps", "fewest", "budget", "to go", "repeated", "wrong", "calls",
+           "failure", "recording")  # fmt: skip
+
+
+def _episodes(rows: Sequence[EpisodeRow]) -> Iterator[str]:
+    names: Mapping[str, list[EpisodeRow]] = named(rows)
+    for dataset in datasets(rows):
+        yield f"<h3>{escape(dataset.replace('_', '-'))}</h3>"
+        for name, group in names.items():
+            own = [row for row in group if row.dataset == dataset]
+            if own:
+                inner = "".join(_task(task, some) for task, some in tasks(own).items())
+                yield _fold(name, own, f'<div class="inner">{inner}</div>')
+
+
+def _fold(name: str, rows: Sequence[EpisodeRow], content: str) -> str:
+    rate = percent(interval(rows, outcomes.succeeded))
+    return (
+        f"<details><summary>{escape(name)} <small>{len(rows)} episodes, {rate}</small></summary>"
+        f"{content}</details>"
+    )
+
+
+def _task(task: str, rows: Sequence[EpisodeRow]) -> str:
+    head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
+    ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.trial, row.run))
+    body = "".join(map(_episode, ordered))
+    table = (
+        f'<div class="table" tabindex="0"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+    return _fold(task, rows, table)
+
+
+def _episode(row: EpisodeRow) -> str:
+    won = outcomes.succeeded(row)
+    result = "solved" if won else row.outcome.ended_by.replace("_", " ")
+    failure = row.measures.failure
+    why = f"{failure.category}: {failure.subcategory}" if failure else ""
+    if failure and failure.steps:
+        why += f" (steps {_some([str(step) for step in failure.steps], 6)})"
+    fewest = row.optimum.steps if row.optimum.proven else f"≥ {row.optimum.bound}"
+    wrong = row.counts.invalid + row.counts.malformed
+    instance = f"{row.instance.rpartition('/')[2]}, seed {row.seed}, trial {row.trial}"
+    values = [row.outcome.steps, fewest, row.budget.steps, _to_go(row), row.repetitions, wrong,
+              row.counts.calls, row.error or why]  # fmt: skip
+    cells = "".join(f"<td>{escape(str(value))}</td>" for value in values)
+    return (
+        f'<tr><th scope="row">{escape(instance)}</th>'
+        f'<td class="{"won" if won else "lost"}">{escape(result)}</td>{cells}'
+        f"<td>{_recording(row)}</td></tr>"
+    )
+
+
+def _to_go(row: EpisodeRow) -> str:
+    least, most = row.measures.to_go_least, row.measures.to_go_most
+    if row.measures.out_of_reach:
+        return "out of reach"
+    if least is None:
+        return ""
+    if most is None:
+        return f"≥ {least:.2f}"
+    return f"{least:.2f}" if least == most else f"{least:.2f}–{most:.2f}"
+
+
+def _recording(row: EpisodeRow) -> str:
+    if row.recording is None:
+        return ""
+    path = f"{row.run}/{row.recording}"
+    return f"<code>robotouille replay play {escape(shlex.quote(path))}</code>"

@@ -1,0 +1,134 @@
+"""The published figures, as data: what the Robotouille paper reports of its evaluation.
+
+Gonzalez-Pumariega, Yean, Sunkara, Choudhury: "Robotouille: An Asynchronous Planning Benchmark for
+LLM Agents" (ICLR 2025). They are facts for reference, measured by others on other instances; a
+report shows them beside its own results and marks them. Numbers are as printed, also where a
+table's total is not the mean of its lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = [
+    "ABLATIONS",
+    "ABLATION_TASKS",
+    "ASYNCHRONOUS_FIRST",
+    "FAILURES",
+    "OPTIMALITY",
+    "SOURCE",
+    "STEPS_TO_GO",
+    "STOCHASTIC",
+    "SUCCESS",
+    "SUCCESS_BY_TASK",
+    "SYNCHRONOUS_VARIANTS",
+    "PublishedAblation",
+    "PublishedSuccess",
+]
+
+SOURCE = "Gonzalez-Pumariega et al., Robotouille, ICLR 2025"
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedSuccess:
+    """Success rates in per cent of one model and strategy; None where the paper has no number."""
+
+    model: str
+    strategy: str
+    synchronous: float | None
+    asynchronous: float | None
+
+
+SUCCESS = (
+    PublishedSuccess("gpt-4o", "I/O", 4.0, 1.0),
+    PublishedSuccess("gpt-4o", "I/O CoT", 14.0, 1.0),
+    PublishedSuccess("gpt-4o", "ReAct", 47.0, 11.0),
+    PublishedSuccess("gpt-4o", "PLaG (BaG)", None, 13.0),
+    PublishedSuccess("gpt-4o", "Reflexion", None, 17.0),
+    PublishedSuccess("gpt-4o-mini", "I/O", 4.0, 0.0),
+    PublishedSuccess("gpt-4o-mini", "I/O CoT", 10.0, 1.0),
+    PublishedSuccess("gpt-4o-mini", "ReAct", 11.0, 0.0),
+    PublishedSuccess("gemini-1.5-flash", "I/O", 0.0, 0.0),
+    PublishedSuccess("gemini-1.5-flash", "I/O CoT", 13.0, 0.0),
+    PublishedSuccess("gemini-1.5-flash", "ReAct", 0.0, 0.0),
+    PublishedSuccess("claude-3-haiku", "I/O", 1.0, 0.0),
+    PublishedSuccess("claude-3-haiku", "I/O CoT", 2.0, 0.0),
+    PublishedSuccess("claude-3-haiku", "ReAct", 2.0, 0.0),
+)
+"""Tables "successes" and "other-async-baselines" (totals)."""
+
+SUCCESS_BY_TASK: dict[str, dict[str, tuple[float, ...]]] = {
+    "synchronous": {
+        "I/O": (20, 0, 10, 0, 0, 10, 0, 0, 0, 0),
+        "I/O CoT": (40, 20, 30, 10, 0, 20, 0, 10, 10, 0),
+        "ReAct": (70, 80, 80, 40, 60, 20, 50, 30, 20, 20),
+    },
+    "asynchronous": {
+        "I/O": (10, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+        "I/O CoT": (0, 0, 0, 0, 10, 0, 0, 0, 0, 0),
+        "ReAct": (20, 30, 40, 10, 0, 10, 0, 0, 0, 0),
+        "PLaG (BaG)": (20, 30, 20, 30, 10, 20, 0, 0, 0, 0),
+        "Reflexion": (30, 50, 40, 10, 10, 30, 0, 0, 0, 0),
+    },
+}
+"""Tables "tasks-results" and "other-async-baselines": gpt-4o, per cent for tasks 1 to 10."""
+
+OPTIMALITY = {
+    "synchronous": {"1": 55.3},
+    "asynchronous": {"1": 9.1, "1 to 1.25": 63.6},
+}
+"""Section 4.2.2, finding 2: gpt-4o ReAct, per cent of the successes in some bins."""
+
+STEPS_TO_GO = {
+    "synchronous": {"0.5 to 1": 41.5, "more than 1": 45.3},
+    "asynchronous": {"0.5 to 1": 58.6, "more than 1": 25.3},
+}
+"""Section 4.2.2, finding 3: gpt-4o ReAct, per cent of the failures in some bins."""
+
+FAILURES = {
+    "synchronous": {
+        "goal": 64.1,
+        "transition": 32.1,
+        "goal: bad start": 28.3,
+        "transition: one item at a station": 24.5,
+    },
+    "asynchronous": {
+        "goal": 34.1,
+        "transition": 56.8,
+        "transition: one item at a station": 53.4,
+    },
+}
+"""Section 4.2.3, finding 4: gpt-4o ReAct, per cent of the failures, annotated by people."""
+
+ASYNCHRONOUS_FIRST = (16.0, 6.0)
+"""Section 4.2.4, finding 6: success in per cent with asynchronous work first, and without."""
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedAblation:
+    """One line of table "ablation1": of 9 tasks so many solved, mean steps, US dollars."""
+
+    name: str
+    solved: int
+    steps: float
+    cost: float
+
+
+ABLATIONS = (
+    PublishedAblation("no-history", 1, 29.11, 2.11),
+    PublishedAblation("no-history-mpc", 1, 28.66, 2.70),
+    PublishedAblation("last-action", 1, 29.55, 2.35),
+    PublishedAblation("last-action-mpc", 2, 26.66, 2.92),
+    PublishedAblation("last-reasoning-action", 1, 28.88, 2.46),
+    PublishedAblation("last-reasoning-action-mpc", 3, 28.33, 2.64),
+    PublishedAblation("last-obs-reasoning-action", 2, 26.77, 3.02),
+    PublishedAblation("last-obs-reasoning-action-mpc", 3, 23.88, 2.93),
+)
+ABLATION_TASKS = 9
+
+STOCHASTIC = {2: (80.0, 10.0), 3: (80.0, 20.0), 7: (50.0, 0.0), 8: (30.0, 10.0), 9: (20.0, 10.0),
+              10: (20.0, 0.0)}  # fmt: skip
+"""Table "stochastic-results": synchronous tasks, per cent without and with chance."""
+
+SYNCHRONOUS_VARIANTS = {1: (50.0, 20.0), 2: (60.0, 30.0), 3: (50.0, 40.0)}
+"""Table "dataset-comparison": asynchronous tasks, per cent without and with delays."""

@@ -1,0 +1,192 @@
+"""The failure taxonomy on courses of play that fail in one known way each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from robotouille import World, load_task
+from robotouille_evaluation.metrics import Category, Trajectory, classify
+from robotouille_evaluation.metrics.failures import CATEGORIES, Subcategory, evidence
+from tests.evaluation.metrics.courses import SANDWICH, refused, solo, wandering
+from tests.world.kitchens import kitchen
+
+LETTUCE_SANDWICH = World(load_task("synchronous/02"))
+"""lettuce1 on table2, bread1 on table3, bread2 on table4; the cook at table5; board1."""
+
+BREAD_ON_BOARD = (
+    "Move robot1 from table5 to table3",
+    "Pick up bread1 at table3 with robot1",
+    "Move robot1 from table3 to board1",
+    "Put down bread1 at board1 with robot1",
+    "Move robot1 from board1 to table2",
+    "Pick up lettuce1 at table2 with robot1",
+    "Move robot1 from table2 to board1",
+)
+"""Then the board is taken, and the lettuce in hand."""
+
+
+def with_refused(course: Trajectory, *texts: str, reasoning: str = "") -> Trajectory:
+    """The same course, with refused answers at its end."""
+    wrong = refused(course, course.steps, *texts, reasoning=reasoning)
+    return replace(course, answers=(*course.answers, *wrong))
+
+
+def found(course: Trajectory, budget: int = 100) -> tuple[Category, Subcategory]:
+    failure = classify(course, budget)
+    assert failure is not None
+    assert failure.category is CATEGORIES[failure.subcategory]
+    return failure.category, failure.subcategory
+
+
+def test_a_success_is_no_failure() -> None:
+    goal = [{"predicate": "item_on", "args": ["cheese", "table"], "ids": [1, 2]}]
+    items = [{"name": "cheese", "x": 0, "y": 0}]
+    assert classify(solo(kitchen(items=items, goal=goal)), 0) is None
+
+
+def test_a_success_beyond_the_budget_is_one() -> None:
+    assert found(wandering(), 6) == (Category.OTHER, Subcategory.OUT_OF_STEPS)
+
+
+def test_a_run_that_broke_off() -> None:
+    assert found(wandering(), 12) == (Category.OTHER, Subcategory.NOT_PLAYED)
+
+
+def test_two_items_at_the_board() -> None:
+    course = solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD)
+    wrong = ["Put down lettuce1 at board1 with robot1"] * 3
+    failure = classify(with_refused(course, *wrong), 20)
+    assert failure is not None
+    assert failure.subcategory is Subcategory.ONE_ITEM
+    assert failure.category is Category.TRANSITION
+    assert failure.steps == (7,)
+    assert len(failure.evidence) == 3
+
+
+def test_what_is_stacked_at_the_board_cannot_be_cut() -> None:
+    course = solo(
+        LETTUCE_SANDWICH, *BREAD_ON_BOARD, "Stack lettuce1 onto bread1 at board1 with robot1"
+    )
+    course = with_refused(course, "Make a cut in lettuce1 at board1 with robot1")
+    assert found(course) == (Category.TRANSITION, Subcategory.ONE_ITEM)
+    assert {each.step for each in evidence(course)} == {7, 8}
+
+
+@pytest.mark.parametrize(
+    ("text", "subcategory"),
+    [
+        ("Transfer lettuce1 to bread1", Subcategory.UNKNOWN_ACTION),
+        ("Make a cut in lettuce1 at table2 with robot1", Subcategory.OUT_OF_REACH),
+        ("Pick up bread2 at table4 with robot1", Subcategory.OUT_OF_REACH),
+        ("Pick up lettuce1 at board1 with robot1", Subcategory.OUT_OF_REACH),
+        ("Pick up bread1 at board1 with robot1", Subcategory.ONE_IN_HAND),
+        ("Put down lettuce1 at board1 with robot1", Subcategory.ONE_ITEM),
+    ],
+)
+def test_which_rule_a_refused_answer_breaks(text: str, subcategory: Subcategory) -> None:
+    course = with_refused(solo(LETTUCE_SANDWICH, *BREAD_ON_BOARD), text)
+    assert [each.subcategory for each in evidence(course)] == [subcategory]
+    assert found(course) == (CATEGORIES[subcategory], subcategory)
+
+
+def test_a_mistake_from_which_one_recovered_counts_less_than_the_goal() -> None:
+    """The appendix's tie: rules were violated and the goal misunderstood."""
+    course = solo(
+        LETTUCE_SANDWICH,
+        "Move robot1 from table5 to table2",
+        "Pick up lettuce1 at table2 with robot1",
+        "Move robot1 from table2 to table3",
+        "Stack lettuce1 onto bread1 at table3 with robot1",
+        "Move robot1 from table3 to table4",
+        "Pick up bread2 at table4 with robot1",
+    )
+    assert found(course) == (Category.GOAL, Subcategory.UNPREPARED)
+    early = refused(course, 2, "Pick up bread2 at table4 with robot1")
+    course = replace(course, answers=(*course.answers[:2], *early, *course.answers[2:]))
+    assert found(course) == (Category.GOAL, Subcategory.UNPREPARED)
+
+
+def test_what_was_put_right_is_no_failure_of_the_goal() -> None:
+    course = solo(
+        LETTUCE_SANDWICH,
+        "Move robot1 from table5 to table2",
+        "Pick up lettuce1 at table2 with robot1",
+        "Move robot1 from table2 to table3",
+        "Stack lettuce1 onto bread1 at table3 with robot1",
+        "Lift lettuce1 off bread1 at table3 with robot1",
+    )
+    assert [each.lasting for each in evidence(course)] == [False]
+
+
+def test_a_false_belief() -> None:
+    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
+    told = replace(course.answers[0], reasoning="Bread, lettuce. lettuce1 is already cut.")
+    course = replace(course, answers=(told,))
+    assert found(course) == (Category.STATE, Subcategory.BELIEVED_DONE)
+
+
+@pytest.mark.parametrize(
+    "reasoning",
+    [
+        "lettuce1 is not cut, and the bread is near.",
+        "Once lettuce1 is cut I put it on the bread.",
+        "The bread is cut. Lettuce must be cut.",
+    ],
+)
+def test_what_is_no_false_belief(reasoning: str) -> None:
+    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
+    told = replace(course.answers[0], reasoning=reasoning)
+    assert not evidence(replace(course, answers=(told,)))
+
+
+def test_a_bad_start() -> None:
+    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2", "Do nothing")
+    told = replace(course.answers[0], reasoning="I stack bread on bread.")
+    course = replace(course, answers=(told, course.answers[1]))
+    failure = classify(course, 2)
+    assert failure is not None
+    assert failure.subcategory is Subcategory.BAD_START
+    assert failure.evidence[0].words == "the first reasoning does not name: lettuce"
+
+
+def test_a_wrong_ingredient() -> None:
+    items = [
+        {"name": "bread", "x": 0, "y": 0},
+        {"name": "tomato", "x": 1, "y": 0},
+        {"name": "cheese", "x": 2, "y": 0},
+    ]
+    goal = [{"predicate": "atop", "args": ["cheese", "bread"], "ids": [1, 2]}]
+    course = solo(
+        kitchen(items=items, goal=goal),
+        "Move robot1 from table1 to table2",
+        "Pick up tomato1 at table2 with robot1",
+        "Move robot1 from table2 to table1",
+        "Stack tomato1 onto bread1 at table1 with robot1",
+    )
+    assert found(course) == (Category.GOAL, Subcategory.WRONG_INGREDIENT)
+
+
+def test_a_wrong_order() -> None:
+    items = [{"name": "bread", "x": 0, "y": 0}, {"name": "cheese", "x": 1, "y": 0}]
+    goal = [{"predicate": "atop", "args": ["cheese", "bread"], "ids": [1, 2]}]
+    course = solo(
+        kitchen(items=items, goal=goal),
+        "Pick up bread1 at table1 with robot1",
+        "Move robot1 from table1 to table2",
+        "Stack bread1 onto cheese1 at table2 with robot1",
+    )
+    assert found(course) == (Category.GOAL, Subcategory.WRONG_ORDER)
+
+
+def test_the_right_order_is_no_evidence() -> None:
+    assert evidence(wandering()) == []
+
+
+def test_a_refusal_because_of_the_turn_is_no_mistake() -> None:
+    course = solo(SANDWICH)
+    assert evidence(with_refused(course, "Pick up cheese1 at table1 with robot1"))
+    free = refused(course, 0, "Pick up cheese1 at table1 with robot1")[0]
+    turn = replace(free, unmet=(), reasons=("it is robot2's turn",))
+    assert evidence(replace(course, answers=(turn,))) == []

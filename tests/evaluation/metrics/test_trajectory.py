@@ -1,0 +1,79 @@
+"""Trajectories: from recordings and from values, and what refused texts name."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import World, load_task
+from robotouille.episode import Clock, Episode, Rules
+from robotouille.replay import recording_of
+from robotouille.world.unmet import UnmetKind
+from robotouille_evaluation.metrics import Trajectory, Verdict
+from robotouille_evaluation.metrics.trajectory import ActionReader
+from tests.evaluation.metrics.courses import SANDWICH, WANDERING, wandering
+from tests.support.games import record, recorded_game
+
+
+def test_sentences_become_states_moves_and_answers() -> None:
+    course = wandering()
+    assert course.steps == len(course.moves) == len(course.states) - 1 == 6
+    assert [answer.text for answer in course.answers] == list(WANDERING)
+    assert [answer.step for answer in course.answers] == [0, 1, 2, 3, 4, 5]
+    assert course.goal_step is None
+
+
+def test_nothing_is_a_step_without_a_move() -> None:
+    course = Trajectory.played(SANDWICH, [{"robot1": None}, {}])
+    assert course.moves == ((), ())
+    assert course.states[0] == course.states[2]
+
+
+@pytest.mark.parametrize("task", ["synchronous/02", "asynchronous/06", "multi_agent/01"])
+def test_a_recording_gives_the_states_that_were_played(task: str) -> None:
+    recording = recording_of(recorded_game(task, steps=60), "test")
+    course = Trajectory.recorded(recording)
+    assert list(course.states) == [state for _, state in recording.states()]
+    joints = [{move.player: move.action for move in joint} for joint in course.moves]
+    again = Trajectory.played(recording.world, joints)
+    assert again.states == course.states
+    assert again.moves == course.moves
+
+
+def test_a_recording_keeps_reasoning_and_refused_answers() -> None:
+    world = World(load_task("synchronous/01"))
+    episode = Episode(world, Rules(clock=Clock.TURN, max_steps=9))
+    episode.join("robot1", "model", "bot", 0.0)
+    events = episode.events()
+    far = world.action("pick-up-item", "robot1", "cheese1", "table1")
+    near = world.parse(world.initial, "robot1", WANDERING[0])
+    episode.submit("robot1", 1, far, 0.1, reasoning="I reach far.")
+    episode.submit("robot1", 2, near, 0.2, reasoning="I go there.")
+    events += episode.events()
+    first, second = Trajectory.recorded(recording_of(record(episode, events), "test")).answers
+    assert (first.verdict, first.step, first.reasoning) == (Verdict.INVALID, 0, "I reach far.")
+    assert first.action == far
+    assert [(u.predicate, u.objects) for u in first.unmet] == [("loc", ("robot1", "table1"))]
+    assert first.reasons == ("robot1 stands at table1",)
+    assert (second.verdict, second.reasoning) == (Verdict.APPLIED, "I go there.")
+
+
+def test_what_a_text_names() -> None:
+    read = ActionReader(World(load_task("asynchronous/06")))
+    assert str(read("pick  up pot1 at TABLE2 with robot1")) == (
+        "pick-up-container(robot1, pot1, table2)"
+    )
+    assert str(read("Pick up potato1 at table4 with robot1")).startswith("pick-up-item")
+    assert str(read("fill-pot(robot1, pot1, sink1)")) == "fill-pot(robot1, pot1, sink1)"
+    assert str(read("Do nothing")) == "wait()"
+    for nonsense in ("", "Transfer water1 from pot1 to bowl1", "fly(robot1)", "move(robot1)",
+                     "Pick up pot9 at table2 with robot1", "(" * 99, "move(robot1"):  # fmt: skip
+        assert read(nonsense) is None
+
+
+def test_a_text_that_names_nothing_is_malformed() -> None:
+    reader = ActionReader(SANDWICH)
+    answer = reader.answer(0, "robot1", "Make me a sandwich", SANDWICH.initial)
+    assert (answer.verdict, answer.action, answer.unmet) == (Verdict.MALFORMED, None, ())
+    answer = reader.answer(0, "robot1", WANDERING[3], SANDWICH.initial)
+    assert answer.verdict is Verdict.INVALID
+    assert [unmet.kind for unmet in answer.unmet] == [UnmetKind.CONDITION]

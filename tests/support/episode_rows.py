@@ -1,0 +1,109 @@
+"""Made-up rows of episodes, for tests of metrics and reports."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from typing import Any
+
+from robotouille_evaluation.metrics import (
+    Budget,
+    Counts,
+    EpisodeRow,
+    Measures,
+    Optimum,
+    PackId,
+    Result,
+    Spent,
+)
+from robotouille_evaluation.metrics.failures import CATEGORIES, Category, Subcategory
+from robotouille_evaluation.metrics.rows import FailureRow
+
+__all__ = ["TASKS", "made_up_rows", "row"]
+
+PACK = PackId(name="ours", version="1.0", digest="0123456789abcdef")
+TASKS = {
+    "synchronous": {"01_cheese_sandwich": 8, "02_lettuce_sandwich": 14, "04_hamburger": 8},
+    "asynchronous": {"01_cheese_chicken_sandwich": 21, "06_potato_soup": 19},
+    "multi_agent": {"01_lettuce_burger": 14},
+}
+
+
+def row(**fields: Any) -> EpisodeRow:
+    """A row of a success in 8 of at most 12 steps, 8 being the optimum."""
+    values: dict[str, Any] = {
+        "run": "test",
+        "pack": PACK,
+        "dataset": "synchronous",
+        "task": "01_cheese_sandwich",
+        "instance": "own-01-0",
+        "agent": "planner",
+        "budget": Budget(rule="1.5 x optimum", steps=12),
+        "optimum": Optimum(steps=8, bound=8, proven=True),
+        "outcome": Result(success=True, steps=8, ended_by="goal"),
+    }
+    return EpisodeRow(**{**values, **fields})
+
+
+def made_up_rows(
+    instances: int = 10, skills: dict[str, float] | None = None, seed: int = 0
+) -> Iterator[EpisodeRow]:
+    """Episodes of agents of different skill over some tasks."""
+    generator = random.Random(seed)
+    for agent, skill in (skills or {"planner": 1.0, "react": 0.5, "random": 0.05}).items():
+        for dataset, tasks in TASKS.items():
+            for task, optimum in tasks.items():
+                for instance in range(instances):
+                    yield _made_up(generator, agent, skill, dataset, task, optimum, instance)
+
+
+def _made_up(
+    generator: random.Random,
+    agent: str,
+    skill: float,
+    dataset: str,
+    task: str,
+    optimum: int,
+    instance: int,
+) -> EpisodeRow:
+    budget = optimum * 3 // 2
+    success = generator.random() < skill * (1.0 if dataset == "synchronous" else skill)
+    steps = generator.randint(optimum, budget) if success and skill < 1 else budget
+    steps = optimum if skill == 1 else steps
+    left = 0.0 if success else generator.choice((0.4, 0.8, 1.0, 1.3))
+    subcategory = generator.choice(list(Subcategory))
+    failure = FailureRow(category=CATEGORIES[subcategory].value, subcategory=subcategory.value)
+    assert failure.category in set(Category)
+    seats = 2 if dataset == "multi_agent" else 1
+    return row(
+        dataset=dataset,
+        task=task,
+        instance=f"own-{task[:2]}-{instance}",
+        seed=instance,
+        agent=agent,
+        strategy="react" if agent == "react" else "",
+        model="small-model" if agent == "react" else "",
+        seats=seats,
+        budget=Budget(rule="1.5 x optimum", steps=budget),
+        optimum=Optimum(steps=optimum, bound=optimum, proven=True),
+        outcome=Result(success=success, steps=steps, ended_by="goal" if success else "step_limit"),
+        counts=Counts(
+            invalid=generator.randint(0, 5), malformed=generator.randint(0, 2), calls=steps + 7
+        ),
+        usage=Spent(prompt_tokens=steps * 900, completion_tokens=steps * 80, cost=steps / 500),
+        seconds=steps * 1.5,
+        repetitions=0 if success else generator.randint(0, 12),
+        recording=f"recordings/{agent}/{task}-{instance}.rtr",
+        measures=Measures(
+            to_go_least=left,
+            to_go_most=left,
+            asynchronous_first=generator.random() < 0.5 if dataset == "asynchronous" else None,
+            waiting_share=0.1,
+            idle_share=0.05,
+            stumbles=3,
+            recovered=2,
+            contributions={"robot1": 0.4, "robot2": 0.6} if seats > 1 else {},
+            overlap=0.5 if seats > 1 else None,
+            failure=None if success else failure,
+        ),
+    )
