@@ -126,4 +126,5 @@ def mcnemar_test(one: Sequence[bool], other: Sequence[bool]) -> float:
     only_one = sum(a and not b for a, b in pairs)
     only_other = sum(b and not a for a, b in pairs)
     number, fewer = only_one + only_other, min(only_one, only_other)
-    return min(1.0, 2 * sum(comb(number, k) for k in range(fewer + 1)) / 2**number)
+    ways = sum(comb(number, k) for k in range(fewer + 1))
+    return float(min(1.0, 2 * ways / 2**number))

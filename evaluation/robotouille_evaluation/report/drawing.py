@@ -71,7 +71,7 @@ def drawn(
     from matplotlib.figure import Figure
 
     with warnings.catch_warnings(), matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
-        warnings.filterwarnings("ignore", message=r"Glyph .* missing from font")
+        warnings.simplefilter("ignore", UserWarning)  # letters it has not, labels without room
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
         svg, png = StringIO(), BytesIO()
@@ -90,10 +90,23 @@ def inline_svg(picture: Picture) -> str:
     svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'<g id="patch_1">.*?</g>', "", svg, count=1, flags=re.DOTALL)  # the paper
     svg = re.sub(r' style="([^"]*)"', _attributes, svg)
-    svg = re.sub(r'<svg ([^>]*?)(?:height|width)="[^"]*pt"', r"<svg \1", svg)
-    svg = re.sub(r'(<svg [^>]*?)width="[^"]*pt"', r"\1", svg)
+    svg = re.sub(r'<svg [^>]*?viewBox="0 0 ([\d.]+) [\d.]+"[^>]*>', _opening, svg, count=1)
     prefix = re.sub(r"[^a-z0-9]+", "-", picture.name.casefold())
     return re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{prefix}-", svg).strip()
+
+
+WIDE = 540
+"""Pixels below which a phone lets one scroll a picture rather than shrink it."""
+
+
+def _opening(found: re.Match[str]) -> str:
+    """The element's opening tag: as wide as drawn, and no higher than that makes it."""
+    width = round(float(found[1]) * 1.25)
+    box = re.search(r'viewBox="[^"]*"', found[0])
+    kind = ' class="wide"' if width > WIDE else ""
+    return (
+        f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" width="{width}" {box and box[0]}{kind}>'
+    )
 
 
 def _attributes(found: re.Match[str]) -> str:

@@ -131,7 +131,7 @@ def _bar(axes: Axes, place: float, found: Interval, colour: str, reference: bool
 def _legend_of_sets(axes: Axes, sets: Sequence[str]) -> None:
     from matplotlib.patches import Patch
 
-    patches = [Patch(color=_set_colour(name), label=name.replace("_", "-")) for name in sets]
+    patches = [Patch(color=_set_colour(name), label=_set_label(name)) for name in sets]
     axes.legend(handles=patches, loc="lower left", bbox_to_anchor=(0, 1), ncols=3, borderaxespad=0)
 
 
@@ -227,7 +227,7 @@ def _histogram(
         total = max(1, counts.total())
         places = [j - 0.4 + width * (i + 0.5) for j in range(len(names))]
         shares = [100 * counts[name] / total for name in names]
-        label = f"{dataset.replace('_', '-')} ({counts.total()})"
+        label = f"{_set_label(dataset)} ({counts.total()})"
         axes.bar(places, shares, width * 0.9, color=_set_colour(dataset), label=label)
         for place, name in zip(places, names, strict=True):
             value = theirs.get(dataset, {}).get(name)
@@ -239,6 +239,10 @@ def _histogram(
     axes.set_ylim(0, 140)
     axes.set_yticks([0, 25, 50, 75, 100])
     axes.legend(loc="upper right", borderaxespad=0, fontsize=7.5, handlelength=1)
+
+
+def _set_label(dataset: str) -> str:
+    return plain(dataset.replace("_", "-"), 20)
 
 
 def _set_colour(dataset: str) -> str:
@@ -255,7 +259,7 @@ def repeated_transitions(rows: Sequence[EpisodeRow]) -> Picture | None:
             for word, won in (("won", True), ("lost", False)):
                 found = [row.repetitions for row in episodes if succeeded(row) == won]
                 if found:
-                    labels.append(f"{_SHORT.get(dataset, dataset[:6])}\n{word}")
+                    labels.append(f"{_SHORT.get(dataset, plain(dataset, 8))}\n{word}")
                     values.append(found)
                     colours.append(_set_colour(dataset))
         boxes = axes.boxplot(values, tick_labels=labels, patch_artist=True, widths=0.6,
@@ -284,7 +288,9 @@ def failure_pies(rows: Sequence[EpisodeRow]) -> Picture | None:
     for name, group in named(rows).items():
         for dataset, episodes in datasets(group).items():
             if lost := [row for row in episodes if row.measures.failure]:
-                groups[f"{plain(name, 30)}, {_SHORT.get(dataset, dataset)} ({len(lost)})"] = lost
+                groups[
+                    f"{plain(name, 30)}, {_SHORT.get(dataset, plain(dataset, 8))} ({len(lost)})"
+                ] = lost
     caption = (
         "Why episodes failed: state, action, transition function or goal outside, what about it "
         "inside, as the classifier tells it."

@@ -19,7 +19,7 @@ from robotouille_evaluation.report import published
 from robotouille_evaluation.report.drawing import Picture, inline_svg
 from robotouille_evaluation.report.grouping import datasets, interval, named, tasks
 from robotouille_evaluation.report.page_style import STYLE
-from robotouille_evaluation.report.tables import Table, percent
+from robotouille_evaluation.report.tables import Line, Table, percent
 
 __all__ = ["render_page"]
 
@@ -49,7 +49,8 @@ $graph_link<a href="#episodes">Episodes</a></nav>
 by others, on other instances ($source).</p>$tables</section>
 $graphs
 <section id="episodes"><h2>Episodes</h2>
-<p class="hint">Every episode, by data set, player and task. Commands show its recording.</p>\
+<p class="hint">Every episode, by data set, player and task. Watch one with <code>robotouille \
+replay play RECORDING</code>, read it with <code>replay notes</code> or <code>steps</code>.</p>\
 $episodes</section>
 <footer><p>What each number means and how it is computed: docs/metrics.md.</p></footer>
 </main>
@@ -149,9 +150,8 @@ def _notes(rows: Sequence[EpisodeRow]) -> str:
 
 
 def _figure(picture: Picture) -> str:
-    return (
-        f"<figure>{inline_svg(picture)}<figcaption>{escape(picture.caption)}</figcaption></figure>"
-    )
+    caption = f"<figcaption>{escape(picture.caption)}</figcaption>"
+    return f"<figure><div>{inline_svg(picture)}</div>{caption}</figure>"
 
 
 def _graphs(graphs: Sequence[Picture]) -> str:
@@ -172,23 +172,42 @@ def _title(name: str) -> str:
     return name.removeprefix("graph_").replace("_", " ")
 
 
+TEXT = {"data set", "category", "subcategory", "other", "result", "failure", "recording"}
+"""Columns of words; all others hold numbers."""
+
+
 def _table(table: Table) -> str:
-    head = "".join(f'<th scope="col">{escape(column)}</th>' for column in table.columns)
-    body = "".join(_line(line.cells, reference=line.reference) for line in table.lines)
+    body = "".join(_line(table.columns, line) for line in table.lines)
     note = f'<p class="hint">{escape(table.note)}</p>' if table.note else ""
+    title = f'<h3 id="table-{escape(table.name)}">{escape(table.title)}</h3>'
+    return title + note + _scrolling(table.columns, body)
+
+
+def _scrolling(columns: Sequence[str], body: str) -> str:
+    head = "".join(f'<th scope="col"{_kind(name)}>{_words(name)}</th>' for name in columns)
     return (
-        f'<h3 id="table-{escape(table.name)}">{escape(table.title)}</h3>{note}'
         f'<div class="table" tabindex="0"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
 
 
-def _line(cells: Sequence[str], *, reference: bool) -> str:
-    first, *others = cells
-    mark = ' <span class="mark">published</span>' if reference else ""
-    kind = ' class="reference"' if reference else ""
-    rest = "".join(f"<td>{escape(cell)}</td>" for cell in others)
-    return f'<tr{kind}><th scope="row">{escape(first)}{mark}</th>{rest}</tr>'
+def _kind(column: str) -> str:
+    return ' class="text"' if column in TEXT else ""
+
+
+def _words(text: str) -> str:
+    """Escaped, and a long name may be broken after an underscore."""
+    return escape(text).replace("_", "_<wbr>")
+
+
+def _line(columns: Sequence[str], line: Line) -> str:
+    mark = ' <span class="mark">published</span>' if line.reference else ""
+    cells = "".join(
+        f"<td{_kind(column)}>{escape(cell)}</td>"
+        for column, cell in zip(columns[1:], line.cells[1:], strict=True)
+    )
+    kind = ' class="reference"' if line.reference else ""
+    return f'<tr{kind}><th scope="row">{_words(line.cells[0])}{mark}</th>{cells}</tr>'
 
 
 # Episodes
@@ -217,14 +236,8 @@ def _fold(name: str, rows: Sequence[EpisodeRow], content: str) -> str:
 
 
 def _task(task: str, rows: Sequence[EpisodeRow]) -> str:
-    head = "".join(f'<th scope="col">{column}</th>' for column in COLUMNS)
     ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.trial, row.run))
-    body = "".join(map(_episode, ordered))
-    table = (
-        f'<div class="table" tabindex="0"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
-    return _fold(task, rows, table)
+    return _fold(task, rows, _scrolling(COLUMNS, "".join(map(_episode, ordered))))
 
 
 def _episode(row: EpisodeRow) -> str:
@@ -239,11 +252,14 @@ def _episode(row: EpisodeRow) -> str:
     instance = f"{row.instance.rpartition('/')[2]}, seed {row.seed}, trial {row.trial}"
     values = [row.outcome.steps, fewest, row.budget.steps, _to_go(row), row.repetitions, wrong,
               row.counts.calls, row.error or why]  # fmt: skip
-    cells = "".join(f"<td>{escape(str(value))}</td>" for value in values)
+    cells = "".join(
+        f"<td{_kind(column)}>{escape(str(value))}</td>"
+        for column, value in zip(COLUMNS[2:-1], values, strict=True)
+    )
     return (
         f'<tr><th scope="row">{escape(instance)}</th>'
-        f'<td class="{"won" if won else "lost"}">{escape(result)}</td>{cells}'
-        f"<td>{_recording(row)}</td></tr>"
+        f'<td class="text {"won" if won else "lost"}">{escape(result)}</td>{cells}'
+        f'<td class="text">{_recording(row)}</td></tr>'
     )
 
 
@@ -261,5 +277,4 @@ def _to_go(row: EpisodeRow) -> str:
 def _recording(row: EpisodeRow) -> str:
     if row.recording is None:
         return ""
-    path = f"{row.run}/{row.recording}"
-    return f"<code>robotouille replay play {escape(shlex.quote(path))}</code>"
+    return f"<code>{escape(shlex.quote(f'{row.run}/{row.recording}'))}</code>"

@@ -34,9 +34,10 @@ nav {{ display: flex; flex-wrap: wrap; gap: 6px 18px; margin-bottom: 20px; }}
 .card span {{ color: var(--soft); font-size: 13px; overflow-wrap: anywhere; }}
 .notes {{ background: var(--mark); color: var(--mark-ink); border-radius: 10px; margin: 16px 0 0;
   padding: 10px 16px 10px 34px; overflow-wrap: anywhere; }}
-figure {{ margin: 0 0 16px; padding: 16px; }}
+figure {{ margin: 0 0 16px; padding: 16px; overflow: hidden; }}
 figcaption {{ font-size: 13.5px; margin-top: 8px; max-width: 90ch; }}
-svg {{ display: block; width: 100%; height: auto; max-width: 900px; margin: 0 auto; }}
+figure > div {{ overflow-x: auto; }}
+svg {{ display: block; max-width: 100%; height: auto; margin: 0 auto; }}
 svg * {{ stroke-linejoin: round; }}
 svg text {{ fill: var(--ink); font-family: inherit; }}
 svg [stroke="{INK}"] {{ stroke: var(--ink); }}
@@ -55,7 +56,8 @@ thead th {{ border-top: 0; color: var(--soft); font-weight: 500; font-size: 13px
   vertical-align: bottom; }}
 tbody td {{ white-space: nowrap; }}
 th:first-child {{ text-align: left; position: sticky; left: 0; background: var(--card);
-  min-width: 130px; max-width: 300px; overflow-wrap: anywhere; }}
+  min-width: 130px; max-width: 300px; overflow-wrap: break-word; }}
+.text {{ text-align: left; }}
 tbody th {{ font-weight: 450; }}
 .reference th, .reference td {{ color: var(--soft); font-style: italic; }}
 .mark {{ background: var(--mark); color: var(--mark-ink); border-radius: 5px; padding: 0 6px;
@@ -70,7 +72,8 @@ details .table, details figure {{ border-width: 1px 0 0; border-radius: 0; margi
 code {{ font: 12.5px/1.5 ui-monospace, "DejaVu Sans Mono", monospace; }}
 footer {{ font-size: 13px; margin-top: 40px; }}
 @media (max-width: 560px) {{ main {{ padding: 22px 12px 48px; }} h1 {{ font-size: 23px; }}
-  figure {{ padding: 10px; }} th, td {{ padding: 6px 8px; }}
+  figure {{ padding: 10px; }} svg.wide {{ min-width: 540px; max-width: none; }}
+  th, td {{ padding: 6px 8px; }}
   th:first-child {{ min-width: 104px; max-width: 150px; }}
   .cards {{ grid-template-columns: 1fr 1fr; }} }}
 @media print {{ .table {{ overflow: visible; }} }}

@@ -1,0 +1,178 @@
+"""The report of made-up rows: what is written, what the page may do, and that it is repeatable."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import hashlib
+import random
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from robotouille import World, load_task
+from robotouille.certification.shipped_plan import plan_beside
+from robotouille_evaluation.metrics import EpisodeRow, PackId, Result
+from robotouille_evaluation.report import write_report
+from robotouille_evaluation.report.dependency_graph import dependency_graph
+from robotouille_evaluation.report.drawing import inline_svg
+from robotouille_evaluation.report.figures import all_figures
+from robotouille_evaluation.report.html import render_page
+from robotouille_evaluation.report.tables import all_tables
+from tests.support.episode_rows import made_up_rows, row
+
+HOSTILE = "<script>alert(1)</script>\"'&$x^2$ \x07 日本語 </style></svg>]]>-->{0}%s"
+
+
+class Tags(HTMLParser):
+    """Every tag of a page with its attributes."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+
+def page_of(rows: list[EpisodeRow]) -> str:
+    return render_page(rows, all_tables(rows), all_figures(rows))
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return page_of(list(made_up_rows(3)))
+
+
+def test_the_page_asks_for_nothing_and_runs_nothing(page: str) -> None:
+    for tag, attributes in Tags(page).found:
+        assert tag not in ("script", "link", "iframe", "img", "object", "form", "base")
+        assert not any(name.startswith("on") or name == "style" for name in attributes), attributes
+        for name in ("src", "href", "xlink:href"):
+            assert (attributes.get(name) or "#").startswith("#")
+    assert "url(http" not in page
+    assert "@import" not in page
+
+
+def test_the_policy_allows_the_page_s_own_style_alone(page: str) -> None:
+    (policy,) = (
+        attributes["content"]
+        for tag, attributes in Tags(page).found
+        if tag == "meta" and attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert policy is not None
+    assert policy.startswith("default-src 'none'; style-src 'sha256-")
+    assert "unsafe" not in policy
+    styles = re.findall(r"<style>(.*?)</style>", page, re.DOTALL)
+    assert len(styles) == 1
+    digest = base64.b64encode(hashlib.sha256(styles[0].encode()).digest()).decode()
+    assert f"'sha256-{digest}'" in policy
+
+
+def test_ids_are_unique_and_links_lead_somewhere(page: str) -> None:
+    tags = Tags(page).found
+    ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    links = {attributes.get("href") or attributes.get("xlink:href") for _, attributes in tags}
+    assert {link[1:] for link in links if link} <= {*ids}
+    clips = set(re.findall(r"url\(#([^)]+)\)", page))
+    assert clips <= {*ids}
+
+
+@pytest.mark.slow
+def test_whatever_is_in_a_row_is_only_text() -> None:
+    pack = PackId(name=HOSTILE, version=HOSTILE, digest=HOSTILE)
+    fields = "run dataset task instance kind agent strategy model timing recording error"
+    names = dict.fromkeys(fields.split(), HOSTILE)
+    outcome = Result(success=False, steps=3, ended_by=HOSTILE)
+    rows = [row(pack=pack, outcome=outcome, **names), *made_up_rows(1)]
+    page = page_of(rows)
+    assert "<script" not in page
+    tags = Tags(page).found
+    assert {tag for tag, _ in tags} <= {tag for tag, _ in Tags(page_of(rows[1:])).found} | {
+        "ul",
+        "li",
+    }
+    assert "alert(1)&lt;/script&gt;" in page
+
+
+def test_hostile_names_do_not_leave_the_folder(tmp_path: Path) -> None:
+    rows = [row(dataset="../../up", task="../x", run="/etc")]
+    write_report(rows, tmp_path / "report", graphs=())
+    assert {path.name for path in tmp_path.iterdir()} == {"report"}
+
+
+@pytest.mark.slow
+def test_what_is_written(tmp_path: Path) -> None:
+    rows = list(made_up_rows(2))
+    page = write_report(rows, tmp_path / "one")
+    shuffled = rows.copy()
+    random.Random(1).shuffle(shuffled)
+    again = write_report(shuffled, tmp_path / "two")
+    first = {p.relative_to(tmp_path / "one"): p.read_bytes() for p in files(tmp_path / "one")}
+    second = {p.relative_to(tmp_path / "two"): p.read_bytes() for p in files(tmp_path / "two")}
+    assert page.name == again.name == "report.html"
+    assert first == second
+    figures = {path.name for path in files(tmp_path / "one/figures")}
+    for name in ("success", "optimality", "steps_to_go", "repeated_transitions", "failures",
+                 "graph_asynchronous_06_potato_soup"):  # fmt: skip
+        assert {f"{name}.svg", f"{name}.png"} <= figures
+    with (tmp_path / "one/tables/success.csv").open(encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["player"] for line in lines[:3]] == ["planner", "random", "react · small-model"]
+    assert {line["source"] for line in lines[:3]} == {"own"}
+    assert "ICLR" in lines[-1]["source"]
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def test_pictures_stand_in_a_page(page: str) -> None:
+    for picture in all_figures(list(made_up_rows(2))):
+        svg = inline_svg(picture)
+        ElementTree.fromstring(svg)
+        assert "style=" not in svg
+        assert picture.png.startswith(b"\x89PNG")
+    assert page.count("<svg") == page.count("<figure>") == 5
+
+
+def test_without_failures_there_are_no_pies() -> None:
+    rows = list(made_up_rows(2, {"planner": 1.0}))
+    names = {picture.name for picture in all_figures(rows)}
+    assert names == {"success", "optimality", "repeated_transitions"}
+
+
+@pytest.mark.slow
+def test_a_row_that_knows_nothing_is_shown() -> None:
+    outcome = Result(success=False, steps=0, ended_by="error")
+    page = page_of([row(outcome=outcome, error="the model did not answer", agent="a")])
+    assert "the model did not answer" in page
+    assert "1 episodes broke off" in page
+
+
+def test_the_dependency_graph_of_a_soup() -> None:
+    """The potato and the filled pot, then the water boils, then it is poured into the bowl."""
+    world = World(load_task("asynchronous/06"))
+    plan = plan_beside(world)
+    assert plan is not None
+    graph = dependency_graph(world, plan)
+    labels = [node.label for node in graph.nodes]
+    assert sorted(labels) == sorted(
+        ["pot", "fill-pot pot", "potato", "add-to potato", "boil-water water", "bowl",
+         "fill-bowl water"]
+    )  # fmt: skip
+    assert [n.label for n in graph.nodes if n.asynchronous] == ["fill-pot pot", "boil-water water"]
+    named = {(labels[a], labels[b]) for a, b in graph.edges}
+    assert named == {
+        ("pot", "fill-pot pot"),
+        ("fill-pot pot", "add-to potato"),
+        ("potato", "add-to potato"),
+        ("add-to potato", "boil-water water"),
+        ("boil-water water", "fill-bowl water"),
+        ("bowl", "fill-bowl water"),
+    }

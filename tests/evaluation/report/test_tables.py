@@ -1,0 +1,106 @@
+"""Tables of rows: what is grouped, what is compared, and the published numbers beside it."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille_evaluation.metrics import Budget, Measures, Result
+from robotouille_evaluation.report import published
+from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
+from robotouille_evaluation.report.tables import (
+    Line,
+    Table,
+    all_tables,
+    bin_of_steps_to_go,
+    comparisons,
+    csv_text,
+    success_by_dataset,
+    success_by_task,
+)
+from tests.support.episode_rows import made_up_rows, row
+
+LOST = Result(success=False, steps=12, ended_by="step_limit")
+
+
+def test_success_by_dataset() -> None:
+    rows = [row(instance=f"i{n}", **({"outcome": LOST} if n > 2 else {})) for n in range(4)]
+    table = success_by_dataset(rows)
+    assert table.columns == ("player", "synchronous", "episodes")
+    own, *theirs = table.lines
+    assert own.cells[0] == "planner"
+    assert own.cells[1].startswith("75 % (")
+    assert own.cells[2] == "4"
+    assert Line(("gpt-4o, ReAct", "47 %", "–"), reference=True) in theirs
+    assert all(line.reference for line in theirs)
+
+
+def test_success_by_task_has_the_published_columns_of_that_task() -> None:
+    (table,) = success_by_task([row(task="synchronous/03_lettuce_tomato_sandwich")])
+    assert table.columns[:3] == ("task", "optimum", "planner")
+    assert table.lines[0].cells[-3:] == ("10 %", "30 %", "80 %")
+
+
+def test_what_may_not_be_averaged_is_listed_apart() -> None:
+    other = Budget(rule="published", steps=12)
+    groups = named([row(), row(budget=other), row(budget=other, trial=1)])
+    assert {name: len(group) for name, group in groups.items()} == {
+        "planner · 1.5 x optimum": 1,
+        "planner · published": 2,
+    }
+    assert list(named([row()])) == ["planner"]
+
+
+def test_players_are_compared_on_common_episodes() -> None:
+    one = [row(agent="a", instance=f"i{n}") for n in range(8)]
+    other = [row(agent="b", instance=f"i{n}", outcome=LOST) for n in range(1, 7)]
+    (line,) = comparisons([*one, *other]).lines
+    # Six common ones, all won by one alone: 2 / 2^6.
+    assert line.cells == ("a", "b", "6", "0", "6", "0.031")
+
+
+@pytest.mark.parametrize(
+    ("task", "number"),
+    [("synchronous/01_cheese_sandwich", 1), ("10_big", 10), ("asynchronous/0_cheese", 1),
+     ("9_onion", 10), ("soup", None), ("synchronous", None)],
+)  # fmt: skip
+def test_which_task_of_the_paper_it_is(task: str, number: int | None) -> None:
+    assert task_number(task) == number
+
+
+def test_bins_of_steps_to_go() -> None:
+    def named_bin(least: float | None, most: float | None, dead: bool = False) -> str | None:
+        return bin_of_steps_to_go(Measures(to_go_least=least, to_go_most=most, out_of_reach=dead))
+
+    assert named_bin(0.5, 0.5) == "0 to 0.5"
+    assert named_bin(0.6, 1.0) == "0.5 to 1"
+    assert named_bin(0.9, 1.1) is None
+    assert named_bin(1.2, None) is None
+    assert named_bin(None, None) is None
+    assert named_bin(None, None, dead=True) == "out of reach"
+
+
+def test_the_order_of_data_sets_and_tasks() -> None:
+    rows = list(made_up_rows(1))[::-1]
+    assert list(datasets([*rows, row(dataset="extra")])) == [
+        "synchronous", "asynchronous", "multi_agent", "extra"
+    ]  # fmt: skip
+    assert list(tasks(rows))[0].startswith("01_")
+
+
+def test_csv_cells_are_no_formulas() -> None:
+    table = Table("t", "T", ("player", "x"), (Line(("=1+1", "a,b")),))
+    assert csv_text(table) == 'player,x,source\n\'=1+1,"a,b",own\n'
+
+
+def test_every_line_has_all_columns() -> None:
+    for table in all_tables(list(made_up_rows(2))):
+        assert {len(line.cells) for line in table.lines} == {len(table.columns)}, table.name
+
+
+def test_published_totals_are_the_means_of_their_tasks() -> None:
+    """As printed: so it is where the paper's totals are means, which they are here."""
+    totals = {each.strategy: each for each in published.SUCCESS if each.model == "gpt-4o"}
+    for dataset, strategies in published.SUCCESS_BY_TASK.items():
+        for strategy, values in strategies.items():
+            assert len(values) == 10
+            assert sum(values) / 10 == getattr(totals[strategy], dataset)
