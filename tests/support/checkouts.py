@@ -8,7 +8,7 @@ from typing import Any
 
 from robotouille.resources import data_folder
 
-__all__ = ["write_checkout"]
+__all__ = ["EXPERIMENT", "PROBLEM", "write_checkout"]
 
 PROBLEM = {
     "version": "1.0.0",

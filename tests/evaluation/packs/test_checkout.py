@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from functools import cache
 from pathlib import Path
@@ -13,13 +14,13 @@ from robotouille.errors import FileError
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.pack import ExampleStep, Pack
 from robotouille_evaluation.packs.published.checkout import SEEDS, read_checkout
-from tests.support.checkouts import EXPERIMENT, write_checkout
+from tests.support.checkouts import EXPERIMENT, PROBLEM, write_checkout
 from tests.support.published import CHECKOUT, NEEDED, conversations, read
 from tests.support.samples import first_quickly
 
 pytest.importorskip("yaml")
 
-PROBLEM = "environments/env_generator/examples/synchronous/0_toast.json"
+TOAST = "environments/env_generator/examples/synchronous/0_toast.json"
 SETTINGS_OF_A_RUN = {"log_path", "retries"}
 """Settings of the recorded runs that their command lines changed."""
 
@@ -118,6 +119,13 @@ def test_settings_are_put_together(tmp_path: Path) -> None:
     assert experiment.budget("synchronous/0_toast").max_steps == 8
 
 
+def test_what_json_has_not_becomes_a_text(tmp_path: Path) -> None:
+    base = "agent_name: human\nsince: 2024-05-01\n1: .nan\n"
+    found = read_checkout(write_checkout(tmp_path, {"conf/game/base_game.yaml": base}), seeds=[])
+    game = found.pack.experiment("ReAct/plain").settings["game"]
+    assert (game["since"], game["1"]) == ("2024-05-01", "nan")
+
+
 @pytest.mark.parametrize(
     ("absent", "missing"),
     [
@@ -182,7 +190,17 @@ def test_tasks_that_experiments_name_are_missing(tmp_path: Path) -> None:
             "interaction 1: has no observation with an answer",
         ),
         ("environments/env_generator/examples/synchronous/1_bad.json", "{", "is not JSON"),
-        ("environments/env_generator/examples/synchronous/1_bad.json", "[]", "expected a problem"),
+        ("environments/env_generator/examples/synchronous/1_bad.json", "[]", "found []"),
+        (
+            "environments/env_generator/examples/synchronous/1_bad.json",
+            json.dumps({**PROBLEM, "recipes": 3}),
+            "unknown field 'recipes'",
+        ),
+        (
+            "environments/env_generator/examples/synchronous/1_bad.json",
+            json.dumps({**PROBLEM, "players": []}),
+            "has no player",
+        ),
     ],
 )
 def test_wrong_files_are_named_and_the_rest_is_read(
@@ -206,8 +224,8 @@ def test_a_folder_that_is_no_checkout_is_an_error(tmp_path: Path) -> None:
         ("domain/robotouille.json", None, r"it has no domain/robotouille\.json"),
         ("domain/robotouille.json", '{"name": "x"}', "is it another version"),
         ("domain/robotouille.json", "#", "is not JSON"),
-        (PROBLEM, None, "has no environments"),
-        (PROBLEM, "{", "no problem of the benchmark"),
+        (TOAST, None, "has no environments"),
+        (TOAST, "{", "no problem of the benchmark"),
     ],
 )
 def test_a_checkout_of_another_shape_is_an_error(

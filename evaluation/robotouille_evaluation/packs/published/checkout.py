@@ -12,7 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.files import is_file, read_json
+from robotouille.domain.files import is_file, read_json, validate
+from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.task import build_task
 from robotouille.errors import Fault, FileError
 from robotouille_evaluation.packs.pack import (
     Examples,
@@ -85,20 +87,21 @@ def read_checkout(
         FileError: The folder is no checkout, or of a version with other files.
         MissingExtraError: PyYAML is not installed.
     """
-    domain = _domain(root)
+    raw_domain = _domain(root)
+    domain = validate(raw_domain, DomainFile, str(root / DOMAIN))
     reading = _Reading(root)
     experiments = tuple(_experiments(reading))
     prompts = tuple(_prompts(reading))
     examples = tuple(_examples(reading))
-    problems = dict(_problems(reading))
+    problems = dict(_problems(reading, domain))
     if not problems:
         raise FileError(str(root / PROBLEMS), [Fault("", "there is no problem of the benchmark")])
     tasks = tuple(_task(name, raw, experiments) for name, raw in problems.items())
     instances = tuple(_instances(problems, seeds, reading, progress))
     pack = Pack(
         NAME,
-        str(domain.get("version", "1.0.0")),
-        canonical_json(domain),
+        domain.version,
+        canonical_json(raw_domain),
         tasks,
         instances,
         prompts,
@@ -133,17 +136,18 @@ def _domain(root: Path) -> dict[str, Any]:
 # Problems and instances
 
 
-def _problems(reading: _Reading) -> Iterator[tuple[str, dict[str, Any]]]:
+def _problems(reading: _Reading, domain: DomainFile) -> Iterator[tuple[str, dict[str, Any]]]:
     """The problems of the benchmark by name, data set by data set, in the order of numbers."""
     for dataset in (*DATASETS, *TRAINING):
         for path in sorted(reading.files(f"{PROBLEMS}/{dataset}", "*.json"), key=_in_order):
             try:
                 raw = read_json(path)
-                if not isinstance(raw, dict):
-                    raise FileError(str(path), [Fault("", "expected a problem")])
-                yield f"{dataset}/{path.stem}", raw
+                problem = validate(raw, ProblemFile, str(path))
+                build_task(path.stem, domain, problem, source=str(path))
             except FileError as error:
                 reading.failed(error)
+            else:
+                yield f"{dataset}/{path.stem}", raw
 
 
 def _in_order(path: Path) -> tuple[float, str]:

@@ -7,6 +7,7 @@ different; `${llm.temperature}` stands for another setting. That much of the for
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -78,7 +79,7 @@ def _merged(conf: Path, path: Path) -> dict[str, Any]:
     bases: dict[str, str] = {}
     for entry in (*_defaults(conf / "config.yaml"), *_defaults(path, own)):
         for key, base in entry.items():
-            bases[key.removeprefix("override ").strip().removeprefix("/")] = str(base)
+            bases[str(key).removeprefix("override ").strip().removeprefix("/")] = str(base)
     settings: dict[str, Any] = {group: {} for group in GROUPS}
     for group, base in bases.items():
         if group in GROUPS:
@@ -117,7 +118,7 @@ def _resolved(settings: dict[str, Any], path: Path) -> dict[str, Any]:
         if isinstance(found, list):
             return [value(part, depth) for part in found]
         if not isinstance(found, str):
-            return found
+            return found if _is_json(found) else str(found)
         whole = REFERENCE.fullmatch(found)
         if whole:
             return looked_up(whole[1], depth)
@@ -134,6 +135,13 @@ def _resolved(settings: dict[str, Any], path: Path) -> dict[str, Any]:
         return value(found, depth + 1)
 
     return {key: value(part, 0) for key, part in settings.items()}
+
+
+def _is_json(found: Any) -> bool:
+    """Whether JSON has such a value: dates of YAML are none, and neither is `.nan`."""
+    if isinstance(found, float):
+        return math.isfinite(found)
+    return found is None or isinstance(found, int)
 
 
 def _list(path: Path, settings: dict[str, Any], name: str, kind: type) -> list[Any]:
