@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.errors import MissingExtraError
-from robotouille_evaluation.models.answers import read_completion
+from robotouille_evaluation.models.answers import encodable, read_completion
 from robotouille_evaluation.models.failures import refusal
 from robotouille_evaluation.models.grammar import action_grammar
 from robotouille_evaluation.models.model import Completion, ModelRequest
@@ -87,7 +87,9 @@ class LocalModel:
         return Completion(answer.text, answer.usage, seconds, answer.finish_reason)
 
     def _body(self, request: ModelRequest) -> dict[str, object]:
-        messages = [{"role": each.role, "content": each.content} for each in request.messages]
+        messages = [
+            {"role": each.role, "content": encodable(each.content)} for each in request.messages
+        ]
         body = {"messages": messages, "max_tokens": MAX_TOKENS, **request.parameters}
         actions = valid_actions(request)
         if self._constrained and actions:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import random
+import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
-from robotouille.errors import WrongArgumentError
+from robotouille.errors import MissingExtraError, WrongArgumentError
 from robotouille_evaluation.models import (
     Completion,
     Endpoint,
@@ -131,6 +132,18 @@ def test_no_key_for_openai(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ModelError, match="ROBOTOUILLE_LLM_API_KEY") as caught:
         OpenAICompatibleModel(Endpoint("gpt"))
     assert caught.value.kind is KINDS.NO_KEY
+
+
+def test_it_says_which_extra_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def without_aiohttp() -> None:
+        raise RuntimeError("install the extra aiohttp")
+
+    monkeypatch.setattr("openai.DefaultAioHttpClient", without_aiohttp)
+    with pytest.raises(MissingExtraError, match=r"robotouille\[llm\]"):
+        OpenAICompatibleModel(Endpoint("m"), key=KEY)
+    monkeypatch.setitem(sys.modules, "openai", None)
+    with pytest.raises(MissingExtraError, match=r"robotouille\[llm\]"):
+        OpenAICompatibleModel(Endpoint("m"), key=KEY)
 
 
 async def test_no_key_where_one_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
