@@ -7,21 +7,26 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from robotouille import World
-from robotouille.errors import RobotouilleError
+from robotouille.errors import FileError, RobotouilleError
 from robotouille.replay.container import compress
+from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.policies import planner, random_actions, script
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange, Strategy, Verdict
+from robotouille_evaluation.metrics.measuring import measure
+from robotouille_evaluation.metrics.progress import repeated_transitions
 from robotouille_evaluation.metrics.rows import (
     Budget,
     Counts,
     EpisodeRow,
+    Measures,
     Optimum,
     PackId,
     Result,
     Spent,
 )
+from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import (
     Completion,
     Model,
@@ -69,7 +74,12 @@ async def play_job(
             result, error = episode.broken_off(), str(fault)
         except ContextOverflow:
             result, error = episode.broken_off(), "the model takes no request as long as this"
-    recording = _write(folder, job, episode.stages, error)
+    recorded = [stage.recording(error or "the agent is done") for stage in episode.stages]
+    measures, repetitions = _measured(recorded[-1:], budget.max_steps)
+    try:
+        recording = _write(folder, job, recorded)
+    except FileError as fault:
+        recording, error = None, error or str(fault)
     optimum = instance.optimal(job.seats)
     return EpisodeRow(
         run=run,
@@ -92,8 +102,10 @@ async def play_job(
         counts=_counts(episode.exchanges),
         usage=_spent(episode.exchanges),
         seconds=max(0.0, clock() - begun),
+        repetitions=repetitions,
         recording=recording,
         error=error,
+        measures=measures,
     )
 
 
@@ -194,14 +206,20 @@ def _asking(model: Model | None, journal: CallJournal) -> Complete:
     return complete
 
 
-def _write(
-    folder: RunFolder, job: Job, stages: Sequence[RecordedStage], error: str | None
-) -> str | None:
+def _measured(recorded: Sequence[bytes], budget: int) -> tuple[Measures, int]:
+    """The measures of the last trial, and its repeated transitions; steps to go come later."""
+    for content in recorded:
+        course = Trajectory.recorded(Recording(content))
+        return measure(course, budget), repeated_transitions(course)
+    return Measures(), 0
+
+
+def _write(folder: RunFolder, job: Job, recorded: Sequence[bytes]) -> str | None:
     """The recordings of all trials; the path of the last, beside the rows."""
     name: Path | None = None
-    for trial, stage in enumerate(stages, start=1):
+    for trial, content in enumerate(recorded, start=1):
         name = folder.recording(job, trial)
-        folder.write(name, compress(stage.recording(error or "the agent is done")))
+        folder.write(name, compress(content))
     return str(name.relative_to(folder.path)) if name is not None else None
 
 
