@@ -73,7 +73,9 @@ def _patiently(model: Model) -> Complete:
             if error.kind in FATAL:
                 raise
             tell(printable(f"{model.name}: {error}"), err=True)
-            return Completion("", error.usage, finish_reason=error.kind.value)
+            return Completion(
+                "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
+            )
 
     return complete
 

@@ -199,7 +199,9 @@ def _asking(model: Model | None, journal: CallJournal) -> Complete:
                 raise ContextOverflow from None
             if error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
                 raise
-            completion = Completion("", error.usage, finish_reason=error.kind.value)
+            completion = Completion(
+                "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
+            )
         journal.keep(request, completion)
         return completion
 
