@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["benchmark"]
 
-benchmark = typer.Typer(no_args_is_help=True, help="Evaluate agents on packs of tasks.")
+benchmark = typer.Typer(
+    no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
+)
 
 COMPUTED = ("planner", "random", "scripted")
 
@@ -86,6 +88,12 @@ def run(
         typer.Option(help="The limit of steps: 1.5 x the optimum, or the published constants."),
     ] = None,
     temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
+    steps_to_go: Annotated[
+        bool,
+        typer.Option(
+            "--steps-to-go", help="Measure how far failed episodes were from the goal: slow."
+        ),
+    ] = False,
     processes: ProcessesOption = os.cpu_count() or 1,
     calls: CallsOption = 16,
     scheduler: SchedulerOption = "",
@@ -100,7 +108,7 @@ def run(
         parameters["temperature"] = temperature
     specs = [_agent(name, model, parameters) for name in _words(agents)]
     planned = tuple(jobs(used, specs, chosen, seeds=range(seeds), budget=budget))
-    run_folder = _create(out, used, folder, planned)
+    run_folder = _create(out, used, folder, planned, steps_to_go)
     _play(run_folder, used, planned, base_url, processes, calls, scheduler)
 
 
@@ -227,7 +235,9 @@ def _agent(name: str, model: str, parameters: dict[str, object]) -> AgentSpec:
     )
 
 
-def _create(out: Path, pack: Pack, folder: Path, planned: tuple[Job, ...]) -> RunFolder:
+def _create(
+    out: Path, pack: Pack, folder: Path, planned: tuple[Job, ...], steps_to_go: bool
+) -> RunFolder:
     from robotouille.release import VERSION
     from robotouille_evaluation.metrics.rows import PackId
     from robotouille_evaluation.runs import RunFolder, RunPlan
@@ -240,6 +250,7 @@ def _create(out: Path, pack: Pack, folder: Path, planned: tuple[Job, ...]) -> Ru
             pack_folder=str(folder),
             jobs=planned,
             software=VERSION,
+            steps_to_go=steps_to_go,
         ),
     )
 

@@ -15,11 +15,11 @@ from robotouille_evaluation.packs.pack import (
     ExampleStep,
     Experiment,
     InstanceKind,
+    KnownPlan,
     Pack,
     PackInstance,
     PackTask,
     Prompt,
-    ProvenPlan,
 )
 from robotouille_evaluation.packs.store import default_folder, read_pack, write_pack
 
@@ -31,12 +31,12 @@ __all__ = [
     "Examples",
     "Experiment",
     "InstanceKind",
+    "KnownPlan",
     "Pack",
     "PackDifferences",
     "PackInstance",
     "PackTask",
     "Prompt",
-    "ProvenPlan",
     "build_own_pack",
     "check_pack",
     "compare_packs",

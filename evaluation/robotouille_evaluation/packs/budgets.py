@@ -1,4 +1,4 @@
-"""How many steps a run may take: as published, or by the instance's own proven optimum."""
+"""How many steps a run may take: as published, or by the instance's own optimum."""
 
 from __future__ import annotations
 
@@ -41,5 +41,5 @@ def published_budget(constant: int, multiplier: float = MULTIPLIER) -> Budget:
 
 
 def own_budget(optimal: int, multiplier: float = MULTIPLIER) -> Budget:
-    """The limit by the proven length of the instance's shortest plans."""
+    """The limit by the length of the shortest plan known of the instance."""
     return Budget("own", optimal, optimal * multiplier)

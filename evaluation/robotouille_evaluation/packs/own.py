@@ -24,10 +24,10 @@ from robotouille.generation.paper_instances import paper_tasks
 from robotouille.resources import data_folder
 from robotouille_evaluation.packs.pack import (
     InstanceKind,
+    KnownPlan,
     Pack,
     PackInstance,
     PackTask,
-    ProvenPlan,
     canonical_json,
 )
 from robotouille_evaluation.packs.prompting import own_examples, own_prompts
@@ -92,8 +92,8 @@ def _instance(
     task = load_task(str(path), domain=domain)
     problem = canonical_json(read_json(path))
     id_ = instance_id(name, kind, seed)
-    proven = tuple(_proven(path, task))
-    return PackInstance(id_, name, kind, seed, seed, problem, task.seats, proven)
+    plans = tuple(_plans(path, task))
+    return PackInstance(id_, name, kind, seed, seed, problem, task.seats, plans)
 
 
 def _kind(path: Path, name: str) -> InstanceKind:
@@ -108,19 +108,21 @@ def _in_order(instance: PackInstance) -> tuple[bool, int]:
     return instance.kind == "noisy", instance.seed or 0
 
 
-def _proven(path: Path, task: Task) -> Iterator[ProvenPlan]:
-    """The plans that certificates beside a problem prove to be shortest."""
+def _plans(path: Path, task: Task) -> Iterator[KnownPlan]:
+    """The plans of certificates beside a problem."""
     for seats in task.problem.seats or (task.seats,):
-        plan = _plan(path, replace(task, seats=seats))
-        if plan is not None:
-            yield ProvenPlan(seats, plan)
+        found = _plan(path, replace(task, seats=seats))
+        if found is not None:
+            yield found
 
 
-def _plan(path: Path, task: Task) -> tuple[str, ...] | None:
-    """A shortest plan of a task; None if its certificate proves none, or is of another task."""
+def _plan(path: Path, task: Task) -> KnownPlan | None:
+    """The plan of a task's certificate; None if it has none, or is of another task."""
     certificate_file = certificate_path(path, task)
     if not is_file(certificate_file):
         return None
     certificate = read_certificate(certificate_file)
     same = certificate.instance == replace(task, name=certificate.task).digest
-    return certificate.plan if certificate.optimal and same else None
+    if certificate.plan is None or not same:
+        return None
+    return KnownPlan(task.seats, certificate.plan, certificate.bound)

@@ -31,11 +31,11 @@ __all__ = [
     "Examples",
     "Experiment",
     "InstanceKind",
+    "KnownPlan",
     "Pack",
     "PackInstance",
     "PackTask",
     "Prompt",
-    "ProvenPlan",
     "canonical_json",
 ]
 
@@ -79,11 +79,18 @@ class Examples:
 
 
 @dataclass(frozen=True, slots=True)
-class ProvenPlan:
-    """A plan for a number of players that is proven to be shortest: a line for each step."""
+class KnownPlan:
+    """The shortest plan known for a number of players, a line for each step. Every plan takes
+    `bound` steps at least; 0 says that nothing is known of that."""
 
     seats: int
     plan: tuple[str, ...]
+    bound: int = 0
+
+    @property
+    def proven(self) -> bool:
+        """Whether no plan is shorter."""
+        return self.bound == len(self.plan)
 
     @property
     def steps(self) -> int:
@@ -111,7 +118,7 @@ class PackInstance:
     """One layout of a task, to be played.
 
     `seed` is the one asked for (None for a default), `seed_used` the one that gave the layout;
-    `seats` the usual number of players. `proven` has shortest plans, where some are known.
+    `seats` the usual number of players. `plans` has the shortest that are known.
     """
 
     id: str
@@ -121,12 +128,17 @@ class PackInstance:
     seed_used: int | None
     problem: str
     seats: int = 1
-    proven: tuple[ProvenPlan, ...] = ()
+    plans: tuple[KnownPlan, ...] = ()
+
+    def best(self, seats: int | None = None) -> KnownPlan | None:
+        """The shortest plan known for so many players (the usual number if None), or None."""
+        wanted = self.seats if seats is None else seats
+        return next((found for found in self.plans if found.seats == wanted), None)
 
     def optimal(self, seats: int | None = None) -> int | None:
         """The proven length for so many players (the usual number if None), or None."""
-        wanted = self.seats if seats is None else seats
-        return next((found.steps for found in self.proven if found.seats == wanted), None)
+        best = self.best(seats)
+        return best.steps if best is not None and best.proven else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,19 +244,19 @@ class Pack:
         return build_task(instance.id, self._domain, problem, seats=seats, source=source)
 
     def plan(self, instance: PackInstance | str, world: World) -> Plan:
-        """The shortest plan of an instance, for as many players as its world has.
+        """The shortest plan known of an instance, for as many players as its world has.
 
         Raises:
             UnknownNameError: There is no such instance.
-            RobotouilleError: No plan of it is proven to be shortest.
+            RobotouilleError: No plan of it is known.
             FileError: The plan is not one of this world.
         """
         if isinstance(instance, str):
             instance = self.instance(instance)
-        for found in instance.proven:
+        for found in instance.plans:
             if found.seats == len(world.players):
                 return read_plan("\n".join(found.plan), world, f"{self.name}: {instance.id}")
-        raise RobotouilleError(f"{instance.id}: no plan is proven for {len(world.players)} players")
+        raise RobotouilleError(f"{instance.id}: no plan is known for {len(world.players)} players")
 
     def budget(
         self, instance: PackInstance, kind: BudgetKind, *, seats: int | None = None
@@ -259,10 +271,10 @@ class Pack:
             if constant is not None:
                 return published_budget(constant)
         else:
-            proven = instance.optimal(seats)
-            if proven is not None:
-                return own_budget(proven)
-        missing = "constant" if kind == "published" else "proven optimum"
+            best = instance.best(seats)
+            if best is not None:
+                return own_budget(best.steps)
+        missing = "constant" if kind == "published" else "known plan"
         raise RobotouilleError(f"{instance.id}: has no {missing}, so there is no {kind} budget")
 
     @cached_property

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from robotouille.certification.certificate import Deadline, ExpansionBudget, Solver, certify
-from robotouille_evaluation.packs.pack import InstanceKind, Pack, PackInstance, ProvenPlan
+from robotouille_evaluation.packs.pack import InstanceKind, KnownPlan, Pack, PackInstance
 
 __all__ = ["EXPANSIONS", "KINDS", "SECONDS", "prove_instances", "with_instances"]
 
@@ -47,8 +47,9 @@ def prove_instances(
         limits = budget.for_seats(task.seats).limits()
         certificate = certify(task, solver, replace(limits, stop=Deadline(seconds)))
         if certificate.optimal and certificate.plan is not None:
-            proven = (*instance.proven, ProvenPlan(task.seats, certificate.plan))
-            yield replace(instance, proven=proven)
+            others = [known for known in instance.plans if known.seats != task.seats]
+            proven = KnownPlan(task.seats, certificate.plan, certificate.bound)
+            yield replace(instance, plans=(*others, proven))
         if progress is not None:
             progress(number, len(unproven))
 

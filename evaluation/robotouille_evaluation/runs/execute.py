@@ -8,6 +8,7 @@ from pathlib import Path
 
 from robotouille import World
 from robotouille.errors import FileError, RobotouilleError
+from robotouille.planning import StepsToGo
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.asking import Complete, answer_all
@@ -48,7 +49,14 @@ Clock = Callable[[], float]
 
 
 async def play_job(
-    job: Job, run: str, pack: Pack, folder: RunFolder, model: Model | None, clock: Clock
+    job: Job,
+    run: str,
+    pack: Pack,
+    folder: RunFolder,
+    model: Model | None,
+    clock: Clock,
+    *,
+    steps_to_go: bool = False,
 ) -> EpisodeRow:
     """Play a job. A fault of the model or of the disk ends the episode, not the run.
 
@@ -56,6 +64,7 @@ async def play_job(
         run: The run's name, for the row.
         model: Who is asked, where the agent is one that asks.
         clock: Seconds, for the row's `seconds`.
+        steps_to_go: Whether it is measured how far the goal was in the end: takes searches.
 
     Raises:
         RobotouilleError: The job is none of this pack.
@@ -75,12 +84,12 @@ async def play_job(
         except ContextOverflow:
             result, error = episode.broken_off(), "the model takes no request as long as this"
     recorded = [stage.recording(error or "the agent is done") for stage in episode.stages]
-    measures, repetitions = _measured(recorded[-1:], budget.max_steps)
+    measures, repetitions = _measured(recorded[-1:], budget.max_steps, steps_to_go)
     try:
         recording = _write(folder, job, recorded)
     except FileError as fault:
         recording, error = None, error or str(fault)
-    optimum = instance.optimal(job.seats)
+    best = instance.best(job.seats)
     return EpisodeRow(
         run=run,
         pack=PackId(name=pack.name, version=pack.version, digest=pack.digest),
@@ -97,7 +106,9 @@ async def play_job(
         seats=job.seats,
         trial=episode.trials - 1,
         budget=Budget(rule=job.budget, steps=budget.max_steps),
-        optimum=Optimum(steps=optimum, bound=optimum or 0, proven=optimum is not None),
+        optimum=Optimum()
+        if best is None
+        else Optimum(steps=best.steps, bound=best.bound, proven=best.proven),
         outcome=result,
         counts=_counts(episode.exchanges),
         usage=_spent(episode.exchanges),
@@ -208,11 +219,12 @@ def _asking(model: Model | None, journal: CallJournal) -> Complete:
     return complete
 
 
-def _measured(recorded: Sequence[bytes], budget: int) -> tuple[Measures, int]:
-    """The measures of the last trial, and its repeated transitions; steps to go come later."""
+def _measured(recorded: Sequence[bytes], budget: int, steps_to_go: bool) -> tuple[Measures, int]:
+    """The measures of the last trial, and its repeated transitions."""
     for content in recorded:
         course = Trajectory.recorded(Recording(content))
-        return measure(course, budget), repeated_transitions(course)
+        distance = StepsToGo(course.world) if steps_to_go else None
+        return measure(course, budget, distance=distance), repeated_transitions(course)
     return Measures(), 0
 
 

@@ -31,8 +31,10 @@ class RunPlan(BaseModel):
     name: str
     pack: PackId
     pack_folder: str
-    jobs: tuple[Job, ...]
+    jobs: tuple[Job, ...] = ()
     software: str
+    steps_to_go: bool = False
+    """Whether it is measured how far failed episodes were from the goal."""
 
 
 class FinishedJob(BaseModel):

@@ -60,7 +60,7 @@ def jobs(
 
     Args:
         seats: How many players, where a task leaves it open; the usual number if None.
-        budget: Which limit of steps; if None, `own` where an optimum is known, else `published`.
+        budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
 
     Raises:
         RobotouilleError: No number is known of which the budget could be made.
@@ -68,7 +68,7 @@ def jobs(
     agents, seeds = tuple(agents), tuple(seeds)
     for instance in instances:
         count = pack.load(instance, seats=seats).seats
-        kind = budget or ("own" if instance.optimal(count) is not None else "published")
+        kind = budget or ("own" if instance.best(count) is not None else "published")
         pack.budget(instance, kind, seats=count)
         for agent in agents:
             for seed in seeds:

@@ -17,7 +17,7 @@ from robotouille_evaluation.models import Model
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.packs.store import read_pack
 from robotouille_evaluation.runs.execute import play_job
-from robotouille_evaluation.runs.folder import RunFolder
+from robotouille_evaluation.runs.folder import RunFolder, RunPlan
 from robotouille_evaluation.runs.jobs import Job
 
 __all__ = ["MakeModel", "Workers", "run_jobs"]
@@ -63,12 +63,24 @@ async def run_jobs(
     async def ask(job: Job) -> None:
         async with slots:
             model = await make_model(job)
-            row = await play_job(job, plan.name, pack, folder, model, time.perf_counter)
+            row = await play_job(
+                job,
+                plan.name,
+                pack,
+                folder,
+                model,
+                time.perf_counter,
+                steps_to_go=plan.steps_to_go,
+            )
         _finish(folder, job, row, finished)
 
     async def compute(job: Job, executor: Executor) -> None:
         loop = asyncio.get_running_loop()
-        arguments = (job.model_dump_json(), plan.name, plan.pack_folder, str(folder.path))
+        arguments = (
+            job.model_dump_json(),
+            plan.model_dump_json(exclude={"jobs"}),
+            str(folder.path),
+        )
         text = await loop.run_in_executor(executor, _play_elsewhere, *arguments)
         _finish(folder, job, EpisodeRow.model_validate_json(text), finished)
 
@@ -114,11 +126,17 @@ def _finish(folder: RunFolder, job: Job, row: EpisodeRow, finished: Finished) ->
     finished(job, row)
 
 
-def _play_elsewhere(job: str, run: str, pack_folder: str, folder: str) -> str:
+def _play_elsewhere(job: str, plan: str, folder: str) -> str:
     """In another process, of this machine or another."""
-    pack = _pack(pack_folder)
+    of = RunPlan.model_validate_json(plan)
     playing = play_job(
-        Job.model_validate_json(job), run, pack, RunFolder(Path(folder)), None, time.perf_counter
+        Job.model_validate_json(job),
+        of.name,
+        _pack(of.pack_folder),
+        RunFolder(Path(folder)),
+        None,
+        time.perf_counter,
+        steps_to_go=of.steps_to_go,
     )
     return asyncio.run(playing).model_dump_json()
 

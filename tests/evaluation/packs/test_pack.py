@@ -14,7 +14,7 @@ from robotouille.planning import replay
 from robotouille_evaluation.packs.budgets import own_budget, published_budget
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.own import build_own_pack, instance_id
-from robotouille_evaluation.packs.pack import Pack, ProvenPlan
+from robotouille_evaluation.packs.pack import KnownPlan, Pack
 
 
 @cache
@@ -52,17 +52,18 @@ def test_an_instance_is_the_shipped_task() -> None:
 def test_plans_are_those_that_certificates_prove() -> None:
     for name in (SANDWICH, "multi_agent/01_lettuce_burger"):
         instance = ours().instance(f"{name}/default")
-        for proven in instance.proven:
-            world = World(ours().load(instance, seats=proven.seats))
+        for known in instance.plans:
+            world = World(ours().load(instance, seats=known.seats))
             plan = ours().plan(instance, world)
-            assert len(plan) == proven.steps == instance.optimal(proven.seats)
+            assert len(plan) == known.steps
+            assert instance.optimal(known.seats) == (known.steps if known.proven else None)
             assert replay(plan, world).ok
         assert ours().task(name).optimal == instance.optimal()
 
 
 def test_a_plan_that_nobody_proved_is_an_error() -> None:
-    instance = replace(ours().instance(f"{SANDWICH}/default"), proven=())
-    with pytest.raises(RobotouilleError, match="no plan is proven for 1 players"):
+    instance = replace(ours().instance(f"{SANDWICH}/default"), plans=())
+    with pytest.raises(RobotouilleError, match="no plan is known for 1 players"):
         ours().plan(instance, World(ours().load(instance)))
 
 
@@ -106,8 +107,8 @@ def test_budgets_say_of_which_kind_they_are() -> None:
 
 
 def test_a_budget_of_nothing_is_an_error() -> None:
-    unproven = replace(ours().instance(f"{SANDWICH}/default"), proven=())
-    with pytest.raises(RobotouilleError, match="no proven optimum, so there is no own budget"):
+    unproven = replace(ours().instance(f"{SANDWICH}/default"), plans=())
+    with pytest.raises(RobotouilleError, match="no known plan, so there is no own budget"):
         ours().budget(unproven, "own")
     task = replace(ours().task(SANDWICH), optimal=None)
     with pytest.raises(RobotouilleError, match="no constant"):
@@ -118,7 +119,7 @@ def test_the_usual_number_of_players_counts() -> None:
     instance = replace(
         ours().instance("multi_agent/01_lettuce_burger/default"),
         seats=2,
-        proven=(ProvenPlan(3, ("-",)),),
+        plans=(KnownPlan(3, ("-",), 1),),
     )
     assert instance.optimal() is None
     assert instance.optimal(3) == 1
