@@ -146,7 +146,7 @@ def command(
         str, typer.Option(help="llm: an OpenAI-compatible endpoint; OpenAI's if left out.")
     ] = "",
     strategy: Annotated[
-        str, typer.Option(help="llm: how it is asked (docs/agents.md).")
+        str, typer.Option(help="llm: how it is asked (docs/benchmark.md).")
     ] = "react-last-reasoning-action",
     temperature: Annotated[float | None, typer.Option(help="llm: sent with each request.")] = None,
     transcript: Annotated[
