@@ -44,14 +44,22 @@ class AnswerParser(Protocol):
 class Published:
     """Headings at the beginning of a line, sentences letter by letter."""
 
-    _REASONING = re.compile(r"^Reasoning:\s*(.+)Action:", re.MULTILINE | re.DOTALL)
+    _REASONING = re.compile(r"^Reasoning:", re.MULTILINE)
     _ACTION = re.compile(r"^Action:\s*(.+)", re.MULTILINE)
     _PLAN = re.compile(r"^Plan:\s*(.*)", re.MULTILINE | re.DOTALL)
 
     def step(self, text: str) -> Answer:
         """Reasoning lasts from its first heading to the last `Action:`, its end is not trimmed."""
-        reasoning, action = self._REASONING.search(text), self._ACTION.search(text)
-        return Answer(reasoning[1] if reasoning else None, action[1].strip() if action else None)
+        action = self._ACTION.search(text)
+        return Answer(self._reasoning(text), action[1].strip() if action else None)
+
+    def _reasoning(self, text: str) -> str | None:
+        """What `Reasoning:\\s*(.+)Action:` would find, in one pass over the longest answer."""
+        heading = self._REASONING.search(text)
+        if heading is None:
+            return None
+        between = text[heading.end() : max(heading.end(), text.rfind("Action:", heading.end()))]
+        return between.lstrip() or between[-1:] or None
 
     def plan(self, text: str) -> tuple[str, ...]:
         """Each line behind the first `Plan:`, empty ones too."""
@@ -70,28 +78,36 @@ class Published:
 class Tolerant:
     """What a person would read as the same thing is the same thing."""
 
-    _HEAD = r"^[\s*_#>\d.)-]*{}\s*\d*[*_]*\s*:[*_]*"
+    # Nothing in a heading is longer than a few characters, so that no answer takes long to read.
+    _BEFORE = r"^[ \t*_#>\d.)-]{0,12}"
     _REASONING = re.compile(
-        _HEAD.format("(?:Reasoning|Thought|Reflection)")
-        + r"\s*(.*?)(?=^[\s*_#>\d.)-]*Action\b|\Z)",
-        re.MULTILINE | re.DOTALL | re.IGNORECASE,
+        _BEFORE + r"(?:Reasoning|Thought)[*_]{0,3}[ \t]?:[*_]{0,3}\s*", re.MULTILINE | re.IGNORECASE
     )
-    _ACTION = re.compile(_HEAD.format("Action") + r"\s*(.+)", re.MULTILINE | re.IGNORECASE)
-    _PLAN = re.compile(_HEAD.format("Plan") + r"\s*(.*)", re.MULTILINE | re.DOTALL | re.IGNORECASE)
+    _END = re.compile(_BEFORE + r"Action\b", re.MULTILINE | re.IGNORECASE)
+    _ACTION = re.compile(
+        _BEFORE + r"Action[ \t]?\d{0,3}[*_]{0,3}[ \t]?:[*_]{0,3}\s*(.+)",
+        re.MULTILINE | re.IGNORECASE,
+    )
+    _PLAN = re.compile(_BEFORE + r"Plan[*_]{0,3}[ \t]?:[*_]{0,3}", re.MULTILINE | re.IGNORECASE)
     _NUMBER = re.compile(r"^\s*(?:[-*•]|\d+[.):])\s+")
     _EDGES = " \t\r\n.`*_\"'“”‘’[](){}"
 
     def step(self, text: str) -> Answer:
         """The last action of the answer counts: models think aloud before they decide."""
-        reasoning, actions = self._REASONING.search(text), self._ACTION.findall(text)
-        return Answer(
-            reasoning[1].strip() if reasoning else "", self._trim(actions[-1]) if actions else None
-        )
+        actions = self._ACTION.findall(text)
+        return Answer(self._reasoning(text), self._trim(actions[-1]) if actions else None)
+
+    def _reasoning(self, text: str) -> str:
+        heading = self._REASONING.search(text)
+        if heading is None:
+            return ""
+        end = self._END.search(text, heading.end())
+        return text[heading.end() : end.start() if end else len(text)].strip()
 
     def plan(self, text: str) -> tuple[str, ...]:
         """Lines behind the last `Plan:` that are not empty."""
-        found = [match[1] for match in self._PLAN.finditer(text)]
-        lines = found[-1].split("\n") if found else []
+        headings = list(self._PLAN.finditer(text))
+        lines = text[headings[-1].end() :].split("\n") if headings else []
         return tuple(line for line in map(self._trim, lines) if line)
 
     def steps(self, text: str) -> tuple[str, ...]:

@@ -61,8 +61,7 @@ class NetworkAgent:
         step = self._game.step
         if not self._plan and not self._done:
             await self._decide(seen)
-            if self._game.ended or self._game.step != step:
-                self._plan.clear()  # It was thought of another state.
+            if self._game.ended or not self._game.my_move:
                 return
         action = self._plan.pop(0) if self._plan else None
         result = await self._game.act(action or None, reasoning=self._reasoning or None)
@@ -75,10 +74,10 @@ class NetworkAgent:
     async def _decide(self, seen: Observed) -> None:
         observation = Observation(seen.text, seen.actions, self._game.seat or "")
         proposal = await answer_all(self._strategy.propose(observation), self._complete)
+        self._plan = list(proposal.actions)
         for exchange in proposal.exchanges:
             self._told(exchange)
             await self._record(exchange)
-        self._plan = list(proposal.actions)
         self._reasoning = proposal.reasoning[:MAX_REASONING]
         self._done = proposal.done
 
@@ -89,4 +88,6 @@ class NetworkAgent:
         said = exchange.action or (exchange.completion.text if exchange.completion else "")
         if said.strip() and self._game.my_move:
             reasoning = exchange.reasoning[:MAX_REASONING] or None
-            await self._game.act(said.strip()[:MAX_SENTENCE], reasoning=reasoning)
+            result = await self._game.act(said.strip()[:MAX_SENTENCE], reasoning=reasoning)
+            if result.applied:  # The server has read it better; what was thought of next is stale.
+                self._plan.clear()
