@@ -321,7 +321,7 @@ def _prepared(world: World) -> frozenset[str]:
 
 
 def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
-    """A seat's first reasoning does not name everything that the goal is made of."""
+    """A seat's first reasoning speaks of the goal, and not of everything that it is made of."""
     world = trajectory.world
     kinds = sorted(_ingredients(world))
     seen: set[str] = set()
@@ -331,7 +331,7 @@ def _bad_starts(trajectory: Trajectory) -> Iterator[Evidence]:
         seen.add(answer.seat)
         said = re.sub(r"[^a-z]", "", answer.reasoning.casefold())
         missing = [kind for kind in kinds if kind not in said]
-        if missing:
+        if missing and "goal" in said:
             words = f"the first reasoning does not name: {', '.join(missing)}"
             yield Evidence(answer.step, answer.seat, Subcategory.BAD_START, words, lasting=True)
 

@@ -13,12 +13,15 @@ from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
 
 __all__ = ["count_answers", "measure"]
 
+ALONE, TOGETHER = Limits(expansions=2000), Limits(expansions=50)
+
 
 def measure(
     trajectory: Trajectory,
     budget: int,
     *,
     distance: StepsToGo | None = None,
+    fewest: int | None = None,
     limits: Limits | None = None,
 ) -> Measures:
     """What a row holds of a trajectory.
@@ -28,7 +31,9 @@ def measure(
         budget: The steps within which it should have reached the goal.
         distance: Steps to go in the trajectory's world; left out if None. One for all episodes of
             a task remembers what it has found.
-        limits: Of each search for steps to go; 2,000 expansions if None.
+        fewest: The steps from the first state to the goal, if they are proven.
+        limits: Of each search for steps to go; 2,000 expansions if None, for teams 50, since
+            they take a hundred times as long.
     """
     shares, overcome = time_shares(trajectory), recovery(trajectory)
     found = Measures(
@@ -45,7 +50,9 @@ def measure(
     )
     if distance is None:
         return found
-    left = steps_to_go_at_the_end(trajectory, distance, limits or Limits(expansions=2000))
+    if limits is None:
+        limits = ALONE if len(trajectory.world.players) == 1 else TOGETHER
+    left = steps_to_go_at_the_end(trajectory, distance, limits, fewest)
     if left is None:
         return found.model_copy(update={"out_of_reach": not success_within(trajectory, budget)})
     return found.model_copy(update={"to_go_least": left.least, "to_go_most": left.most})

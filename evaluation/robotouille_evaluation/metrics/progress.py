@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import groupby
 
-from robotouille.planning import Limits, StepsToGo
+from robotouille.planning import Limits, StepsLeft, StepsToGo
 from robotouille.planning.steps_to_go import Range, quotient
 from robotouille_evaluation.metrics.trajectory import Answer, Trajectory, Verdict
 
@@ -13,27 +13,41 @@ __all__ = ["Recovery", "recovery", "repeated_transitions", "steps_to_go", "steps
 
 
 def steps_to_go_at_the_end(
-    trajectory: Trajectory, distance: StepsToGo, limits: Limits
+    trajectory: Trajectory, distance: StepsToGo, limits: Limits, fewest: int | None = None
 ) -> Range | None:
     """Fewest steps from the last state to the goal / fewest from the first (paper, finding 3).
 
     0 is the goal, 1 no progress, more than 1 farther away than at first. Where the search's limits
     leave it open, a range; None if the goal is out of reach.
+
+    Args:
+        trajectory: The course of the episode.
+        distance: Steps to go in its world.
+        limits: Of each search.
+        fewest: The steps from the first state, if they are proven.
     """
-    first = distance(trajectory.world.initial, limits)
+    first = _first(trajectory, distance, limits, fewest)
     return quotient(distance(trajectory.states[-1], limits), first)
 
 
 def steps_to_go(
-    trajectory: Trajectory, distance: StepsToGo, limits: Limits
+    trajectory: Trajectory, distance: StepsToGo, limits: Limits, fewest: int | None = None
 ) -> tuple[Range | None, ...]:
     """The same for every state of the run, from the first on: it should fall from 1 to 0."""
-    first = distance(trajectory.world.initial, limits)
+    first = _first(trajectory, distance, limits, fewest)
     found, before = [], None
     for state in trajectory.states:
         found.append(quotient(distance(state, limits, after=before), first))
         before = state
     return tuple(found)
+
+
+def _first(
+    trajectory: Trajectory, distance: StepsToGo, limits: Limits, fewest: int | None
+) -> StepsLeft:
+    if fewest is not None:
+        return StepsLeft(fewest, fewest)
+    return distance(trajectory.world.initial, limits)
 
 
 def repeated_transitions(trajectory: Trajectory) -> int:

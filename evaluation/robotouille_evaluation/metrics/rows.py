@@ -6,6 +6,7 @@ of: a report needs neither recordings nor the engine.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -152,7 +153,8 @@ class EpisodeRow(Row):
     @property
     def player(self) -> str:
         """Who played, in words: the agent, and strategy and model where they say more."""
-        more = [part for part in (self.strategy, self.model) if part not in self.agent]
+        said = {self.agent, *re.split(r"[ ()]+", self.agent), ""}
+        more = dict.fromkeys(p for p in (self.strategy, self.model) if p not in said)
         return " · ".join([self.agent, *more])
 
     @property

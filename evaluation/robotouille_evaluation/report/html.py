@@ -237,7 +237,9 @@ def _fold(name: str, rows: Sequence[EpisodeRow], content: str) -> str:
 
 def _task(task: str, rows: Sequence[EpisodeRow]) -> str:
     ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.trial, row.run))
-    return _fold(task, rows, _scrolling(COLUMNS, "".join(map(_episode, ordered))))
+    return _fold(
+        task.rpartition("/")[2], rows, _scrolling(COLUMNS, "".join(map(_episode, ordered)))
+    )
 
 
 def _episode(row: EpisodeRow) -> str:

@@ -56,7 +56,7 @@ thead th {{ border-top: 0; color: var(--soft); font-weight: 500; font-size: 13px
   vertical-align: bottom; }}
 tbody td {{ white-space: nowrap; }}
 th:first-child {{ text-align: left; position: sticky; left: 0; background: var(--card);
-  min-width: 130px; max-width: 300px; overflow-wrap: break-word; }}
+  min-width: 190px; max-width: 320px; overflow-wrap: break-word; }}
 .text {{ text-align: left; }}
 tbody th {{ font-weight: 450; }}
 .reference th, .reference td {{ color: var(--soft); font-style: italic; }}

@@ -133,7 +133,7 @@ def success_by_task(rows: Sequence[EpisodeRow]) -> Iterator[Table]:
             known = number is not None and 1 <= number <= 10
             other = [_published(each[number - 1]) if known and number else NONE
                      for each in theirs.values()]  # fmt: skip
-            lines.append(Line((task, _number(optimum, ".3g"), *cells, *other)))
+            lines.append(Line((task.rpartition("/")[2], _number(optimum, ".3g"), *cells, *other)))
         columns = ("task", "optimum", *names, *(f"gpt-4o, {s} (published)" for s in theirs))
         title = f"Success by task: {dataset.replace('_', '-')}"
         note = "The optimum is the mean of the fewest steps of the instances played."

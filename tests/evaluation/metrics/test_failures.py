@@ -143,12 +143,18 @@ def test_what_is_no_false_belief(reasoning: str) -> None:
 
 def test_a_bad_start() -> None:
     course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2", "Do nothing")
-    told = replace(course.answers[0], reasoning="I stack bread on bread.")
+    told = replace(course.answers[0], reasoning="The goal: bread on bread.")
     course = replace(course, answers=(told, course.answers[1]))
     failure = classify(course, 2)
     assert failure is not None
     assert failure.subcategory is Subcategory.BAD_START
     assert failure.evidence[0].words == "the first reasoning does not name: lettuce"
+
+
+def test_who_does_not_speak_of_the_goal_has_not_misunderstood_it() -> None:
+    course = solo(LETTUCE_SANDWICH, "Move robot1 from table5 to table2")
+    told = replace(course.answers[0], reasoning="The bread is over there.")
+    assert evidence(replace(course, answers=(told,))) == []
 
 
 def test_a_wrong_ingredient() -> None:

@@ -48,4 +48,5 @@ def test_rows_are_checked() -> None:
 
 def test_who_played() -> None:
     assert row(agent="llm", strategy="react", model="m").player == "llm · react · m"
+    assert row(agent="react (m)", strategy="react", model="m").player == "react (m)"
     assert row(agent="planner", strategy="planner").player == "planner"
