@@ -13,7 +13,6 @@ import typer
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.bots.own_policy import OwnPolicyError, own_policy_maker
 from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
@@ -64,6 +63,7 @@ async def _run(
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
 
+    from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.bots.player import play
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
@@ -118,6 +118,8 @@ async def _tell_of_line(client: Client) -> None:
 def _maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
     """How to make the policy of a bot that is shipped, or of the user's own."""
     if ":" in kind:
+        from robotouille_client.bots.own_policy import own_policy_maker
+
         return own_policy_maker(kind)
     if kind not in list(BotKind):
         shipped = ", ".join([*BotKind, LLM])
@@ -172,6 +174,8 @@ def command(
     import asyncio
 
     from pydantic import ValidationError
+
+    from robotouille_client.bots.own_policy import OwnPolicyError
 
     try:
         bot: MakePolicy | TextBot
