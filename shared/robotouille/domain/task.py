@@ -163,9 +163,8 @@ def build_task(
     domain = complete_domain(domain)
     problem = resolve_wildcards(problem, domain, seed)
     faults = check_domain(domain) or check_problem(problem, domain)
-    errors = [fault for fault in faults if fault.severity == "error"]
-    if errors:
-        raise FileError(source, errors)
+    if any(fault.severity == "error" for fault in faults):
+        raise FileError(source, faults)
     players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
     allowed = problem.seats or (players,)
     if seats is None:
