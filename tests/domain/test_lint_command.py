@@ -80,7 +80,7 @@ def test_a_kind_that_nothing_speaks_of(tmp_path: Path) -> None:
     described = changed(problem, "objects", "station", 0, "predicates", to=["istable"])
     assert "station kind" not in "".join(lint(write(tmp_path, "other.json", described))[1])
     broken = write(tmp_path, "broken.json", changed(problem, "goal", 0, "predicate", to="iscutt"))
-    assert "unknown station kind 'tabel'" in lint(broken)[1][0]
+    assert "unknown station kind 'tabel'" in lint(broken)[1][1], "it may be the cause of the other"
 
 
 def test_faults_as_json(tmp_path: Path) -> None:

@@ -163,8 +163,9 @@ def build_task(
     domain = complete_domain(domain)
     problem = resolve_wildcards(problem, domain, seed)
     faults = check_domain(domain) or check_problem(problem, domain)
-    if any(fault.severity == "error" for fault in faults):
-        raise FileError(source, faults)
+    errors = [fault for fault in faults if fault.severity == "error"]
+    if errors:  # What else is not right may be their cause.
+        raise FileError(source, [*errors, *(fault for fault in faults if fault not in errors)])
     players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
     allowed = problem.seats or (players,)
     if seats is None:
