@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import random
 import ssl
 import time
@@ -209,7 +210,9 @@ class Server:
             )
         except OSError as error:
             where = f"{self.settings.host}:{port}"
-            raise CannotListenError(f"cannot listen on {where}: {error.strerror}") from None
+            other = "; take another with --port" if error.errno == errno.EADDRINUSE else ""
+            message = f"cannot listen on {where}: {error.strerror}{other}"
+            raise CannotListenError(message) from None
         for listening in socket.sockets:
             with listening.dup() as same:  # asyncio has one number for both.
                 same.listen(WAITING_TO_BE_ACCEPTED)
@@ -299,7 +302,8 @@ class Server:
             self._watching.cancel()
         await self.lobby.closed()
         self.lobby.stop()
-        get_logger().info("stopped", reason=reason)
+        if self._sockets:  # Else it has not begun, and whoever started it says why.
+            get_logger().info("stopped", reason=reason)
 
     async def _close_sockets(self, reason: str) -> None:
         for socket in self._sockets:

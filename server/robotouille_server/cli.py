@@ -117,13 +117,26 @@ def run(settings: BaseSettings) -> None:
     configure_logs(settings.log_level, settings.log_format)
     raise_limit(settings)
     try:
+        _check_task(settings)
         worker = this_worker(settings)
         if settings.workers > 1 and worker is None:
             raise typer.Exit(supervise(settings))
         asyncio.run(serve_until_stopped(settings, worker))
     except RobotouilleError as error:
-        tell(f"robotouille-server: {error}", err=True)
+        message = error.message if isinstance(error, ProtocolError) else str(error)
+        tell(f"robotouille-server: {message}", err=True)
         raise typer.Exit(1 if isinstance(error, CannotListenError) else 2) from None
+
+
+def _check_task(settings: ServerSettings) -> None:
+    """Whether there is the task of new episodes: nobody is to be let in before that is known."""
+    from robotouille import load_task
+
+    timing = settings.timing_for(settings.mode)
+    try:
+        load_task(settings.task, seats=settings.seats, timing=timing, seed=settings.seed)
+    except RobotouilleError as error:
+        raise RobotouilleError(f"--task: {error}") from None
 
 
 async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | None = None) -> None:
@@ -222,7 +235,7 @@ def _greeting(server: Server, room: Room | None, operator: str) -> str:
     )
     if operator:
         lines.append(f"  watch over it:  {operator}")
-    if settings.host in ("127.0.0.1", "localhost", "::1"):
+    if settings.is_local:
         lines.append("  only programs on this machine can connect (--host 0.0.0.0 for others)")
     restored = sum(one is not room for one in server.lobby.rooms.values())
     if restored:

@@ -98,14 +98,12 @@ class FileError(RobotouilleError):
 
 
 class UnknownTaskError(RobotouilleError):
-    """No task of that name in the catalogue, and no such file."""
+    """No task of that name in the catalogue, and no such file; `file` is one that may be meant."""
 
-    def __init__(self, name: str, valid: Iterable[str]) -> None:
+    def __init__(self, name: str, valid: Iterable[str], file: str | None = None) -> None:
         self.name = name
-        super().__init__(
-            f"no task or file {name!r}{did_you_mean(name, valid)}; "
-            "`robotouille tasks` lists the tasks"
-        )
+        near = did_you_mean(name, valid) if file is None else f"; did you mean {file!r}?"
+        super().__init__(f"no task or file {name!r}{near}; `robotouille tasks` lists the tasks")
 
 
 class InapplicableError(RobotouilleError):

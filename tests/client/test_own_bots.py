@@ -4,15 +4,18 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from textwrap import dedent, indent
 
 import pytest
 
 from robotouille import World
 from robotouille.errors import RobotouilleError
-from robotouille_client.bots.own_policy import own_policy_maker
+from robotouille.planning.policies import Policy
+from robotouille_client.bots.own_policy import OwnPolicyError, own_policy_maker
 from tests.support.pages import titled
 from tests.support.processes import process
 
+STATE = World("synchronous/01").initial
 BOT = [sys.executable, "-c", "from robotouille_client.bots.cli import main; main()"]
 
 
@@ -46,6 +49,7 @@ def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
         ("../bots:Curious", "is not MODULE:NAME"),
         ("bots:number", "bots:number has to be a class or function that takes (state, player)"),
         ("bots:Alone", "bots:Alone has to be a class or function that takes (state, player)"),
+        ("bots:Idle", "bots:Idle has no method 'act'"),
         ("needy:Bot", "needy needs 'no_such_library', which is not installed"),
         ("broken:Bot", "broken cannot be imported: SyntaxError: "),
         ("failing:Bot", "failing cannot be imported: ZeroDivisionError: division by zero"),
@@ -54,7 +58,8 @@ def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
 def test_mistakes(bot: str, message: str, tmp_path: Path) -> None:
     curious = titled("api.md", "my_bot.py")
     alone = "class Alone:\n    def __init__(self, player): ...\n"
-    (tmp_path / "bots.py").write_text(f"{curious}\nnumber = 5\n{alone}")
+    idle = "class Idle:\n    def __init__(self, state, player): ...\n"
+    (tmp_path / "bots.py").write_text(f"{curious}\nnumber = 5\n{alone}{idle}")
     (tmp_path / "needy.py").write_text("import no_such_library\n")
     (tmp_path / "broken.py").write_text("class Bot(:\n")
     (tmp_path / "failing.py").write_text("1 / 0\n")
@@ -62,6 +67,88 @@ def test_mistakes(bot: str, message: str, tmp_path: Path) -> None:
     assert done.returncode == 1
     assert message in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def own(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str, body: str) -> Policy:
+    """The policy of a class `Mine` with this body, in a file of a name of its own."""
+    heading = "class Mine:\n    def __init__(self, state, player):\n        self.player = player\n"
+    (folder / f"{name}.py").write_text(heading + indent(dedent(body), "    "))
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    return own_policy_maker(f"{name}:Mine")(STATE, "robot1")
+
+
+def test_a_class_needs_no_more_than_act(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    act = "def act(self, state):\n    return state.actions(self.player)[0]\n"
+    policy = own(tmp_path, monkeypatch, "only_act", act)
+    policy.observe([])
+    assert policy.act(STATE) == STATE.actions("robot1")[0]
+
+
+@pytest.mark.parametrize("write", ["a.sentence", "f'[{a.sentence.upper()}]. '", "str(a)"])
+def test_a_sentence_is_read(write: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    act = f"def act(self, state):\n    a = state.actions(self.player)[1]\n    return {write}\n"
+    policy = own(tmp_path, monkeypatch, f"says_{abs(hash(write))}", act)
+    assert policy.act(STATE) == STATE.actions("robot1")[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "returned", "message"),
+    [
+        ("flies", "'fly to moon'", r"which is no valid action \(nearest: '"),
+        ("counts", "[5]", r"returned \[5\], which is no valid action \(expected an action, its"),
+        ("hurries", "'cut(robot1, lettuce1, board1)'", r"no valid action \([a-z]+.+\)$"),
+        ("goes_on", "'x' * 10_000", "xxx…, which is no valid action"),
+    ],
+)
+def test_what_is_no_action_is_told_in_one_line(
+    name: str, returned: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy = own(tmp_path, monkeypatch, name, f"def act(self, state):\n    return {returned}\n")
+    with pytest.raises(OwnPolicyError, match=message) as caught:
+        policy.act(STATE)
+    assert str(caught.value).startswith(f"{name}:Mine.act returned ")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+def test_what_it_raises_is_told_with_its_own_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = """
+        def act(self, state):
+            return self.go(state)
+        def go(self, state):
+            return state.step('fly')
+    """
+    policy = own(tmp_path, monkeypatch, "raises", body)
+    with pytest.raises(
+        OwnPolicyError, match=r"^raises:Mine\.act raised UnknownNameError: "
+    ) as caught:
+        policy.act(STATE)
+    frames = caught.value.frames
+    assert [
+        line.strip() for line in frames.splitlines() if "File" not in line and "^" not in line
+    ] == [
+        "return self.go(state)",
+        "return state.step('fly')",
+    ]
+
+
+@pytest.mark.process
+def test_a_policy_that_fails_leaves_its_seat(tmp_path: Path) -> None:
+    """The next one takes it, and is not waited for in the meantime."""
+    heading = "class Bad:\n    def __init__(self, state, player): ...\n"
+    (tmp_path / "bad.py").write_text(f"{heading}    def act(self, state): return 1 / 0\n")
+    with process(tmp_path, "--task", "synchronous/01", "--mode", "turn") as (_, url, code):
+        for _ in range(2):
+            done = run_bot(tmp_path, "bad:Bad", "--url", url, "--episode", code)
+            assert done.returncode == 1
+            first, *own, last = done.stderr.splitlines()
+            assert first == f"Bad-bot plays robot1 in {code}"
+            assert "bad.py" in own[0]
+            assert len(own) < 5
+            assert last == "bad:Bad.act raised ZeroDivisionError: division by zero"
 
 
 def test_a_policy_without_its_methods(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

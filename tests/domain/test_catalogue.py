@@ -1,11 +1,13 @@
 """Tasks by name and by file; kinds left open; files of the published dialect."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from robotouille import FileError, Task, UnknownTaskError, World, load_task, task_names
+from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
 from tests.support.broken_files import PROBLEM, published_domain, write
 
@@ -310,3 +312,42 @@ def test_a_task_knows_its_instances_by_their_seeds(name: str) -> None:
 def test_every_generated_instance_is_some_tasks() -> None:
     known = {name for task in task_names() for name in load_task(task).instances()}
     assert known == set(task_names(generated=True)) - set(task_names())
+
+
+@pytest.mark.parametrize("name", ["wafle", "waffle", "waffle.jsn", "Waffle.JSON", "wafle.json"])
+def test_a_file_of_the_folder_that_is_meant(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in ("waffle.json", "brunch.json"):
+        write(tmp_path, file, PROBLEM)
+    with pytest.raises(UnknownTaskError, match=r"; did you mean 'waffle\.json'\?"):
+        load_task(name)
+    with pytest.raises(UnknownTaskError, match=re.escape(f"{tmp_path}/waffle.json'?")):
+        load_task(str(tmp_path / name))
+    with pytest.raises(UnknownTaskError) as found:
+        load_task(name, files=False)
+    assert "waffle.json'?" not in str(found.value), "a server's folder is nobody's business"
+
+
+@pytest.mark.parametrize(
+    ("what", "file"),
+    [
+        ("a domain", "domains/diner.json"),
+        ("a domain", "domains/robotouille.json"),
+        ("an input file", "domains/diner.input.json"),
+        ("a rendering", "renderings/diner.json"),
+    ],
+)
+def test_another_kind_of_file_is_told_in_one_line(what: str, file: str) -> None:
+    folder, _, name = file.partition("/")
+    with pytest.raises(FileError) as found:
+        load_task(str(data_folder(folder) / name))
+    (fault,) = found.value.faults
+    assert str(fault) == f"this is {what}, not a problem"
+
+
+def test_a_field_is_never_meant_by_its_own_name(tmp_path: Path) -> None:
+    with pytest.raises(FileError) as found:
+        load_task(write(tmp_path, "problem.json", {**PROBLEM, "name": "mine"}))
+    assert [str(fault) for fault in found.value.faults] == ["name: unknown field 'name'"]

@@ -170,6 +170,26 @@ def test_pictures_that_are_not_there(tmp_path: Path) -> None:
     assert str(fault).startswith(f"{place}: {said}")
 
 
+def test_pictures_are_wanted_in_the_domains_own_rendering(tmp_path: Path) -> None:
+    """Not in that of the domain that it extends, which may be a shipped one."""
+    write(tmp_path, "brunch.json", {"name": "brunch", "extends": "diner"})
+    problem = {
+        "domain": "brunch",
+        "width": 2,
+        "height": 2,
+        "objects": {
+            "station": [{"name": "urn", "x": 0, "y": 0, "predicates": ["istable"]}],
+            "player": [{"name": "robot", "x": 0, "y": 1, "direction": [0, -1]}],
+        },
+        "goal": [],
+    }
+    task = load_task(write(tmp_path, "problem.json", problem))
+    assert findings(task)[-1] == (
+        "note: 'urn' has no picture; a tile with its name is drawn: "
+        "give it one in brunch.rendering.json"
+    )
+
+
 def test_companions_that_are_broken(tmp_path: Path) -> None:
     """All faults at once: those of the problem's own file and those of the others."""
     write(tmp_path, "small.input.json", keys(key("cutt", "e")))

@@ -51,6 +51,38 @@ def test_warnings_alone_are_no_failure(tmp_path: Path) -> None:
     assert "warning: goal[1].args[0]: the object 1 is called 'leek' first" in lines[0]
 
 
+def test_a_note_on_a_domain_is_not_told_of_its_problem_again(tmp_path: Path) -> None:
+    write(tmp_path, "small.rendering.json", {"extends": "robotouille", "assets": "mine"})
+    domain = write(tmp_path, "small.json", DOMAIN)
+    problem = write(tmp_path, "problem.json", {**PROBLEM, "domain": "small"})
+    words = "has no picture; a tile with its name is drawn: give it one in small.rendering.json"
+    assert lint(domain, problem) == (
+        0,
+        [f"{domain}: note: 'peel' {words}", f"{problem}: note: 'leek' {words}"],
+    )
+    assert len(lint(problem)[1]) == 2
+
+
+def test_a_kind_that_nothing_speaks_of(tmp_path: Path) -> None:
+    kinds = {"station": ["table", "stove"], "item": ["onion"]}
+    write(tmp_path, "small.json", {**DOMAIN, "kinds": kinds})
+    problem = changed({**PROBLEM, "domain": "small"}, "objects", "station", 0, "name", to="tabel")
+    name = write(tmp_path, "problem.json", problem)
+    status, lines = lint(name)
+    assert status == 0
+    assert lines[:2] == [
+        f"{name}: warning: stations[0].name: unknown station kind 'tabel'; did you mean 'table'?",
+        f"{name}: warning: items[0].name: unknown item kind 'leek'",
+    ]
+    for known in ("stove", "table", "station"):
+        other = changed(problem, "objects", "station", 0, "name", to=known)
+        assert "station kind" not in "".join(lint(write(tmp_path, "other.json", other))[1])
+    described = changed(problem, "objects", "station", 0, "predicates", to=["istable"])
+    assert "station kind" not in "".join(lint(write(tmp_path, "other.json", described))[1])
+    broken = write(tmp_path, "broken.json", changed(problem, "goal", 0, "predicate", to="iscutt"))
+    assert "unknown station kind 'tabel'" in lint(broken)[1][1], "it may be the cause of the other"
+
+
 def test_faults_as_json(tmp_path: Path) -> None:
     write(tmp_path, "small.json", DOMAIN)
     broken = changed({**PROBLEM, "domain": "small"}, "objects", "item", 0, "stak-level", to=1)

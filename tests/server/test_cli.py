@@ -96,6 +96,23 @@ def test_a_port_in_use_is_said(tmp_path: Path) -> None:
         done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert f"cannot listen on 127.0.0.1:{port}" in done.stderr
+    assert done.stderr.splitlines()[0].endswith("; take another with --port")
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    "words", [("--task", "nope"), ("--task", "synchronous/01", "--seats", "7")]
+)
+def test_a_task_that_is_none_is_said_before_anybody_is_let_in(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    arguments = [*COMMAND, "--port", "0", "--recordings", str(tmp_path / "recordings"), *words]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("robotouille-server: --task: ")
+    assert not line.endswith("(task)")
+    assert not (tmp_path / "recordings").exists()
 
 
 @pytest.mark.process

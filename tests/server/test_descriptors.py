@@ -96,18 +96,33 @@ def test_silent_connections_take_neither_games_nor_the_disk(
             assert time.monotonic() < end, "nobody is let in when places are free again"
 
 
-def test_a_limit_that_is_too_small_is_said_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("host", "proxy", "level"),
+    [
+        ("0.0.0.0", "", "warning"),
+        ("kitchen.example", "", "warning"),
+        ("127.0.0.1", "127.0.0.1", "warning"),
+        ("127.0.0.1", "", "debug"),
+        ("::1", "", "debug"),
+    ],
+)
+def test_a_limit_that_is_too_small_is_said_at_the_start(
+    host: str, proxy: str, level: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It warns where others can connect; a newcomer who plays alone has nothing to fear."""
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 2048))
     monkeypatch.setattr(resource, "setrlimit", lambda *_: None)
-    configure_logs("warning", "console")
+    configure_logs("debug", "console")
+    few = ServerSettings(host=host, trust_proxy=proxy, max_connections=500, max_episodes=100)
     with capture_logs() as lines:
-        descriptors.raise_limit(ServerSettings(max_connections=500, max_episodes=100))
+        descriptors.raise_limit(few)
         assert lines == []
-        descriptors.raise_limit(ServerSettings(max_connections=2000, max_episodes=100))
+        descriptors.raise_limit(few.model_copy(update={"max_connections": 2000}))
     configure_logs("error", "console")
     (told,) = lines
     assert (told["limit"], told["needed"]) == (1024, 2356)
     assert "LimitNOFILE" in told["event"]
+    assert told["log_level"] == level
 
 
 def test_the_soft_limit_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:

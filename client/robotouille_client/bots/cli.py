@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
 
@@ -12,7 +13,6 @@ import typer
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.bots.own_policy import own_policy_maker
 from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from robotouille_client.bots.player import MakePolicy
     from robotouille_client.client import Client
     from robotouille_client.game import Game
+    from robotouille_client.kept_seat import KeptSeat
 
 __all__ = ["main"]
 
@@ -62,6 +63,7 @@ async def _run(
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
 
+    from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.bots.player import play
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
@@ -78,6 +80,9 @@ async def _run(
             try:
                 playing = bot.play(game) if isinstance(bot, TextBot) else play(game, bot)
                 outcome = await playing
+            except OwnPolicyError:
+                await _give_up(client, kept)
+                raise
             finally:
                 for task in tasks:
                     task.cancel()
@@ -86,6 +91,14 @@ async def _run(
             if not outcome:
                 raise RobotouilleError(game.farewell or "the connection was lost for good")
             return outcome
+
+
+async def _give_up(client: Client, kept: KeptSeat | None) -> None:
+    """Free the seat: nobody is to wait for a bot whose policy does not work."""
+    with suppress(RobotouilleError):
+        await client.leave()
+    if kept is not None:
+        kept.forget()
 
 
 async def _tell_of_line(client: Client) -> None:
@@ -105,6 +118,8 @@ async def _tell_of_line(client: Client) -> None:
 def _maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
     """How to make the policy of a bot that is shipped, or of the user's own."""
     if ":" in kind:
+        from robotouille_client.bots.own_policy import own_policy_maker
+
         return own_policy_maker(kind)
     if kind not in list(BotKind):
         shipped = ", ".join([*BotKind, LLM])
@@ -160,6 +175,8 @@ def command(
 
     from pydantic import ValidationError
 
+    from robotouille_client.bots.own_policy import OwnPolicyError
+
     try:
         bot: MakePolicy | TextBot
         if kind == LLM:
@@ -169,6 +186,10 @@ def command(
         address = server_url(url, host, port)
         called = name or f"{kind.rpartition(':')[2]}-bot"
         outcome = asyncio.run(_run(address, called, token, episode, seat, bot))
+    except OwnPolicyError as error:
+        if error.frames:
+            tell(error.frames, err=True)
+        fail(explain(error))
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:

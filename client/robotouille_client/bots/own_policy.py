@@ -6,22 +6,45 @@ the program names it: nothing that comes from a server is ever imported.
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import inspect
 import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robotouille.errors import RobotouilleError, did_you_mean
+from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.sentences import plain
 
 if TYPE_CHECKING:
     from robotouille.planning.policies.policy import Policy
+    from robotouille.planning.policies.script import Did
     from robotouille.world.world import State
     from robotouille_client.bots.player import MakePolicy
 
-__all__ = ["own_policy_maker"]
+__all__ = ["OwnPolicyError", "own_policy_maker"]
 
 WHAT_IT_IS = "a class or function that takes (state, player) and gives a policy"
+MAX_FRAMES = 5
+"""Lines of the user's own file that are told of where it raises."""
+MAX_QUOTED = 200
+"""Characters that are told of what `act` returned."""
+
+
+class OwnPolicyError(RobotouilleError):
+    """A policy of the user's own raised, or returned what is no valid action.
+
+    `frames` are the lines of its own file that led there, as Python prints them; empty where it
+    did not raise.
+    """
+
+    def __init__(self, message: str, frames: str = "") -> None:
+        self.frames = frames
+        super().__init__(message)
 
 
 def own_policy_maker(name: str) -> MakePolicy:
@@ -39,16 +62,73 @@ def own_policy_maker(name: str) -> MakePolicy:
     maker = getattr(module, attribute)
     if not _takes_two(maker):
         raise RobotouilleError(f"{name} has to be {WHAT_IT_IS}")
+    if inspect.isclass(maker) and not callable(getattr(maker, "act", None)):
+        raise RobotouilleError(f"{name} has no method 'act': it takes a state and gives an action")
+    file = getattr(module, "__file__", None) or ""
 
     def make(state: State, player: str) -> Policy:
-        policy: Policy = maker(state, player)
-        for method in ("act", "observe"):
-            if not callable(getattr(policy, method, None)):
-                hint = "; derive the class from robotouille_client.bots.Policy"
-                raise RobotouilleError(f"what {name} gives has no method {method!r}{hint}")
-        return policy
+        with _telling(name, file):
+            policy = maker(state, player)
+        if not callable(getattr(policy, "act", None)):
+            raise OwnPolicyError(f"what {name} gives has no method 'act'")
+        return _OwnPolicy(policy, player, name, file)
 
     return make
+
+
+class _OwnPolicy:
+    """A policy of the user's: `observe` may be left out, and `act` may give a sentence."""
+
+    def __init__(self, policy: Any, player: str, name: str, file: str) -> None:
+        self._policy = policy
+        self._player = player
+        self._name = name
+        self._file = file
+
+    def observe(self, did: Did) -> None:
+        observe = getattr(self._policy, "observe", None)
+        if observe is not None:
+            with _telling(f"{self._name}.observe", self._file):
+                observe(did)
+
+    def act(self, state: State) -> GroundAction | None:
+        with _telling(f"{self._name}.act", self._file):
+            found = self._policy.act(state)
+        if found is None or isinstance(found, GroundAction):
+            return found
+        if not isinstance(found, str):
+            why = "expected an action, its sentence or None"
+        else:
+            try:
+                action = state.world.parse(state, self._player, found, valid=False)
+            except UnknownNameError:
+                why = f"nearest: {_nearest(found, state.actions(self._player))}"
+            else:
+                unmet = [each.words for each in state.world.unmet(state, action)]
+                if not unmet and action.player == self._player:
+                    return action
+                why = "; ".join(unmet) or f"it moves {action.player}"
+        quoted = repr(found)
+        cut = quoted if len(quoted) <= MAX_QUOTED else f"{quoted[:MAX_QUOTED]}…"
+        raise OwnPolicyError(f"{self._name}.act returned {cut}, which is no valid action ({why})")
+
+
+def _nearest(said: str, actions: tuple[GroundAction, ...]) -> str:
+    sentences = {plain(action.sentence): action.sentence for action in actions}
+    near = difflib.get_close_matches(plain(said[:MAX_QUOTED]), sentences, n=2, cutoff=0)
+    return " or ".join(repr(sentences[each]) for each in near) or "there is none now"
+
+
+@contextmanager
+def _telling(what: str, file: str) -> Iterator[None]:
+    """Whatever the user's own code raises is told with the lines of its file alone."""
+    try:
+        yield
+    except Exception as error:
+        own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        frames = "".join(traceback.format_list(own[-MAX_FRAMES:])).rstrip()
+        said = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise OwnPolicyError(f"{what} raised {said}", frames) from error
 
 
 def _import(name: str) -> Any:

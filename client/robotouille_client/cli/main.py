@@ -107,9 +107,12 @@ def lint(
         ]
         typer.echo(json.dumps(rows, indent=2))
     else:
+        told: set[Fault] = set()
         for name, faults in found.items():
             for fault in faults:
-                tell(f"{name}: {fault.severity}: {fault}")
+                if fault.severity != "note" or fault not in told:
+                    tell(f"{name}: {fault.severity}: {fault}")
+            told.update(faults)  # What a problem has from its domain is told of the domain.
             if not faults:
                 tell(f"{name}: no faults")
     if errors:

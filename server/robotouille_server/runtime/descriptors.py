@@ -6,6 +6,7 @@ socket says how many there are, whatever they are for.
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import sys
@@ -66,7 +67,10 @@ def reserve() -> int:
 
 
 def raise_limit(settings: ServerSettings) -> None:
-    """Have as many as this process may, and say so where the settings need more."""
+    """Have as many as this process may, and say so where the settings need more.
+
+    It is a warning where others can connect: on one machine alone so many do not come.
+    """
     if sys.platform == "win32":
         return
     import resource
@@ -79,7 +83,10 @@ def raise_limit(settings: ServerSettings) -> None:
             get_logger().debug("descriptors not raised", soft=soft, hard=hard)
     needed = settings.max_connections + settings.max_episodes + RESERVED
     if limit() < needed:
-        get_logger().warning(
+        alone = settings.is_local and not settings.trust_proxy
+        level = logging.DEBUG if alone else logging.WARNING
+        get_logger().log(
+            level,
             "fewer file descriptors than the settings need; newcomers are refused before they run "
             "out. Raise the limit (ulimit -Hn, LimitNOFILE=), or lower --max-connections",
             limit=limit(),

@@ -189,6 +189,11 @@ class ServerSettings(BaseSettings):
         """Where the server keeps what is nobody else's business."""
         return self.state or self.recordings.with_name(f"{self.recordings.name}.state")
 
+    @property
+    def is_local(self) -> bool:
+        """Whether only programs on this machine can connect, if no proxy lets others in."""
+        return self.host in ("127.0.0.1", "localhost", "::1")
+
     def timing_for(self, clock: Clock) -> Timing:
         """The timing profile: what is set, else people in real time and benchmark elsewhere."""
         if self.timing is not None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+from difflib import get_close_matches
 from functools import cache
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
@@ -14,6 +17,16 @@ from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgument
 from robotouille.resources import data_folder
 
 __all__ = ["load_task", "task_names"]
+
+PROBLEM_KEYS = {"width", "height", "objects", "goal"}
+OTHER_KEYS = {
+    "a domain": {"name", "object_types", "predicate_defs", "action_defs"},
+    "an input file": {"mouse_click_actions", "keyboard_actions"},
+    "a rendering": {"assets", "floor", "item", "station", "container", "progress", "icons"},
+}
+"""Fields by which files are told apart."""
+MAX_LOOKED_AT = 1_000
+"""Files of a folder among which the nearest name is looked for."""
 
 
 @cache
@@ -63,8 +76,10 @@ def load_task(
         name, seats = base, int(count)
     if not files and name.endswith(".json"):
         raise UnknownTaskError(name, task_names())
-    path = _find(name)
-    problem = validate(read_json(path), ProblemFile, str(path))
+    path = _find(name, files=files)
+    raw = read_json(path)
+    _refuse_others(raw, path)
+    problem = validate(raw, ProblemFile, str(path))
     if not isinstance(domain, DomainFile):
         domain = read_domain(domain or problem.domain or "robotouille", path.parent)
     if timing not in list(Timing):
@@ -80,10 +95,20 @@ def _title(path: Path) -> str:
     return path.relative_to(data_folder("problems")).with_suffix("").as_posix()
 
 
-def _find(name: str) -> Path:
+def _refuse_others(raw: Any, path: Path) -> None:
+    """Say what a file is that is no problem, rather than all that is wrong with it as one."""
+    keys = raw.keys() if isinstance(raw, dict) else set()
+    if keys & PROBLEM_KEYS:
+        return
+    for what, own in OTHER_KEYS.items():
+        if keys & own:
+            raise FileError(str(path), [Fault("", f"this is {what}, not a problem")])
+
+
+def _find(name: str, *, files: bool) -> Path:
     if name.endswith(".json"):
         if not is_file(Path(name)):
-            raise UnknownTaskError(name, task_names())
+            raise UnknownTaskError(name, task_names(), _file_near(name))
         return Path(name)
     names = shipped_names() if name.startswith(GENERATED) else task_names()
     matches = [n for n in names if n == name] or [n for n in names if _matches(n, name)]
@@ -91,8 +116,19 @@ def _find(name: str) -> Path:
         if matches:
             listed = ", ".join(matches[:4]) + (", …" if len(matches) > 4 else "")
             raise FileError(name, [Fault("", f"is not one task but {len(matches)}: {listed}")])
-        raise UnknownTaskError(name, names)
+        raise UnknownTaskError(name, names, _file_near(name) if files else None)
     return data_folder("problems") / f"{matches[0]}.json"
+
+
+def _file_near(name: str) -> str | None:
+    """The file in the folder that a path names whose name is nearest, whatever it ends in."""
+    try:
+        found = islice(Path(name).parent.glob("*.json"), MAX_LOOKED_AT)
+        paths = {path.stem: path for path in sorted(found)}
+    except OSError:
+        return None
+    near = get_close_matches(Path(name).stem, paths, n=1)
+    return str(paths[near[0]]) if near else None
 
 
 def _matches(full: str, start: str) -> bool:

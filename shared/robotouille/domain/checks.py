@@ -321,7 +321,24 @@ def _check_objects(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
                 ids.add(obj.id)
     if not any(problem.objects.get(kind) for kind in domain.player_types):
         faults.append(Fault("", f"has no {' or '.join(domain.player_types)}"))
-    return faults + _check_names(problem) + _check_seats(problem, domain)
+    unknown = _unknown_kinds(problem, domain)
+    return faults + unknown + _check_names(problem) + _check_seats(problem, domain)
+
+
+def _unknown_kinds(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
+    """Kinds that nothing tells anything of, where the domain lists those of their type.
+
+    A problem may bring kinds of its own, so this is no error.
+    """
+    faults = []
+    known = {kind for kind, of in _domain_kinds(domain).items() if of != kind}
+    for type_, objects in problem.objects.items():
+        listed = domain.kinds.get(type_, ())
+        for i, obj in enumerate(objects):
+            if listed and not obj.predicates and obj.name not in (type_, *listed, *known):
+                message = f"unknown {type_} kind {obj.name!r}{did_you_mean(obj.name, listed)}"
+                faults.append(Fault(f"{_list_name(type_)}[{i}].name", message, "warning"))
+    return faults
 
 
 def _check_names(problem: ProblemFile) -> list[Fault]:
@@ -390,6 +407,14 @@ def _check_goal(problem: ProblemFile, domain: DomainFile) -> list[Fault]:
 
 
 def _kinds(problem: ProblemFile, domain: DomainFile) -> dict[str, str]:
+    kinds = _domain_kinds(domain)
+    for kind, objects in problem.objects.items():
+        kinds.update({obj.name: kind for obj in objects})
+    return kinds
+
+
+def _domain_kinds(domain: DomainFile) -> dict[str, str]:
+    """The kinds that a domain speaks of, each with its type."""
     kinds = {kind: kind for kind in domain.object_types}
     for predicate in domain.predicate_defs:
         if predicate.name.startswith("is") and len(predicate.param_types) == 1:
@@ -397,8 +422,6 @@ def _kinds(problem: ProblemFile, domain: DomainFile) -> dict[str, str]:
     for action in domain.action_defs:
         for created in _created(action.sfx):
             kinds[created.created_obj.name] = created.created_obj.type
-    for kind, objects in problem.objects.items():
-        kinds.update({obj.name: kind for obj in objects})
     return kinds
 
 

@@ -125,7 +125,8 @@ def _fault(raw: Any, model: type[BaseModel], error: Any) -> Fault:
     message = error["msg"].removeprefix("Value error, ")
     if error["type"] == "extra_forbidden":
         message = f"unknown field {location[-1]!r}"
-        message += did_you_mean(str(location[-1]), _fields_near(model, location))
+        elsewhere = [name for name in _fields_near(model, location) if name != location[-1]]
+        message += did_you_mean(str(location[-1]), elsewhere)
     elif error["type"] != "missing":
         message = f"{message[0].lower()}{message[1:]}, found {_short(error['input'])}"
     return Fault(_path(raw, location), message)

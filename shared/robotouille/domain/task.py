@@ -164,8 +164,8 @@ def build_task(
     problem = resolve_wildcards(problem, domain, seed)
     faults = check_domain(domain) or check_problem(problem, domain)
     errors = [fault for fault in faults if fault.severity == "error"]
-    if errors:
-        raise FileError(source, errors)
+    if errors:  # What else is not right may be their cause.
+        raise FileError(source, [*errors, *(fault for fault in faults if fault not in errors)])
     players = sum(len(problem.objects.get(kind, ())) for kind in domain.player_types)
     allowed = problem.seats or (players,)
     if seats is None:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from robotouille.domain.checks import check_input, created_kinds
-from robotouille.domain.companions import KITCHEN_RENDERING, input_path, rendering_path
+from robotouille.domain.companions import input_path, rendering_path
 from robotouille.domain.extends import read_extending
 from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys
 from robotouille.domain.rendering import RENDERING_FILES, RenderingFile
@@ -80,11 +80,12 @@ def _rendering(domain: DomainFile, beside: Path | None, kinds: Iterable[str]) ->
     yield from _in(path, lint_pictures(rendering, beside))
     if not own:
         return
+    # One that is shipped, or of what the domain extends, is not to be changed.
+    file = path.name if path.parent == beside else f"{domain.name}.rendering.json"
     needed = dict.fromkeys((*kinds, *created_kinds(domain)))
     for kind in needed:
         if not rendering.shows(kind):
             words = f"{kind!r} has no picture; a tile with its name is drawn: "
-            file = path.name if path.name != KITCHEN_RENDERING else f"{domain.name}.rendering.json"
             yield Fault("", f"{words}give it one in {file}", "note")
 
 
