@@ -59,6 +59,9 @@ class NetworkAgent:
 
     async def _move(self, seen: Observed) -> None:
         step = self._game.step
+        if not seen.actions:  # It is still walking or working.
+            self._decided = step
+            return
         if not self._plan and not self._done:
             await self._decide(seen)
             if self._game.ended or not self._game.my_move:

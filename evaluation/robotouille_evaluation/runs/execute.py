@@ -84,7 +84,12 @@ async def play_job(
         except ContextOverflow:
             result, error = episode.broken_off(), "the model takes no request as long as this"
     recorded = [stage.recording(error or "the agent is done") for stage in episode.stages]
-    measures, repetitions = _measured(recorded[-1:], budget.max_steps, steps_to_go)
+    measures, repetitions = _measured(
+        recorded[-1:],
+        budget.max_steps,
+        steps_to_go=steps_to_go,
+        fewest=instance.optimal(job.seats),
+    )
     try:
         recording = _write(folder, job, recorded)
     except FileError as fault:
@@ -219,12 +224,15 @@ def _asking(model: Model | None, journal: CallJournal) -> Complete:
     return complete
 
 
-def _measured(recorded: Sequence[bytes], budget: int, steps_to_go: bool) -> tuple[Measures, int]:
+def _measured(
+    recorded: Sequence[bytes], budget: int, *, steps_to_go: bool, fewest: int | None
+) -> tuple[Measures, int]:
     """The measures of the last trial, and its repeated transitions."""
     for content in recorded:
         course = Trajectory.recorded(Recording(content))
         distance = StepsToGo(course.world) if steps_to_go else None
-        return measure(course, budget, distance=distance), repeated_transitions(course)
+        found = measure(course, budget, distance=distance, fewest=fewest)
+        return found, repeated_transitions(course)
     return Measures(), 0
 
 
