@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robotouille import State, World
+from robotouille.certification.certificate import Deadline
 from robotouille.episode import Clock
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits
@@ -203,6 +204,25 @@ def test_quotients(above: StepsLeft, below: StepsLeft, expected: Range | None) -
     assert quotient(above, below) == expected
 
 
+def test_a_state_is_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who waits in a real-time game is in one state for many steps."""
+    world = World("asynchronous/09")
+    distance, limits, searched = StepsToGo(world), Limits(expansions=60), []
+    search = StepsToGo._search
+
+    def counted(self: StepsToGo, *arguments: Any) -> None:
+        searched.append(arguments)
+        search(self, *arguments)
+
+    monkeypatch.setattr(StepsToGo, "_search", counted)
+    first = distance(world.initial, limits)
+    assert not first.exact
+    assert distance(world.initial, Limits(expansions=60), after=world.initial) == first
+    assert len(searched) == 1
+    distance(world.initial, Limits(expansions=61))
+    assert len(searched) == 2
+
+
 # The command
 
 
@@ -279,6 +299,46 @@ def test_a_search_that_gave_up_gives_ranges(tmp_path: Path) -> None:
     lines = steps(file, "--expansions", 60).stdout.splitlines()
     assert lines[1].split() == ["0", "58-65"]
     assert " to " in lines[-1].split("go")[1]
+
+
+def test_lines_are_printed_as_they_come(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was found out is told, whatever happens to the rest."""
+    searched = StepsToGo.__call__
+
+    def failing(self: StepsToGo, state: State, *limits: Any, **after: Any) -> StepsLeft:
+        if after["after"] is not None:
+            raise KeyboardInterrupt
+        return searched(self, state, *limits, **after)
+
+    monkeypatch.setattr(StepsToGo, "__call__", failing)
+    result = steps(recording)
+    assert result.exit_code == 130
+    assert [line.split() for line in result.stdout.splitlines()] == [
+        ["step", "to", "go"],
+        ["0", "14"],
+    ]
+
+
+def test_after_so_many_seconds_the_rest_are_bounds(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def after_three(deadline: Deadline) -> bool:
+        asked.append(deadline)
+        deadline.struck = len(asked) > 3
+        return deadline.struck
+
+    monkeypatch.setattr(Deadline, "__call__", after_three)
+    result = steps(recording, "--seconds", 5)
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    assert lines[1].split() == ["0", "14"]
+    assert lines[16].split()[1].endswith("-?")
+    assert "5 seconds were over: of the rest only bounds are given (--seconds)" in result.stderr
+    assert (
+        json.loads(steps(recording, "--json", "--seconds", 5).stdout)["steps"][-1]["steps"] is None
+    )
 
 
 def test_the_command_refuses_other_files(tmp_path: Path) -> None:

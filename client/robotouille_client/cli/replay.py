@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from robotouille.certification.certificate import Deadline
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille.planning.anytime import AnytimePlanner
@@ -144,15 +145,24 @@ def steps(
     expansions: Annotated[
         int, typer.Option(min=1, help="Expansions that the search from one state may cost.")
     ] = 2_000,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, help="Seconds after which nothing more is searched.")
+    ] = 300.0,
 ) -> None:
     """Say how many steps the goal was away at each step, and how good the play was.
 
     A range where the search gave up: more expansions make it narrower. Exit status 1 if the file
     cannot be read.
     """
-    recording = _open(file)
+    recording, deadline = _open(file), Deadline(seconds)
+    silent = json_output or not sys.stdout.isatty()
+    rows: list[StepsLeft] = []
     try:
-        rows = list(_distances(recording, Limits(expansions=expansions)))
+        found = _distances(recording, Limits(expansions, stop=deadline), deadline, silent)
+        for frame, row in zip((None, *recording.steps), found, strict=True):
+            rows.append(row)
+            if not json_output:
+                tell(_step_text(recording, frame, row))
     except RobotouilleError as error:
         fail(explain(error))
     except KeyboardInterrupt:
@@ -160,21 +170,29 @@ def steps(
     if json_output:
         typer.echo(json.dumps(_steps_json(recording, rows)))
     else:
-        tell("\n".join(_steps_text(recording, rows)))
+        tell("\n".join(_summary(recording, rows)))
+    if deadline.struck:
+        late = f"{seconds:g} seconds were over: of the rest only bounds are given (--seconds)"
+        tell(late, err=True)
 
 
-def _distances(recording: Recording, limits: Limits) -> Iterator[StepsLeft]:
+def _distances(
+    recording: Recording, limits: Limits, deadline: Deadline, show_progress: bool
+) -> Iterator[StepsLeft]:
     """The steps to go at step 0 and after each step, in the model of the recording's world."""
     anytime = AnytimePlanner(recording.world)
     distance, before = StepsToGo(anytime.model), None
     began, status = time.monotonic(), Console(stderr=True).status("")
     try:
         for step, recorded in recording.states():
-            if time.monotonic() - began > PATIENCE:
+            if show_progress and time.monotonic() - began > PATIENCE:
                 status.update(f"step {step} of {recording.length}")
                 status.start()
             state = anytime.in_model(recorded)
-            yield distance(state, limits, after=before)
+            if deadline():
+                yield distance.known(state, after=before)
+            else:
+                yield distance(state, limits, after=before)
             before = state if anytime.model is recording.world else None
     finally:
         status.stop()
@@ -200,12 +218,15 @@ def _steps_json(recording: Recording, rows: Sequence[StepsLeft]) -> dict[str, An
     }
 
 
-def _steps_text(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
-    yield " step  to go"
-    yield f"{0:5}  {_left(rows[0]):>5}"
-    for frame, row in zip(recording.steps, rows[1:], strict=True):
-        actions = "; ".join(map(str, recording.actions(frame))) or "-"
-        yield f"{frame['step']:5}  {_left(row):>5}  {actions}"
+def _step_text(recording: Recording, frame: dict[str, Any] | None, row: StepsLeft) -> str:
+    """The line of the state after a step; with the heading, that of the state before the first."""
+    if frame is None:
+        return f" step  to go\n{0:5}  {_left(row):>5}"
+    actions = "; ".join(map(str, recording.actions(frame))) or "-"
+    return f"{frame['step']:5}  {_left(row):>5}  {actions}"
+
+
+def _summary(recording: Recording, rows: Sequence[StepsLeft]) -> Iterator[str]:
     yield ""
     if recording.task.timing is not Timing.BENCHMARK:
         yield "Steps to go are counted without the longer delays of this recording's timing."

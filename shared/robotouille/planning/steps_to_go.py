@@ -74,6 +74,7 @@ class StepsToGo:
     def __init__(self, world: World) -> None:
         self._world = world
         self._known: dict[State, StepsLeft] = {}
+        self._searched: dict[State, Limits] = {}
         alone = len(world.players) == 1
         plain = world.task.timing is Timing.BENCHMARK
         self._anytime = AnytimePlanner(world) if alone and plain else None
@@ -91,14 +92,23 @@ class StepsToGo:
             ValueError: The state is of another world.
             PluginError: An installed plug-in is needed and cannot be loaded.
         """
+        known = self.known(state, after=after)
+        if known.exact:
+            return known
+        if self._searched.get(state) != limits:  # Whoever stands and waits is where they were.
+            self._search(state, known, limits)
+            self._searched[state] = limits
+        return self._known[state]
+
+    def known(self, state: State, *, after: State | None = None) -> StepsLeft:
+        """What is known of the steps from a state without a search; see the call.
+
+        Raises:
+            ValueError: The state is of another world.
+        """
         if state.world is not self._world:
             raise ValueError("the state is of another world")
-        if state.goal_reached:
-            return StepsLeft(0)
-        known = self._after(state, after)
-        if not known.exact:
-            self._search(state, known, limits)
-        return self._known[state]
+        return StepsLeft(0) if state.goal_reached else self._after(state, after)
 
     def _after(self, state: State, after: State | None) -> StepsLeft:
         """What follows from what is known of the state and of the one before."""
