@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import multiprocessing
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.models import Model
 from robotouille_evaluation.packs.pack import Pack
@@ -23,6 +24,7 @@ from robotouille_evaluation.runs.jobs import Job
 __all__ = ["MakeModel", "Workers", "run_jobs"]
 
 MakeModel = Callable[[Job], Awaitable[Model]]
+CONNECT_SECONDS = 10
 Finished = Callable[[Job, EpisodeRow], None]
 
 
@@ -108,17 +110,23 @@ async def _as_coroutine(work: Awaitable[None]) -> None:
     await work
 
 
-def _executor(workers: Workers) -> Executor:
-    if workers.scheduler:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise RobotouilleError(
-                "a scheduler takes dask.distributed: pip install 'robotouille[dask]'"
-            ) from None
-        return Client(workers.scheduler).get_executor()  # type: ignore[no-any-return]
-    spawn = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers.processes, mp_context=spawn)
+@contextmanager
+def _executor(workers: Workers) -> Iterator[Executor]:
+    if not workers.scheduler:
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(workers.processes, mp_context=spawn) as pool:
+            yield pool
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtraError("a scheduler", "dask") from None
+    try:
+        client = Client(workers.scheduler, timeout=CONNECT_SECONDS)
+    except (OSError, ValueError) as error:
+        raise RobotouilleError(f"no Dask scheduler at {workers.scheduler}: {error}") from None
+    with client, client.get_executor(pure=False) as executor:
+        yield executor
 
 
 def _finish(folder: RunFolder, job: Job, row: EpisodeRow, finished: Finished) -> None:
