@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from robotouille import State, World, load_task
 from robotouille.certification.certificate import Certificate, check, read_certificate
+from robotouille.planners.kitchen import kernels
 from robotouille.planning import solvers as optimal
 from robotouille.planning.plan import read_plan
 from robotouille.planning.search_result import Proof, SearchResult
@@ -233,6 +234,15 @@ def test_progress_is_not_in_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
     done = plan("synchronous/01")
     assert done.stdout == GOLDEN
     assert "7 expansions, bound 7, plan 8, gap 1" in done.stderr
+
+
+def test_compiling_is_told_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "to_be_compiled", lambda: True)
+    told = plan("synchronous/01", "--json")
+    assert told.stderr.startswith("compiling the planner, once for this machine: ")
+    assert told.stderr.count("\n") == 1
+    assert json.loads(told.stdout)["length"] == 8
+    assert "compiling" not in plan("workshop/01").stderr, "only kitchens have kernels"
 
 
 def test_a_plan_is_printed_if_it_cannot_be_written(tmp_path: Path) -> None:

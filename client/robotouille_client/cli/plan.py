@@ -33,6 +33,7 @@ from robotouille.certification.certifying import BUDGET
 from robotouille.errors import FileError, RecordingError, RobotouilleError
 from robotouille.planning import solvers as optimal
 from robotouille.planning.plan import read_plan, write_plan
+from robotouille.planning.plugins import domain_planner
 from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.program import printable_json, tell
@@ -144,10 +145,21 @@ def _recorded_state(reference: str) -> State:
 def _search(
     task: Task, start: State | None, expansions: int | None, deadline: Deadline
 ) -> Certificate:
+    _tell_of_compiling(World(task))
     progress = _Progress()
     limits = Limits(expansions, BUDGET.states, deadline)
     with _interruptible(deadline), progress.shown():
         return certify(task, optimal.solve, limits, progress, start)
+
+
+def _tell_of_compiling(world: World) -> None:
+    """Say why the first search of a kitchen takes so long, where its planner is compiled."""
+    from robotouille.planners.kitchen.kernels import to_be_compiled
+    from robotouille.planners.kitchen.plugin import KITCHEN
+
+    if domain_planner(world) is KITCHEN and to_be_compiled():
+        words = "compiling the planner, once for this machine: half a minute or a whole one"
+        tell(f"{words} (ROBOTOUILLE_COMPILE=0 does without)", err=True)
 
 
 @contextmanager

@@ -9,10 +9,12 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Annotated
 
 import pytest
 
+from robotouille.planners.kitchen import kernels
 from robotouille.planners.kitchen.kernels import (
     SMALL,
     Cube,
@@ -83,6 +85,20 @@ def test_compiled_and_plain_give_the_same_answers() -> None:
     compiled, plain_python = answers(True), answers(False)
     assert compiled.pop("compiled") is True
     assert compiled == {name: plain_python[name] for name in TASKS}
+
+
+def test_whether_there_is_something_to_compile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernels, "COMPILED", True)
+    assert kernels.to_be_compiled()
+    (tmp_path / "heuristic").mkdir()
+    (tmp_path / "heuristic/meals.nbi").touch()
+    assert not kernels.to_be_compiled()
+    monkeypatch.setattr(kernels, "COMPILED", False)
+    (tmp_path / "heuristic/meals.nbi").unlink()
+    assert not kernels.to_be_compiled()
 
 
 @dataclass(slots=True)

@@ -34,6 +34,7 @@ __all__ = [
     "plain",
     "record",
     "records",
+    "to_be_compiled",
     "zeros",
 ]
 
@@ -72,6 +73,12 @@ def kernel(function: F) -> F:
     finally:
         _numba.config.CACHE_DIR = before
     return compiled
+
+
+def to_be_compiled() -> bool:
+    """Whether the first search compiles all kernels, which takes a while, because none is
+    kept on disk."""
+    return COMPILED and next(_cache_folder().glob("**/*.nbi"), None) is None
 
 
 @cache
