@@ -5,6 +5,7 @@ COPY pyproject.toml README.md LICENSE ./
 COPY shared shared
 COPY server server
 COPY client client
+COPY evaluation evaluation
 COPY assets assets
 COPY domains domains
 COPY problems problems

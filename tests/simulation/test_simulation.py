@@ -61,7 +61,8 @@ def test_a_seed_gives_the_same_course_in_every_process() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("minutes", [1, pytest.param(15, marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("minutes", [3, 15])
 def test_a_server_that_runs_for_long_does_not_diverge(minutes: int) -> None:
     """Some simulated minutes; `--day` runs 24 hours, and judges memory as well."""
     looks: list[str] = []
