@@ -21,6 +21,7 @@ from robotouille_evaluation.agents.proposal import Exchange
 from robotouille_evaluation.models import ScriptedModel
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
+from tests.support.samples import first_quickly
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
@@ -48,7 +49,7 @@ def answers(flaws: bool) -> Iterator[str]:
         yield f"Reasoning: step {number}\nAction: {action}"
 
 
-@pytest.mark.parametrize("clock", ["turn", "lockstep", "realtime"])
+@pytest.mark.parametrize("clock", first_quickly(["turn", "lockstep", "realtime"]))
 def test_it_plays_alone_and_what_it_said_is_recorded(tmp_path: Path, clock: str) -> None:
     heard: list[Exchange] = []
 
@@ -74,6 +75,7 @@ def test_it_plays_alone_and_what_it_said_is_recorded(tmp_path: Path, clock: str)
     assert "step 3" in text and "Fly away" in text and "we should cook" in text
 
 
+@pytest.mark.slow
 def test_it_plays_beside_a_planner_and_chat_is_no_instruction(tmp_path: Path) -> None:
     prompts: list[str] = []
 

@@ -110,7 +110,7 @@ def converse(recorded: dict[str, Any]) -> TextResult:
     raise AssertionError(f"one more request than recorded: {request}")
 
 
-@pytest.mark.parametrize("name", first_quickly(FILES, 12))
+@pytest.mark.parametrize("name", first_quickly(FILES, 4))
 def test_conversation(name: str) -> None:
     recorded = json.loads((PUBLISHED / "conversations" / name).read_text())
     wanted = recorded["result"]

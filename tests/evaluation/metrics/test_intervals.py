@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille_evaluation.metrics.intervals import (
@@ -14,6 +14,7 @@ from robotouille_evaluation.metrics.intervals import (
     mcnemar_test,
     permutation_test,
 )
+from tests.support.thorough import thorough
 
 VALUES = st.lists(st.floats(-100, 100), min_size=1, max_size=30)
 FLAGS = st.lists(st.tuples(st.booleans(), st.booleans()), max_size=30)
@@ -51,7 +52,7 @@ def test_always_is_not_certainty() -> None:
     assert never == Interval(0.0, 0.0, pytest.approx(0.3085, abs=1e-4), 20)
 
 
-@settings(max_examples=50, deadline=None)
+@thorough(50)
 @given(VALUES)
 def test_an_interval_holds_its_mean_and_is_the_same_again(values: list[float]) -> None:
     clusters = [[value] for value in values]
@@ -83,7 +84,7 @@ def test_drawn_permutations_are_near_all_of_them() -> None:
     assert permutation_test(one, other) == pytest.approx(exact, abs=0.03)
 
 
-@settings(max_examples=50, deadline=None)
+@thorough(50)
 @given(st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), max_size=10))
 def test_a_permutation_test_takes_no_side(pairs: list[tuple[float, float]]) -> None:
     one, other = [a for a, _ in pairs], [b for _, b in pairs]

@@ -6,7 +6,7 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille.errors import FileError
@@ -14,6 +14,7 @@ from robotouille_evaluation.packs.published.floor import Floor
 from robotouille_evaluation.packs.published.layouts import Layout, generate_layout
 from tests.support.published import NEEDED, PUBLISHED, published_problem, read
 from tests.support.samples import first_quickly
+from tests.support.thorough import thorough
 
 
 def listed(folder: str) -> list[str]:
@@ -113,7 +114,7 @@ def check_layout(raw: dict[str, Any], layout: Layout, *, noisy: bool) -> None:
     assert set(layout.errors) <= ERRORS
 
 
-@settings(max_examples=60, deadline=None)
+@thorough(60)
 @given(PROBLEMS, st.integers(0, 10_000))
 def test_a_layout_has_the_objects_of_its_problem_within_reach(
     raw: dict[str, Any], seed: int
@@ -127,7 +128,7 @@ def test_a_layout_has_the_objects_of_its_problem_within_reach(
         assert generate_layout(raw, seed) == layout
 
 
-@settings(max_examples=25, deadline=None)
+@thorough(25)
 @given(
     st.builds(problem, st.integers(4, 6), st.integers(4, 6), stations=st.integers(1, 4)),
     st.integers(0, 10_000),

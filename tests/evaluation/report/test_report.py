@@ -132,6 +132,7 @@ def files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
+@pytest.mark.slow
 def test_pictures_stand_in_a_page(page: str) -> None:
     for picture in all_figures(list(made_up_rows(2))):
         svg = inline_svg(picture)
@@ -141,6 +142,7 @@ def test_pictures_stand_in_a_page(page: str) -> None:
     assert page.count("<svg") == page.count("<figure>") == 5
 
 
+@pytest.mark.slow
 def test_without_failures_there_are_no_pies() -> None:
     rows = list(made_up_rows(2, {"planner": 1.0}))
     names = {picture.name for picture in all_figures(rows)}
