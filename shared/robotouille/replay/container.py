@@ -128,6 +128,8 @@ def compress(stream: bytes) -> bytes:
         int(zstd.CompressionParameter.checksum_flag): 1,
     }
     compressor = zstd.ZstdCompressor(options=options)
+    # Otherwise it makes room for a stream without an end: 11 MiB for each that is closed at once.
+    compressor.set_pledged_input_size(len(stream))
     pieces = [
         compressor.compress(stream[at : at + BLOCK], mode=zstd.ZstdCompressor.FLUSH_BLOCK)
         for at in range(0, len(stream), BLOCK)
