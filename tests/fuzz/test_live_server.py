@@ -307,5 +307,5 @@ async def _after(seconds: float, then: Any) -> None:
     then()
 
 
-HostileHouse.TestCase.settings = thorough(40, stateful_step_count=40)
+HostileHouse.TestCase.settings = thorough(15, stateful_step_count=40)
 TestHostileHouse = pytest.mark.slow(HostileHouse.TestCase)

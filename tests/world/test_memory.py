@@ -72,6 +72,7 @@ def test_transitions_of_timers_are_bounded(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_nodes_of_trees_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     limit(monkeypatch, LIMIT)
     world = long_play("multi_agent/01@4", "benchmark")
