@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, ParamSpec, get_args
 
 import typer
 
@@ -75,7 +75,8 @@ def run(
         ),
     ] = "planner,random,scripted",
     model: Annotated[
-        str, typer.Option(help="The language model's name; `mock` for none.")
+        str,
+        typer.Option(help="The language model's name; `local` for a small one, `mock` for none."),
     ] = "mock",
     base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
     pack: PackOption = None,
@@ -99,36 +100,40 @@ def run(
     scheduler: SchedulerOption = "",
 ) -> None:
     """Play agents on tasks, and write a report."""
-    from robotouille_evaluation.runs import jobs
+    from robotouille_evaluation.packs.store import write_pack
+    from robotouille_evaluation.runs import RunFolder, jobs
 
+    RunFolder(out).require_new()
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
     parameters: dict[str, object] = {}
     if temperature is not None:
         parameters["temperature"] = temperature
-    specs = [_agent(name, model, parameters) for name in _words(agents)]
+    specs = [_agent(name, used, model, base_url, parameters) for name in _words(agents)]
     planned = tuple(jobs(used, specs, chosen, seeds=range(seeds), budget=budget))
+    if pack is None:
+        write_pack(used, folder)
     run_folder = _create(out, used, folder, planned, steps_to_go)
-    _play(run_folder, used, planned, base_url, processes, calls, scheduler)
+    _play(run_folder, used, planned, processes, calls, scheduler)
 
 
 @benchmark.command()
 @failing
 def resume(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
-    base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
     processes: ProcessesOption = os.cpu_count() or 1,
     calls: CallsOption = 16,
     scheduler: SchedulerOption = "",
 ) -> None:
-    """Go on with a run that was stopped; no paid call is made again."""
+    """Go on with a run that was stopped, and play what ended with an error once more; no paid call
+    is made again."""
     from robotouille_evaluation.packs.store import read_pack
     from robotouille_evaluation.runs import RunFolder
 
     folder = RunFolder(run_folder)
     plan = folder.plan()
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
-    _play(folder, pack, plan.jobs, base_url, processes, calls, scheduler)
+    _play(folder, pack, plan.jobs, processes, calls, scheduler)
 
 
 @benchmark.command()
@@ -191,16 +196,13 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
-    """The pack to play; ours is written beside the run's plan, so that it can be gone on with."""
+    """The pack to play and where it lies; ours will lie beside the run's plan."""
     from robotouille_evaluation.packs.own import build_own_pack
-    from robotouille_evaluation.packs.store import read_pack, write_pack
+    from robotouille_evaluation.packs.store import read_pack
 
     if folder is not None:
         return folder.resolve(), read_pack(folder)
-    pack = build_own_pack()
-    target = (out / "pack").resolve()
-    write_pack(pack, target)
-    return target, pack
+    return (out / "pack").resolve(), build_own_pack()
 
 
 def _instances(
@@ -225,13 +227,23 @@ def _instances(
     return found
 
 
-def _agent(name: str, model: str, parameters: dict[str, object]) -> AgentSpec:
+def _agent(
+    name: str, pack: Pack, model: str, base_url: str, parameters: dict[str, object]
+) -> AgentSpec:
+    """Raises RobotouilleError before anything is begun where there is no such agent."""
+    from robotouille_evaluation.agents.making import make_strategy
     from robotouille_evaluation.runs import AgentSpec
 
     if name in COMPUTED:
         return AgentSpec(name=name, kind=name)
+    make_strategy(pack, name, pack.datasets[0])
     return AgentSpec(
-        name=f"{name} ({model})", kind="model", strategy=name, model=model, parameters=parameters
+        name=f"{name} ({model})",
+        kind="model",
+        strategy=name,
+        model=model,
+        base_url=base_url,
+        parameters=parameters,
     )
 
 
@@ -259,21 +271,21 @@ def _play(
     folder: RunFolder,
     pack: Pack,
     planned: Sequence[Job],
-    base_url: str,
     processes: int,
     calls: int,
     scheduler: str,
 ) -> None:
     """Play what is left, with progress; then report."""
     from robotouille_evaluation.cli.progress import RunProgress
-    from robotouille_evaluation.runs import Workers, run_jobs
+    from robotouille_evaluation.runs import Workers
 
     done = folder.finished()
-    left = [job for job in planned if job.id not in done]
+    over = {job for job, row in done.items() if row.error is None}
+    left = [job for job in planned if job.id not in over]
     workers = Workers(processes, calls, scheduler)
-    with RunProgress(list(done.values()), len(planned)) as progress:
+    with RunProgress([done[job] for job in over], len(planned)) as progress:
         try:
-            asyncio.run(_run(folder, pack, left, workers, base_url, progress.finished, run_jobs))
+            asyncio.run(_run(folder, pack, left, workers, progress.finished))
         except KeyboardInterrupt:
             raise RobotouilleError(
                 f"stopped; `robotouille benchmark resume {folder.path}` goes on"
@@ -288,24 +300,23 @@ async def _run(
     pack: Pack,
     left: Sequence[Job],
     workers: Workers,
-    base_url: str,
     finished: Callable[[Job, EpisodeRow], None],
-    run_jobs: Any,
 ) -> None:
     from robotouille_evaluation.cli.models import MOCK, open_model
+    from robotouille_evaluation.runs import run_jobs
 
     async with AsyncExitStack() as opened:
         models: dict[str, Model] = {}
 
         async def make(job: Job) -> Model:
             """One client for all episodes of a model; mocks have one each, so that they repeat."""
-            name, seed = job.agent.model, job.seed
-            if name == MOCK:
-                return await open_model(name, "", {}, seed, opened)
-            if name not in models:
-                parameters = job.agent.parameters
-                models[name] = await open_model(name, base_url, parameters, 0, opened)
-            return models[name]
+            agent = job.agent
+            if agent.model == MOCK:
+                return await open_model(MOCK, "", {}, job.seed, opened)
+            if agent.name not in models:
+                url, parameters = agent.base_url, agent.parameters
+                models[agent.name] = await open_model(agent.model, url, parameters, 0, opened)
+            return models[agent.name]
 
         await run_jobs(folder, pack, left, workers, make, finished)
 

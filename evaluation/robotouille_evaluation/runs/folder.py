@@ -56,10 +56,7 @@ class RunFolder:
     def create(cls, path: Path, plan: RunPlan) -> RunFolder:
         """A new run; RobotouilleError if there is another in the folder."""
         folder = cls(path)
-        if folder._plan_file.exists():
-            raise RobotouilleError(
-                f"{path} has a run already; `robotouille benchmark resume {path}` goes on with it"
-            )
+        folder.require_new()
         try:
             path.mkdir(parents=True, exist_ok=True)
             beside = folder._plan_file.with_suffix(".new")
@@ -68,6 +65,14 @@ class RunFolder:
         except OSError as error:
             raise _unwritable(path, error) from None
         return folder
+
+    def require_new(self) -> None:
+        """Raises RobotouilleError if there is a run in the folder."""
+        if self._plan_file.exists():
+            path = self.path
+            raise RobotouilleError(
+                f"{path} has a run already; `robotouille benchmark resume {path}` goes on with it"
+            )
 
     @property
     def _plan_file(self) -> Path:

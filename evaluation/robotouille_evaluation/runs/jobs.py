@@ -24,6 +24,7 @@ class AgentSpec(BaseModel):
     kind: Literal["planner", "random", "scripted", "model"]
     strategy: str = ""
     model: str = ""
+    base_url: str = ""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """Sent with each request."""
 
@@ -63,11 +64,13 @@ def jobs(
         budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
 
     Raises:
-        RobotouilleError: No number is known of which the budget could be made.
+        RobotouilleError: No number is known of which the budget could be made, or two agents of
+            one name could not be told apart.
     """
     agents, seeds = tuple(agents), tuple(seeds)
+    _check_names(agents)
     for instance in instances:
-        count = pack.load(instance, seats=seats).seats
+        count = instance.seats if seats is None else seats
         kind = budget or ("own" if instance.best(count) is not None else "published")
         pack.budget(instance, kind, seats=count)
         for agent in agents:
@@ -75,8 +78,7 @@ def jobs(
                 yield Job(agent=agent, instance=instance.id, seats=count, seed=seed, budget=kind)
 
 
-def check_names(agents: Iterable[AgentSpec]) -> None:
-    """Two agents of one name could not be told apart in a report. Raises RobotouilleError."""
+def _check_names(agents: Iterable[AgentSpec]) -> None:
     seen: set[str] = set()
     for agent in agents:
         if agent.name in seen:

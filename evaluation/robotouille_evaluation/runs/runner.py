@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
+import signal
 import time
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -90,31 +91,21 @@ async def run_jobs(
         for job in asking:
             group.create_task(ask(job))
         if planning:
-            await _compute_all(planning, workers, compute)
-
-
-async def _compute_all(
-    jobs: Sequence[Job], workers: Workers, compute: Callable[[Job, Executor], Awaitable[None]]
-) -> None:
-    with _executor(workers) as executor:
-        try:
-            async with asyncio.TaskGroup() as group:
-                for job in jobs:
-                    group.create_task(_as_coroutine(compute(job, executor)))
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-async def _as_coroutine(work: Awaitable[None]) -> None:
-    await work
+            with _executor(workers) as executor:
+                try:
+                    async with asyncio.TaskGroup() as computing:
+                        for job in planning:
+                            computing.create_task(compute(job, executor))
+                except BaseException:
+                    executor.shutdown(wait=False, cancel_futures=True)
+                    raise
 
 
 @contextmanager
 def _executor(workers: Workers) -> Iterator[Executor]:
     if not workers.scheduler:
         spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers.processes, mp_context=spawn) as pool:
+        with ProcessPoolExecutor(workers.processes, spawn, _ignore_interrupts) as pool:
             yield pool
         return
     try:
@@ -127,6 +118,11 @@ def _executor(workers: Workers) -> Iterator[Executor]:
         raise RobotouilleError(f"no Dask scheduler at {workers.scheduler}: {error}") from None
     with client, client.get_executor(pure=False) as executor:
         yield executor
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl+C is for the parent, which waits for the episodes under way."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _finish(folder: RunFolder, job: Job, row: EpisodeRow, finished: Finished) -> None:
