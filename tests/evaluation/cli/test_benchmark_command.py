@@ -1,0 +1,100 @@
+"""`robotouille benchmark` as one uses it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from robotouille_evaluation.cli.benchmark import benchmark
+from robotouille_evaluation.metrics import EpisodeRow
+from robotouille_evaluation.runs import RunFolder
+
+SANDWICH = "synchronous/01_cheese_sandwich"
+MODEL = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "react-none"]
+
+
+def called(*words: str | Path) -> Result:
+    return CliRunner().invoke(benchmark, [str(word) for word in words])
+
+
+@pytest.fixture(autouse=True)
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures take seconds, and have tests of their own."""
+
+    def write_report(rows: list[EpisodeRow], folder: Path, **_: Any) -> Path:
+        assert rows
+        return folder / "report.html"
+
+    monkeypatch.setattr("robotouille_evaluation.report.write_report", write_report)
+
+
+def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    first = called("run", run, *MODEL)
+    assert first.exit_code == 0, first.output
+    (row,) = RunFolder(run).rows()
+    assert row.agent == "react-none (mock)"
+    before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
+    again = called("run", run, *MODEL)
+    assert again.exit_code == 1
+    assert "has a run already" in again.output
+    assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
+    assert called("resume", run).exit_code == 0
+    assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--agents", "react-nnone"], "react-none"),
+        (["--agents", "random,random"], "two agents are called 'random'"),
+        (["--datasets", "synchronus"], "synchronous"),
+        (["--kinds", "tidy"], "no kind of instance 'tidy'"),
+        (["--tasks", "synchronous/99"], "synchronous/99"),
+        (["--pack", "nowhere"], "nowhere"),
+        (["--budget", "published", "--tasks", "multi_agent/10_potato_tomato_chicken_soup_and_"
+          "potato_cheese_onion_soup"], "no constant"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_before_anything_is_begun(
+    tmp_path: Path, words: list[str], told: str
+) -> None:
+    result = called("run", tmp_path / "run", *words)
+    assert result.exit_code == 1
+    assert told in result.output
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_what_ended_with_an_error_is_played_again(tmp_path: Path) -> None:
+    """The endpoint is that of the run, without being named again."""
+    run = tmp_path / "run"
+    nobody = "http://127.0.0.1:9/v1"
+    result = called("run", run, *MODEL, "--model", "m", "--base-url", nobody)
+    assert result.exit_code == 0, result.output
+    (row,) = RunFolder(run).rows()
+    assert row.outcome.ended_by == "error"
+    assert row.error is not None
+    assert called("resume", run).exit_code == 0
+    assert len((run / "rows.jsonl").read_text().splitlines()) == 2
+    assert len(RunFolder(run).rows()) == 1
+    (job,) = RunFolder(run).plan().jobs
+    assert job.agent.base_url == nobody
+
+
+@pytest.mark.slow
+def test_two_agents_are_compared(tmp_path: Path) -> None:
+    for name, seeds in (("react-none", "2"), ("react-full", "2")):
+        words = ["--tasks", SANDWICH, "--kinds", "default", "--agents", name, "--seeds", seeds]
+        assert called("run", tmp_path / name, *words).exit_code == 0
+    folders = [tmp_path / "react-none", tmp_path / "react-full"]
+    names = ["react-none (mock)", "react-full (mock)"]
+    result = called("compare", *names, *folders, "--json")
+    assert json.loads(result.output)["episodes"] == 2
+    other = called("compare", "react-none (mock)", "planner", *folders)
+    assert other.exit_code == 1
+    assert "react-full (mock)" in other.output
