@@ -1,25 +1,25 @@
 """What happened in an episode, as values: states, joint actions, and every answer of each seat.
 
-trajectory = Trajectory.recorded(read_recording("episode.rtr"))
+trajectory = Trajectory.recorded(read_recording("episode.rbt"))
 trajectory = Trajectory.played(world, [{"robot1": "Move robot1 from table3 to table1"}])
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
 from typing import Any
 
-from robotouille.errors import RobotouilleError
-from robotouille.replay import Recording
-from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.episode import RejectionKind
+from robotouille.errors import UnknownNameError
+from robotouille.replay import Recording, rejection_kind
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
-__all__ = ["ActionReader", "Answer", "Move", "Trajectory", "Verdict"]
+__all__ = ["Answer", "Move", "Trajectory", "Verdict", "refused"]
 
 
 class Verdict(StrEnum):
@@ -154,7 +154,6 @@ class _Course:
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
-        self.read = ActionReader(recording.world)
         self.states = [recording.world.initial]
         self.moves: list[tuple[Move, ...]] = []
         self.answers: list[Answer] = []
@@ -174,71 +173,35 @@ class _Course:
         self.states.append(result.state)
 
     def rejected(self, note: Mapping[str, Any]) -> None:
-        answer = self.read.answer(len(self.moves), note["player"], note["action"], self.states[-1])
+        """A request in vain: one that was superseded was valid, and is no answer of its own."""
+        kind = rejection_kind(note)
+        if kind is RejectionKind.SUPERSEDED:
+            return
+        text = note.get("text") or note["action"]
+        if kind is RejectionKind.MALFORMED:
+            answer = Answer(len(self.moves), note["player"], text, Verdict.MALFORMED)
+        else:
+            answer = refused(len(self.moves), note["player"], text, self.states[-1])
         self.answers.append(
-            replace(answer, reasons=tuple(note["reasons"]), reasoning=note.get("reasoning", ""))
+            replace(
+                answer,
+                verdict=Verdict(kind.value),
+                reasons=tuple(note["reasons"]),
+                reasoning=note.get("reasoning", ""),
+            )
         )
 
 
-class ActionReader:
-    """Reads what action of a task a text names, whether it applies or not.
+def refused(step: int, seat: str, text: str, state: State) -> Answer:
+    """A refused answer, with what speaks against it in a state.
 
-    Sentences of the domain and `name(argument, …)` are read, whatever their case and blanks.
+    It is invalid if the text names an action, also where that would apply (it was another's turn),
+    and malformed if it names none.
     """
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._patterns = [(schema, _pattern(schema)) for schema in world.schemas]
-
-    def __call__(self, text: str) -> GroundAction | None:
-        """The action that a text names; None if it names none."""
-        words = " ".join(text.split()).casefold()
-        if found := _CALL.fullmatch(words):
-            arguments = tuple(a.strip() for a in found[2].split(",") if a.strip())
-            return self._action(found[1], arguments)
-        for schema, pattern in self._patterns:
-            if found := pattern.fullmatch(words):
-                names = found.groupdict()
-                action = self._action(schema.name, tuple(names[p] for p, _ in schema.parameters))
-                if action is not None:  # "Pick up {}" is said of items and of containers
-                    return action
-        return None
-
-    def _action(self, name: str, arguments: tuple[str, ...]) -> GroundAction | None:
-        try:
-            return self._world.action(name, *arguments)
-        except RobotouilleError:
-            return None
-
-    def answer(self, step: int, seat: str, text: str, state: State) -> Answer:
-        """A refused answer, with what speaks against it in a state.
-
-        It is invalid if the text names an action, also where that would apply (it was another's
-        turn), and malformed if it names none.
-        """
-        action = self(text)
-        if action is None:
-            return Answer(step, seat, text, Verdict.MALFORMED)
-        unmet = self._world.unmet(state, action)
-        reasons = tuple(each.words for each in unmet)
-        return Answer(step, seat, text, Verdict.INVALID, "", reasons, unmet, action)
-
-
-_CALL = re.compile(r"([^\s(),]+) ?\(([^()]*)\)")
-
-
-def _pattern(schema: ActionSchema) -> re.Pattern[str]:
-    """A schema's sentence with a group for each parameter; one that is said twice is the same."""
-    text = " ".join(schema.definition.language_description.split()).casefold()
-    pattern, seen = "", set[str]()
-    for part in re.split(r"(\{\w+\})", text):
-        name = part[1:-1]
-        if not part.startswith("{"):
-            pattern += re.escape(part)
-        elif name in seen:
-            pattern += f"(?P={name})"
-        else:
-            seen.add(name)
-            pattern += rf"(?P<{name}>\S+)"
-    unsaid = "".join(f"(?P<{p}>)" for p, _ in schema.parameters if p not in seen)
-    return re.compile(pattern + unsaid)
+    try:
+        action = state.world.parse(state, seat, text, valid=False)
+    except UnknownNameError:
+        return Answer(step, seat, text, Verdict.MALFORMED)
+    unmet = state.world.unmet(state, action)
+    reasons = tuple(each.words for each in unmet)
+    return Answer(step, seat, text, Verdict.INVALID, "", reasons, unmet, action)

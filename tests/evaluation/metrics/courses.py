@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robotouille import World, load_task
 from robotouille_evaluation.metrics import Answer, Trajectory, Verdict
-from robotouille_evaluation.metrics.trajectory import ActionReader
+from robotouille_evaluation.metrics.trajectory import refused as refused_answer
 
 __all__ = ["SANDWICH", "WANDERING", "refused", "solo", "wandering"]
 
@@ -34,8 +34,8 @@ def wandering() -> Trajectory:
 
 def refused(trajectory: Trajectory, step: int, *texts: str, reasoning: str = "") -> list[Answer]:
     """Answers of the lone cook that were refused after so many steps."""
-    reader, state = ActionReader(trajectory.world), trajectory.states[step]
-    found = [reader.answer(step, "robot1", text, state) for text in texts]
+    state = trajectory.states[step]
+    found = [refused_answer(step, "robot1", text, state) for text in texts]
     assert all(each.verdict is not Verdict.APPLIED for each in found)
     return [
         Answer(a.step, a.seat, a.text, a.verdict, reasoning, a.reasons, a.unmet, a.action)

@@ -7,7 +7,7 @@ from robotouille.certification.shipped_plan import plan_beside
 from robotouille_evaluation.metrics import Trajectory
 from robotouille_evaluation.metrics.asynchrony import TimeShares, time_shares
 from robotouille_evaluation.metrics.teams import blocking, contributions, overlap
-from robotouille_evaluation.metrics.trajectory import ActionReader
+from robotouille_evaluation.metrics.trajectory import refused
 from tests.evaluation.metrics.courses import wandering
 
 TWO = World(load_task("multi_agent/01"))
@@ -52,10 +52,9 @@ def test_two_who_want_the_same_station_block_one() -> None:
 
 def test_a_station_at_which_another_stands() -> None:
     empty = Trajectory.played(TWO, [])
-    read = ActionReader(TWO)
-    taken = read.answer(0, "robot1", "Move robot1 from table2 to table1", TWO.initial)
+    taken = refused(0, "robot1", "Move robot1 from table2 to table1", TWO.initial)
     assert [unmet.predicate for unmet in taken.unmet] == ["vacant"]
-    far = read.answer(0, "robot1", "Move robot1 from table5 to table1", TWO.initial)
+    far = refused(0, "robot1", "Move robot1 from table5 to table1", TWO.initial)
     course = Trajectory(TWO, empty.states, empty.moves, (taken, far))
     # The second is wrong about its own place as well: that is not the partner's doing.
     assert blocking(course) == 1

@@ -9,7 +9,7 @@ from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay import recording_of
 from robotouille.world.unmet import UnmetKind
 from robotouille_evaluation.metrics import Trajectory, Verdict
-from robotouille_evaluation.metrics.trajectory import ActionReader
+from robotouille_evaluation.metrics.trajectory import refused
 from tests.evaluation.metrics.courses import SANDWICH, WANDERING, wandering
 from tests.support.games import record, recorded_game
 
@@ -57,23 +57,9 @@ def test_a_recording_keeps_reasoning_and_refused_answers() -> None:
     assert (second.verdict, second.reasoning) == (Verdict.APPLIED, "I go there.")
 
 
-def test_what_a_text_names() -> None:
-    read = ActionReader(World(load_task("asynchronous/06")))
-    assert str(read("pick  up pot1 at TABLE2 with robot1")) == (
-        "pick-up-container(robot1, pot1, table2)"
-    )
-    assert str(read("Pick up potato1 at table4 with robot1")).startswith("pick-up-item")
-    assert str(read("fill-pot(robot1, pot1, sink1)")) == "fill-pot(robot1, pot1, sink1)"
-    assert str(read("Do nothing")) == "wait()"
-    for nonsense in ("", "Transfer water1 from pot1 to bowl1", "fly(robot1)", "move(robot1)",
-                     "Pick up pot9 at table2 with robot1", "(" * 99, "move(robot1"):  # fmt: skip
-        assert read(nonsense) is None
-
-
 def test_a_text_that_names_nothing_is_malformed() -> None:
-    reader = ActionReader(SANDWICH)
-    answer = reader.answer(0, "robot1", "Make me a sandwich", SANDWICH.initial)
+    answer = refused(0, "robot1", "Make me a sandwich", SANDWICH.initial)
     assert (answer.verdict, answer.action, answer.unmet) == (Verdict.MALFORMED, None, ())
-    answer = reader.answer(0, "robot1", WANDERING[3], SANDWICH.initial)
+    answer = refused(0, "robot1", WANDERING[3], SANDWICH.initial)
     assert answer.verdict is Verdict.INVALID
     assert [unmet.kind for unmet in answer.unmet] == [UnmetKind.CONDITION]
