@@ -1,27 +1,28 @@
 """Agents: what they see, how language models are asked, and how answers are read."""
 
-from robotouille_evaluation.agents.answers import Answer, AnswerParser, Published, Tolerant
+from robotouille_evaluation.agents.answers import AnswerParser, ParsedAnswer, Published, Tolerant
 from robotouille_evaluation.agents.histories import History
 from robotouille_evaluation.agents.plan_once import PlanOnce
 from robotouille_evaluation.agents.proposal import (
     ContextOverflow,
     Exchange,
+    ExchangeVerdict,
     Observation,
     Proposal,
     ProposalSteps,
     Strategy,
-    Verdict,
 )
 from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
 from robotouille_evaluation.agents.reflexion import Reflexion
 
 __all__ = [
-    "Answer",
     "AnswerParser",
     "ContextOverflow",
     "Exchange",
+    "ExchangeVerdict",
     "History",
     "Observation",
+    "ParsedAnswer",
     "PlanOnce",
     "Prompts",
     "Proposal",
@@ -32,5 +33,4 @@ __all__ = [
     "Reflexion",
     "Strategy",
     "Tolerant",
-    "Verdict",
 ]

@@ -10,11 +10,11 @@ import re
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["Answer", "AnswerParser", "Published", "Tolerant"]
+__all__ = ["AnswerParser", "ParsedAnswer", "Published", "Tolerant"]
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ParsedAnswer:
     """Reasoning and action; None for what is not there."""
 
     reasoning: str | None
@@ -24,7 +24,7 @@ class Answer:
 class AnswerParser(Protocol):
     """How answers are read."""
 
-    def step(self, text: str) -> Answer:
+    def step(self, text: str) -> ParsedAnswer:
         """The answer to a request for one action."""
         ...
 
@@ -48,10 +48,10 @@ class Published:
     _ACTION = re.compile(r"^Action:\s*(.+)", re.MULTILINE)
     _PLAN = re.compile(r"^Plan:\s*(.*)", re.MULTILINE | re.DOTALL)
 
-    def step(self, text: str) -> Answer:
+    def step(self, text: str) -> ParsedAnswer:
         """Reasoning lasts from its first heading to the last `Action:`, its end is not trimmed."""
         action = self._ACTION.search(text)
-        return Answer(self._reasoning(text), action[1].strip() if action else None)
+        return ParsedAnswer(self._reasoning(text), action[1].strip() if action else None)
 
     def _reasoning(self, text: str) -> str | None:
         """What `Reasoning:\\s*(.+)Action:` would find, in one pass over the longest answer."""
@@ -92,10 +92,10 @@ class Tolerant:
     _NUMBER = re.compile(r"^\s*(?:[-*•]|\d+[.):])\s+")
     _EDGES = " \t\r\n.`*_\"'“”‘’[](){}"
 
-    def step(self, text: str) -> Answer:
+    def step(self, text: str) -> ParsedAnswer:
         """The last action of the answer counts: models think aloud before they decide."""
         actions = self._ACTION.findall(text)
-        return Answer(self._reasoning(text), self._trim(actions[-1]) if actions else None)
+        return ParsedAnswer(self._reasoning(text), self._trim(actions[-1]) if actions else None)
 
     def _reasoning(self, text: str) -> str:
         heading = self._REASONING.search(text)

@@ -6,10 +6,10 @@ from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.answers import AnswerParser, Published
 from robotouille_evaluation.agents.proposal import (
     Exchange,
+    ExchangeVerdict,
     Observation,
     Proposal,
     ProposalSteps,
-    Verdict,
 )
 from robotouille_evaluation.agents.react import Prompts
 from robotouille_evaluation.models.model import Message, ModelRequest
@@ -48,6 +48,6 @@ class PlanOnce:
         parser = self._parser
         read = parser.steps if self._chain_of_thought else parser.plan
         actions = read(completion.text)
-        verdict = Verdict.PLAN if actions else Verdict.NO_ACTION
+        verdict = ExchangeVerdict.PLAN if actions else ExchangeVerdict.NO_ACTION
         exchange = Exchange(request, completion, verdict)
         return Proposal(actions, done=True, whole=True, exchanges=(exchange,))

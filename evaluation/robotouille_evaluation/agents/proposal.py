@@ -15,11 +15,11 @@ __all__ = [
     "MAX_REASONING",
     "ContextOverflow",
     "Exchange",
+    "ExchangeVerdict",
     "Observation",
     "Proposal",
     "ProposalSteps",
     "Strategy",
-    "Verdict",
 ]
 
 
@@ -27,7 +27,7 @@ MAX_REASONING = 8000
 """Characters of reasoning that are recorded with an action (docs/protocol.md)."""
 
 
-class Verdict(StrEnum):
+class ExchangeVerdict(StrEnum):
     """What an answer was."""
 
     ACTION = "action"
@@ -42,12 +42,12 @@ class Verdict(StrEnum):
     @property
     def rejected(self) -> bool:
         """It is refused, and the model is asked again."""
-        return self is Verdict.INVALID or self.malformed
+        return self is ExchangeVerdict.INVALID or self.malformed
 
     @property
     def malformed(self) -> bool:
         """No action can be read from it."""
-        return self in (Verdict.NO_REASONING, Verdict.NO_ACTION)
+        return self in (ExchangeVerdict.NO_REASONING, ExchangeVerdict.NO_ACTION)
 
 
 class ContextOverflow(Exception):  # noqa: N818 - thrown into strategies; it is no fault of theirs
@@ -71,7 +71,7 @@ class Exchange:
 
     request: ModelRequest
     completion: Completion | None
-    verdict: Verdict
+    verdict: ExchangeVerdict
     reasoning: str = ""
     action: str = ""
     feedback: str = ""

@@ -11,10 +11,10 @@ from robotouille_evaluation.agents.histories import History, as_messages, rememb
 from robotouille_evaluation.agents.proposal import (
     ContextOverflow,
     Exchange,
+    ExchangeVerdict,
     Observation,
     Proposal,
     ProposalSteps,
-    Verdict,
 )
 from robotouille_evaluation.models.model import Completion, Message, ModelRequest
 
@@ -94,9 +94,9 @@ class ReAct:
         for _ in range(self._settings.max_refused):
             exchange = yield from self._ask(observation, exchanges)
             exchanges.append(exchange)
-            if exchange.verdict is Verdict.FINISH:
+            if exchange.verdict is ExchangeVerdict.FINISH:
                 return Proposal((), exchange.reasoning, done=True, exchanges=tuple(exchanges))
-            if exchange.verdict is Verdict.ACTION:
+            if exchange.verdict is ExchangeVerdict.ACTION:
                 return Proposal((exchange.action,), exchange.reasoning, exchanges=tuple(exchanges))
         self._failures += 1
         given_up = self._failures >= self._settings.max_failures
@@ -123,7 +123,9 @@ class ReAct:
         reasoning, said = answer.reasoning, answer.action
         if reasoning is None or said is None:
             self._history.append((prompt, completion.text))
-            verdict = Verdict.NO_REASONING if reasoning is None else Verdict.NO_ACTION
+            verdict = (
+                ExchangeVerdict.NO_REASONING if reasoning is None else ExchangeVerdict.NO_ACTION
+            )
             self._feedback = NO_REASONING if reasoning is None else NO_ACTION
             return Exchange(request, completion, verdict, reasoning or "", said or "",
                             self._feedback)  # fmt: skip
@@ -133,11 +135,11 @@ class ReAct:
         )
         self._feedback = ""
         if action == FINISH:
-            verdict = Verdict.FINISH
+            verdict = ExchangeVerdict.FINISH
         elif action in valid:
-            verdict = Verdict.ACTION
+            verdict = ExchangeVerdict.ACTION
         else:
-            verdict = Verdict.INVALID
+            verdict = ExchangeVerdict.INVALID
             self._feedback = INVALID.format(action)
         return Exchange(request, completion, verdict, reasoning, action, self._feedback)
 
@@ -148,7 +150,7 @@ class ReAct:
             try:
                 return request, (yield request)
             except ContextOverflow:
-                exchanges.append(Exchange(request, None, Verdict.OVERFLOW))
+                exchanges.append(Exchange(request, None, ExchangeVerdict.OVERFLOW))
                 if not self._history or not (self._settings.truncate or len(self._history) == 1):
                     raise
                 self._history = self._history[1:]

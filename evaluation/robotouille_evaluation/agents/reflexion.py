@@ -9,9 +9,9 @@ from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.histories import as_messages
 from robotouille_evaluation.agents.proposal import (
     Exchange,
+    ExchangeVerdict,
     Observation,
     ProposalSteps,
-    Verdict,
 )
 from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
 from robotouille_evaluation.models.model import Completion, Message, ModelRequest
@@ -76,7 +76,7 @@ class Reflexion:
         parts = completion.text.split(HEADING)
         learned = parts[1] if len(parts) > 1 else completion.text
         self._inner.footer = f"\n\n{HEADING}{learned}"
-        return Exchange(request, completion, Verdict.REFLECTION, reasoning=learned)
+        return Exchange(request, completion, ExchangeVerdict.REFLECTION, reasoning=learned)
 
 
 def _reduced(prompt: str) -> str:

@@ -14,7 +14,12 @@ from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.policies import planner, random_actions, script
-from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange, Strategy, Verdict
+from robotouille_evaluation.agents.proposal import (
+    ContextOverflow,
+    Exchange,
+    ExchangeVerdict,
+    Strategy,
+)
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.metrics.progress import repeated_transitions
 from robotouille_evaluation.metrics.rows import (
@@ -248,7 +253,7 @@ def _write(folder: RunFolder, job: Job, recorded: Sequence[bytes]) -> str | None
 def _counts(exchanges: Sequence[Exchange]) -> Counts:
     answers = [exchange for exchange in exchanges if exchange.completion is not None]
     return Counts(
-        invalid=sum(exchange.verdict is Verdict.INVALID for exchange in answers),
+        invalid=sum(exchange.verdict is ExchangeVerdict.INVALID for exchange in answers),
         malformed=sum(exchange.verdict.malformed for exchange in answers),
         calls=len(answers),
         retries=sum(e.completion.attempts - 1 for e in answers if e.completion is not None),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille_evaluation.agents import Answer, Published, Tolerant
+from robotouille_evaluation.agents import ParsedAnswer, Published, Tolerant
 
 VALID = ("Move robot1 from table1 to table2", "Pick up bread1 at table1 with robot1", "Do nothing")
 MOVE = VALID[0]
@@ -26,7 +26,7 @@ MOVE = VALID[0]
     ],
 )
 def test_published(text: str, reasoning: str | None, action: str | None) -> None:
-    assert Published().step(text) == Answer(reasoning, action)
+    assert Published().step(text) == ParsedAnswer(reasoning, action)
 
 
 def test_published_plans_keep_their_empty_lines() -> None:
