@@ -71,7 +71,7 @@ def _shown(name: str) -> tuple[World, list[Any]]:
 def _react(world: World, plan: list[Any], reasoning: list[str]) -> Iterator[ExampleStep]:
     state: State = world.initial
     goal = f"Goal: {world.task.goal_description}"
-    seen = state.text()
+    seen = state.text_view(world.players[0])
     for action, thought in zip(plan, reasoning, strict=True):
         yield ExampleStep(seen, f"Reasoning: {thought}\nAction: {action.sentence}")
         state = state.step(action).state
@@ -80,7 +80,7 @@ def _react(world: World, plan: list[Any], reasoning: list[str]) -> Iterator[Exam
 
 def _io(world: World, plan: list[Any]) -> ExampleStep:
     lines = "\n".join(action.sentence for action in plan)
-    return ExampleStep(world.initial.text(), f"Plan:\n{lines}")
+    return ExampleStep(world.initial.text_view(world.players[0]), f"Plan:\n{lines}")
 
 
 def _io_cot(world: World, plan: list[Any]) -> ExampleStep:
@@ -91,7 +91,7 @@ def _io_cot(world: World, plan: list[Any]) -> ExampleStep:
         facts = [line for line in added if line not in _actions(after)]
         lines += [f"Action: {action.sentence}", f"Then: {'; '.join(facts) or 'a step has passed'}"]
         state = after
-    return ExampleStep(world.initial.text(), "\n".join(lines))
+    return ExampleStep(world.initial.text_view(world.players[0]), "\n".join(lines))
 
 
 def _actions(state: State) -> set[str]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
-from robotouille import World
+from robotouille import State, World
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.planning import StepsToGo
 from robotouille.replay.container import compress
@@ -40,13 +42,13 @@ from robotouille_evaluation.models import (
     ModelErrorKind,
     ModelRequest,
 )
-from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.runs.folder import RunFolder
 from robotouille_evaluation.runs.jobs import Job
 from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
 from robotouille_evaluation.runs.stage import RecordedStage
 from robotouille_evaluation.runs.team_episode import play_team
-from robotouille_evaluation.runs.text_episode import TextEpisode
+from robotouille_evaluation.runs.text_episode import TextEpisode, View
 
 __all__ = ["play_job"]
 
@@ -99,26 +101,11 @@ async def play_job(
         recording = _write(folder, job, recorded)
     except FileError as fault:
         recording, error = None, error or str(fault)
-    best = instance.best(job.seats)
     return EpisodeRow(
-        run=run,
-        pack=PackId(name=pack.name, version=pack.version, digest=pack.digest),
-        dataset=pack.task(instance.task).dataset,
-        task=instance.task,
-        instance=instance.id,
-        kind=instance.kind,
-        seed=job.seed,
-        agent=job.agent.name,
-        strategy=job.agent.strategy,
-        model=job.agent.model,
+        **_what_was_played(job, run, pack, instance),
         timing=world.task.timing.value,
-        clock="turn" if job.seats == 1 else "lockstep",
-        seats=job.seats,
         trial=episode.trials - 1,
         budget=Budget(rule=job.budget, steps=budget.max_steps),
-        optimum=Optimum()
-        if best is None
-        else Optimum(steps=best.steps, bound=best.bound, proven=best.proven),
         outcome=result,
         counts=_counts(episode.exchanges),
         usage=_spent(episode.exchanges),
@@ -128,6 +115,27 @@ async def play_job(
         error=error,
         measures=measures,
     )
+
+
+def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> dict[str, Any]:
+    """The fields of a row that are known before its episode is begun."""
+    best = instance.best(job.seats)
+    known = Optimum(steps=best.steps, bound=best.bound, proven=best.proven) if best else Optimum()
+    return {
+        "run": run,
+        "pack": PackId(name=pack.name, version=pack.version, digest=pack.digest),
+        "dataset": pack.task(instance.task).dataset,
+        "task": instance.task,
+        "instance": instance.id,
+        "kind": instance.kind,
+        "seed": job.seed,
+        "agent": job.agent.name,
+        "strategy": job.agent.strategy,
+        "model": job.agent.model,
+        "clock": "turn" if job.seats == 1 else "lockstep",
+        "seats": job.seats,
+        "optimum": known,
+    }
 
 
 class _Episode:
@@ -140,6 +148,7 @@ class _Episode:
         self._folder = folder
         self._world = world
         self._budget = budget
+        self._view = _view(job, pack)
         self._strategies = {p: _strategy(job, pack, world, p) for p in world.players}
         self.stages: list[RecordedStage] = []
         self.exchanges: list[Exchange] = []
@@ -163,12 +172,15 @@ class _Episode:
         players = self._world.players
         if len(players) == 1:
             strategy = self._strategies[players[0]]
-            alone = TextEpisode(self._world, strategy, self._budget, begin=self._begin)
-            playing = alone.play()
-            ended = await answer_all(playing, complete[players[0]])
+            alone = TextEpisode(
+                self._world, strategy, self._budget, begin=self._begin, view=self._view
+            )
+            ended = await answer_all(alone.play(), complete[players[0]])
             return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
-        stage = self._begin(int(-(-self._budget // 1)))
-        team = await play_team(self._world, self._strategies, self._budget, stage, complete)
+        stage = self._begin(math.ceil(self._budget))
+        team = await play_team(
+            self._world, self._strategies, self._budget, stage, complete, self._view
+        )
         return Result(success=team.success, steps=team.steps, ended_by=team.ended.value)
 
     def broken_off(self) -> Result:
@@ -199,6 +211,14 @@ def _strategy(job: Job, pack: Pack, world: World, player: str) -> Strategy:
         case "model":
             dataset = pack.task(pack.instance(job.instance).task).dataset
             return make_strategy(pack, job.agent.strategy, dataset)
+
+
+def _view(job: Job, pack: Pack) -> View | None:
+    """What is read: by published strategies what is published, by ours what the network sends."""
+    if job.agent.kind != "model":
+        return None
+    published = any(found.id == job.agent.strategy for found in pack.experiments)
+    return State.text if published else State.text_view
 
 
 def _asking(model: Model | None, journal: CallJournal) -> Complete:

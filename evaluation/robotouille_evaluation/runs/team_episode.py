@@ -11,11 +11,10 @@ from robotouille import State, World
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.proposal import (
     Exchange,
-    Observation,
     Strategy,
 )
 from robotouille_evaluation.runs.stage import Decision, Stage
-from robotouille_evaluation.runs.text_episode import Ended
+from robotouille_evaluation.runs.text_episode import Ended, View, observe
 
 __all__ = ["TeamResult", "play_team"]
 
@@ -36,6 +35,7 @@ async def play_team(
     budget: float,
     stage: Stage,
     complete: Mapping[str, Complete],
+    view: View | None = State.text_view,
 ) -> TeamResult:
     """Play until the goal, until the steps are used up, or until nobody wants to go on.
 
@@ -49,8 +49,7 @@ async def play_team(
     exchanges: dict[str, list[Exchange]] = {player: [] for player in world.players}
 
     async def decide(player: str) -> None:
-        valid = tuple(action.sentence for action in state.actions(player))
-        seen = Observation(state.text(player), valid, player, state)
+        seen = observe(state, player, view)
         proposal = await answer_all(strategies[player].propose(seen), complete[player])
         waiting[player] = list(proposal.actions)
         told[player] = proposal.reasoning

@@ -16,10 +16,21 @@ from robotouille_evaluation.agents.proposal import Exchange, Observation, Propos
 from robotouille_evaluation.models.model import Completion, ModelRequest
 from robotouille_evaluation.runs.stage import Decision, PlainStage, Stage
 
-__all__ = ["Change", "Ended", "Taken", "TextEpisode", "TextResult"]
+__all__ = ["Change", "Ended", "Taken", "TextEpisode", "TextResult", "View", "observe"]
 
 Change = Callable[[State], State]
 """What happens to a state behind the agent's back; the same state where nothing does."""
+
+View = Callable[[State, str], str]
+"""What a player that reads is sent of a state: `State.text`, as published, or `State.text_view`."""
+
+
+def observe(state: State, player: str, view: View | None) -> Observation:
+    """What a player sees; without a view the state alone, for agents that do not read."""
+    if view is None:
+        return Observation("", (), player, state)
+    valid = tuple(action.sentence for action in state.actions(player))
+    return Observation(view(state, player), valid, player, state)
 
 
 class Ended(StrEnum):
@@ -65,6 +76,7 @@ class TextEpisode:
         budget: Steps of one trial. One that is no whole number is rounded up; in a trial after
             which there may be another, down, as the published evaluation does.
         begin: Makes the stage of a trial from its limit of steps.
+        view: What the strategy reads.
         change: What happens to the state after each step, unseen in the next observation; only
             where nothing is recorded.
     """
@@ -76,6 +88,7 @@ class TextEpisode:
         budget: float,
         *,
         begin: Callable[[int], Stage] | None = None,
+        view: View | None = State.text,
         change: Change | None = None,
     ) -> None:
         self._world = world
@@ -83,6 +96,7 @@ class TextEpisode:
         self._strategy = strategy
         self._budget = budget
         self._begin = begin or (lambda _: PlainStage(world))
+        self._view = view
         self._change = change
         self._exchanges: list[Exchange] = []
         self._taken: list[Taken] = []
@@ -141,8 +155,7 @@ class TextEpisode:
         return Ended.STEP_LIMIT
 
     def _observe(self, state: State) -> Observation:
-        valid = tuple(action.sentence for action in state.actions(self._player))
-        return Observation(state.text(self._player), valid, self._player, state)
+        return observe(state, self._player, self._view)
 
     def _step(self, stage: Stage, state: State, action: str, reasoning: str) -> State:
         self._steps += 1

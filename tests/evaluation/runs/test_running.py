@@ -182,3 +182,16 @@ def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"format": "x"}')
     with pytest.raises(FileError, match=r"run\.json"):
         RunFolder(tmp_path).plan()
+
+
+def test_ours_are_told_who_they_are(tmp_path: Path) -> None:
+    """As over the network; what is published says nothing of it."""
+    heard: list[str] = []
+
+    def answer(request: ModelRequest) -> str:
+        heard.append(request.messages[-1].content)
+        return "Reasoning: no.\nAction: Do nothing"
+
+    job = job_of(MODEL, TASKS[1])
+    play(created(tmp_path, (job,)), job, ScriptedModel(answer))
+    assert {text.splitlines()[0] for text in heard} == {"You are robot1.", "You are robot2."}
