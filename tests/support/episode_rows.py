@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from robotouille_evaluation.metrics import (
-    Budget,
+    BudgetRow,
     Counts,
     EpisodeRow,
     Measures,
@@ -38,7 +38,7 @@ def row(**fields: Any) -> EpisodeRow:
         "task": "01_cheese_sandwich",
         "instance": "own-01-0",
         "agent": "planner",
-        "budget": Budget(rule="1.5 x optimum", steps=12),
+        "budget": BudgetRow(rule="1.5 x optimum", steps=12),
         "optimum": Optimum(steps=8, bound=8, proven=True),
         "outcome": Result(success=True, steps=8, ended_by="goal"),
     }
@@ -84,7 +84,7 @@ def _made_up(
         strategy="react" if agent == "react" else "",
         model="small-model" if agent == "react" else "",
         seats=seats,
-        budget=Budget(rule="1.5 x optimum", steps=budget),
+        budget=BudgetRow(rule="1.5 x optimum", steps=budget),
         optimum=Optimum(steps=optimum, bound=optimum, proven=True),
         outcome=Result(success=success, steps=steps, ended_by="goal" if success else "step_limit"),
         counts=Counts(

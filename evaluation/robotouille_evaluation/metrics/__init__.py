@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded, success_rate
     from robotouille_evaluation.metrics.progress import repeated_transitions, steps_to_go
     from robotouille_evaluation.metrics.rows import (
-        Budget,
+        BudgetRow,
         Counts,
         EpisodeRow,
         Measures,
@@ -37,7 +37,7 @@ else:
 
 __all__ = [
     "Answer",
-    "Budget",
+    "BudgetRow",
     "Category",
     "Counts",
     "EpisodeRow",

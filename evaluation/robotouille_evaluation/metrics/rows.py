@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from robotouille.errors import Fault, FileError
 
 __all__ = [
-    "Budget",
+    "BudgetRow",
     "Counts",
     "EpisodeRow",
     "FailureRow",
@@ -43,7 +43,7 @@ class PackId(Row):
     digest: str
 
 
-class Budget(Row):
+class BudgetRow(Row):
     """How many steps an episode may take, and by which rule (`published`, `1.5 x optimum`)."""
 
     rule: str
@@ -120,12 +120,14 @@ class Measures(Row):
 class EpisodeRow(Row):
     """One episode of a run.
 
-    `kind` is the kind of instance (`clean`, `noisy`), `timing` the timing profile, `seconds` the
-    wall time of the episode, `repetitions` its repeated transitions, `recording` the path of its
-    recording beside the rows. `error` says why the episode could not be played to its end.
+    `job` names it in its run, and is the same when it is played again. `kind` is the kind of
+    instance (`free`, `noisy`), `timing` the timing profile, `seconds` the wall time of the
+    episode, `repetitions` its repeated transitions, `recording` the path of its recording beside
+    the rows. `error` says why the episode could not be played to its end.
     """
 
     run: str
+    job: str = ""
     pack: PackId
     dataset: str
     task: str
@@ -139,7 +141,7 @@ class EpisodeRow(Row):
     clock: str = "turn"
     seats: int = Field(default=1, ge=1)
     trial: int = Field(default=0, ge=0)
-    budget: Budget
+    budget: BudgetRow
     optimum: Optimum = Optimum()
     outcome: Result
     counts: Counts = Counts()
@@ -168,8 +170,9 @@ def write_rows(rows: Iterable[EpisodeRow]) -> Iterator[str]:
     return (f"{row.model_dump_json()}\n" for row in rows)
 
 
-def read_rows(path: Path) -> Iterator[EpisodeRow]:
-    """The rows of a file, one a line. A last line that was cut off by a kill is left out.
+def read_rows(path: Path) -> list[EpisodeRow]:
+    """The rows of a file, one a line. A last line that was cut off by a kill is left out; of a job
+    that was played again the last row counts.
 
     Raises:
         FileError: The file cannot be read, or a line is no row.
@@ -179,14 +182,17 @@ def read_rows(path: Path) -> Iterator[EpisodeRow]:
     except OSError as error:
         fault = Fault("", f"cannot be read: {error.strerror or error}")
         raise FileError(str(path), [fault]) from None
+    found: dict[object, EpisodeRow] = {}
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
         try:
-            yield EpisodeRow.model_validate_json(line)
+            row = EpisodeRow.model_validate_json(line)
         except ValidationError as error:
             if number == len(lines) and not line.endswith(b"\n"):
-                return
+                break
             first = error.errors(include_url=False)[0]
             field = ".".join(map(str, first["loc"]))
             raise FileError(str(path), [Fault(f"line {number}: {field}", first["msg"])]) from None
+        found[(row.run, row.job) if row.job else number] = row
+    return list(found.values())

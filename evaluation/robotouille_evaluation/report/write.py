@@ -30,7 +30,7 @@ def write_report(
     title: str = "Robotouille: results",
     graphs: Sequence[Picture] | None = None,
 ) -> Path:
-    """Write `report.html`, `figures/NAME.svg` and `.png`, `tables/NAME.csv`.
+    """Write `report.html`, `figures/NAME.svg` and `.png`, `tables/NAME.csv`, `rows.parquet`.
 
     Equal rows give equal bytes, in whatever order they come.
 
@@ -44,11 +44,13 @@ def write_report(
         The path of the page.
 
     Raises:
-        MissingExtraError: Without matplotlib there are no figures.
+        MissingExtraError: Matplotlib, which draws figures, or PyArrow is not installed.
         OSError: The folder cannot be written.
     """
-    if find_spec("matplotlib") is None or find_spec("numpy") is None:
+    if not all(map(find_spec, ("matplotlib", "numpy", "pyarrow"))):
         raise MissingExtraError("a report", "bench")
+    from robotouille_evaluation.report.parquet import write_parquet
+
     rows = sorted(rows, key=_order)
     tables, figures = all_tables(rows), all_figures(rows)
     graphs = list(task_graphs(rows)) if graphs is None else graphs
@@ -61,6 +63,7 @@ def write_report(
         (folder / "tables" / f"{_file_name(table.name)}.csv").write_text(
             csv_text(table), encoding="utf-8"
         )
+    write_parquet(rows, folder / "rows.parquet")
     page = folder / "report.html"
     page.write_text(render_page(rows, tables, figures, graphs, title), encoding="utf-8")
     return page

@@ -25,7 +25,7 @@ from robotouille_evaluation.agents.proposal import (
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.metrics.progress import repeated_transitions
 from robotouille_evaluation.metrics.rows import (
-    Budget,
+    BudgetRow,
     Counts,
     EpisodeRow,
     Measures,
@@ -105,7 +105,7 @@ async def play_job(
         **_what_was_played(job, run, pack, instance),
         timing=world.task.timing.value,
         trial=episode.trials - 1,
-        budget=Budget(rule=job.budget, steps=budget.max_steps),
+        budget=BudgetRow(rule=job.budget, steps=budget.max_steps),
         outcome=result,
         counts=_counts(episode.exchanges),
         usage=_spent(episode.exchanges),
@@ -123,6 +123,7 @@ def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> 
     known = Optimum(steps=best.steps, bound=best.bound, proven=best.proven) if best else Optimum()
     return {
         "run": run,
+        "job": job.id,
         "pack": PackId(name=pack.name, version=pack.version, digest=pack.digest),
         "dataset": pack.task(instance.task).dataset,
         "task": instance.task,

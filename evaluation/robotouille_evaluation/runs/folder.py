@@ -14,10 +14,10 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.metrics.rows import EpisodeRow, PackId, read_rows
 from robotouille_evaluation.runs.jobs import Job
 
-__all__ = ["FinishedJob", "RunFolder", "RunPlan"]
+__all__ = ["RunFolder", "RunPlan"]
 
 FORMAT = "robotouille-run/1"
 
@@ -35,15 +35,6 @@ class RunPlan(BaseModel):
     software: str
     steps_to_go: bool = False
     """Whether it is measured how far failed episodes were from the goal."""
-
-
-class FinishedJob(BaseModel):
-    """A line of `rows.jsonl`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    job: str
-    row: EpisodeRow
 
 
 class RunFolder:
@@ -104,32 +95,20 @@ class RunFolder:
         """The rows of the episodes that are over, by job. A row that was torn is dropped."""
         path = self._rows_file
         try:
-            content = path.read_bytes()
+            _drop_torn_line(path)
         except FileNotFoundError:
             return {}
         except OSError as error:
             raise FileError(str(path), [Fault("", f"cannot be read: {error.strerror}")]) from None
-        whole = content[: content.rfind(b"\n") + 1]
-        if whole != content:
-            with path.open("r+b") as file:
-                file.truncate(len(whole))
-        found = {}
-        for number, line in enumerate(whole.splitlines(), start=1):
-            try:
-                done = FinishedJob.model_validate_json(line)
-            except ValidationError:
-                fault = Fault(f"line {number}", "is no row of a run")
-                raise FileError(str(path), [fault]) from None
-            found[done.job] = done.row
-        return found
+        return {row.job: row for row in read_rows(path)}
 
     def rows(self) -> list[EpisodeRow]:
         """The rows of the episodes that are over."""
         return list(self.finished().values())
 
-    def add(self, job: Job, row: EpisodeRow) -> None:
+    def add(self, row: EpisodeRow) -> None:
         """One more is over; it is on the disk when this returns."""
-        line = FinishedJob(job=job.id, row=row).model_dump_json().encode() + b"\n"
+        line = row.model_dump_json().encode() + b"\n"
         try:
             with self._rows_file.open("ab") as file:
                 file.write(line)
@@ -156,6 +135,15 @@ class RunFolder:
         """The file of a job's recording; of the last trial, where there are several."""
         suffix = "" if trial == 1 else f"-trial{trial}"
         return self.path / "recordings" / f"{job.id}{suffix}.rbt"
+
+
+def _drop_torn_line(path: Path) -> None:
+    """A row is whole, or is not there: the next one begins on a line of its own."""
+    content = path.read_bytes()
+    whole = content.rfind(b"\n") + 1
+    if whole != len(content):
+        with path.open("r+b") as file:
+            file.truncate(whole)
 
 
 def _unwritable(path: Path, error: OSError) -> FileError:

@@ -126,7 +126,7 @@ def _ignore_interrupts() -> None:
 
 
 def _finish(folder: RunFolder, job: Job, row: EpisodeRow, finished: Finished) -> None:
-    folder.add(job, row)
+    folder.add(row)
     finished(job, row)
 
 

@@ -20,21 +20,27 @@ def written(tmp_path: Path, text: str) -> Path:
 
 def test_rows_come_back(tmp_path: Path) -> None:
     rows = list(made_up_rows(1))
-    assert list(read_rows(written(tmp_path, "".join(write_rows(rows))))) == rows
+    assert read_rows(written(tmp_path, "".join(write_rows(rows)))) == rows
 
 
 def test_a_last_line_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
     text = "".join(write_rows([row(), row(trial=1)]))
     for kept in range(1, 60):
-        assert list(read_rows(written(tmp_path, text[:-kept]))) == [row()] or kept == 1
+        assert read_rows(written(tmp_path, text[:-kept])) == [row()] or kept == 1
 
 
 def test_a_damaged_line_is_named(tmp_path: Path) -> None:
     good = "".join(write_rows([row()]))
     with pytest.raises(FileError, match="line 2: "):
-        list(read_rows(written(tmp_path, good + "{}\n" + good)))
+        read_rows(written(tmp_path, good + "{}\n" + good))
     with pytest.raises(FileError, match="cannot be read"):
-        list(read_rows(tmp_path / "none.jsonl"))
+        read_rows(tmp_path / "none.jsonl")
+
+
+def test_of_a_job_that_was_played_again_the_last_row_counts(tmp_path: Path) -> None:
+    broken, whole, other = row(job="a", error="no answer"), row(job="a"), row(job="b")
+    path = written(tmp_path, "".join(write_rows([broken, other, whole])))
+    assert read_rows(path) == [whole, other]
 
 
 def test_rows_are_checked() -> None:

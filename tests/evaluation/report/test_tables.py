@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille_evaluation.metrics import Budget, Measures, Result
+from robotouille_evaluation.metrics import BudgetRow, Measures, Result
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
 from robotouille_evaluation.report.tables import (
@@ -41,7 +41,7 @@ def test_success_by_task_has_the_published_columns_of_that_task() -> None:
 
 
 def test_what_may_not_be_averaged_is_listed_apart() -> None:
-    other = Budget(rule="published", steps=12)
+    other = BudgetRow(rule="published", steps=12)
     groups = named([row(), row(budget=other), row(budget=other, trial=1)])
     assert {name: len(group) for name, group in groups.items()} == {
         "planner · 1.5 x optimum": 1,

@@ -165,12 +165,12 @@ def test_rows_survive_a_tear_and_another_run_is_refused(tmp_path: Path) -> None:
     all_jobs = planned(agent("scripted"))
     folder = created(tmp_path, all_jobs)
     for job in all_jobs:
-        folder.add(job, play(folder, job))
+        folder.add(play(folder, job))
     whole = (tmp_path / "rows.jsonl").read_bytes()
     assert set(folder.finished()) == {job.id for job in all_jobs}
     (tmp_path / "rows.jsonl").write_bytes(whole[:-10])
     assert len(folder.finished()) == len(all_jobs) - 1
-    folder.add(all_jobs[-1], play(folder, all_jobs[-1]))
+    folder.add(play(folder, all_jobs[-1]))
     assert len(folder.finished()) == len(all_jobs)
     with pytest.raises(RobotouilleError, match="resume"):
         created(tmp_path, all_jobs)

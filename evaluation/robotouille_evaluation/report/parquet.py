@@ -1,0 +1,64 @@
+"""The rows of a report as Parquet: one column a number, its type the same in every file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel
+
+from robotouille_evaluation.metrics.rows import EpisodeRow
+
+__all__ = ["SCHEMA", "write_parquet"]
+
+TYPES: Mapping[object, pa.DataType] = {
+    bool: pa.bool_(),
+    int: pa.int64(),
+    float: pa.float64(),
+    str: pa.string(),
+    tuple[int, ...]: pa.list_(pa.int64()),
+    dict[str, float]: pa.map_(pa.string(), pa.float64()),
+}
+
+
+def _without_none(annotation: object) -> Any:
+    if get_origin(annotation) in (Union, UnionType):
+        (annotation,) = (part for part in get_args(annotation) if part is not type(None))
+    return annotation
+
+
+def _fields(model: type[BaseModel], prefix: str = "") -> Iterator[pa.Field]:
+    """Parts of a row are taken apart: `outcome.steps` is the column `outcome_steps`."""
+    for name, field in model.model_fields.items():
+        kind = _without_none(field.annotation)
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from _fields(kind, f"{prefix}{name}_")
+        else:
+            yield pa.field(prefix + name, TYPES[kind])
+
+
+SCHEMA = pa.schema(_fields(EpisodeRow))
+"""That of every file, also where a column is empty."""
+
+
+def _flat(part: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name in type(part).model_fields:
+        value = getattr(part, name)
+        if isinstance(value, BaseModel):
+            yield from _flat(value, f"{prefix}{name}_")
+        else:
+            yield prefix + name, value
+
+
+def write_parquet(rows: Sequence[EpisodeRow], path: Path) -> None:
+    """Write the rows to a file; equal rows give equal bytes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    table = pa.Table.from_pylist([dict(_flat(row)) for row in rows], schema=SCHEMA)
+    pq.write_table(table, path)
