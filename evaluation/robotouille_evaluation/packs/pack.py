@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeVar
 from robotouille import Task, World
 from robotouille.domain.files import parse_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
+from robotouille.domain.shipped_names import names_meant
 from robotouille.domain.task import build_task
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.planning import Plan, read_plan
@@ -194,8 +195,15 @@ class Pack:
         return tuple(dict.fromkeys(task.dataset for task in self.tasks))
 
     def task(self, name: str) -> PackTask:
-        """The task of a name; UnknownNameError names the nearest."""
-        return _named("task", name, self._tasks)
+        """The task of a name, or the only one that begins so (`synchronous/01`, `01`, `hamburger`).
+
+        Raises:
+            UnknownNameError: There is none, with the nearest name, or there are several.
+        """
+        found = names_meant(name, self._tasks)
+        if len(found) > 1:
+            raise UnknownNameError(f"{name!r} is not one task but {len(found)}: {', '.join(found)}")
+        return _named("task", found[0] if found else name, self._tasks)
 
     def instance(self, id_: str) -> PackInstance:
         """The instance of an id; UnknownNameError names the nearest."""

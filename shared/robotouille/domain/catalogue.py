@@ -11,7 +11,7 @@ from typing import Any
 
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
-from robotouille.domain.shipped_names import GENERATED, shipped_names
+from robotouille.domain.shipped_names import GENERATED, names_meant, shipped_names
 from robotouille.domain.task import Task, Timing, build_task, read_domain
 from robotouille.errors import Fault, FileError, UnknownTaskError, WrongArgumentError
 from robotouille.resources import data_folder
@@ -111,7 +111,7 @@ def _find(name: str, *, files: bool) -> Path:
             raise UnknownTaskError(name, task_names(), _file_near(name))
         return Path(name)
     names = shipped_names() if name.startswith(GENERATED) else task_names()
-    matches = [n for n in names if n == name] or [n for n in names if _matches(n, name)]
+    matches = names_meant(name, names)
     if len(matches) != 1:
         if matches:
             listed = ", ".join(matches[:4]) + (", …" if len(matches) > 4 else "")
@@ -129,14 +129,3 @@ def _file_near(name: str) -> str | None:
         return None
     near = get_close_matches(Path(name).stem, paths, n=1)
     return str(paths[near[0]]) if near else None
-
-
-def _matches(full: str, start: str) -> bool:
-    folder, _, file = full.rpartition("/")
-    wanted_folder, _, wanted = start.rpartition("/")
-    if wanted_folder and folder != wanted_folder:
-        return False
-    number, _, dish = file.partition("_")
-    if re.fullmatch("[0-9]+", wanted):
-        return number.lstrip("0") == wanted.lstrip("0")
-    return bool(wanted) and (file.startswith(wanted) or dish.startswith(wanted))

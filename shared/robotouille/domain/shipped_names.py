@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import cache
 
 from robotouille.resources import data_folder
 
-__all__ = ["GENERATED", "instance_names", "shipped_names"]
+__all__ = ["GENERATED", "instance_names", "names_meant", "shipped_names"]
 
 GENERATED = "generated/"
 NOT_TASKS = (".certificate.json", "manifest.json")
@@ -20,6 +21,24 @@ def shipped_names() -> tuple[str, ...]:
     files = (p.relative_to(root).as_posix() for p in root.rglob("*.json"))
     names = (f.removesuffix(".json") for f in files if not f.endswith(NOT_TASKS))
     return tuple(sorted(names))
+
+
+def names_meant(said: str, names: Iterable[str]) -> list[str]:
+    """The tasks that somebody may mean: the one of that name, or all whose number (`synchronous/1`)
+    or dish begins so, with its data set or without."""
+    names = list(names)
+    return [said] if said in names else [name for name in names if _begins(name, said)]
+
+
+def _begins(name: str, said: str) -> bool:
+    folder, _, file = name.rpartition("/")
+    said_folder, _, start = said.rpartition("/")
+    if said_folder and folder != said_folder:
+        return False
+    number, _, dish = file.partition("_")
+    if re.fullmatch("[0-9]+", start):
+        return number.lstrip("0") == start.lstrip("0")
+    return bool(start) and (file.startswith(start) or dish.startswith(start))
 
 
 def instance_names(name: str) -> tuple[str, ...]:

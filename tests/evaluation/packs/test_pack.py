@@ -35,6 +35,15 @@ def test_our_pack_has_the_tasks_of_the_paper() -> None:
         assert "free" in kinds
 
 
+def test_tasks_are_found_by_their_numbers_and_dishes() -> None:
+    for said in (SANDWICH, "synchronous/01", "synchronous/1", "cheese_sandwich"):
+        assert ours().task(said).name == SANDWICH
+    with pytest.raises(UnknownNameError, match="is not one task but 3: synchronous/01_cheese"):
+        ours().task("01")
+    with pytest.raises(UnknownNameError, match="did you mean 'synchronous/01_cheese_sandwich'"):
+        ours().task("synchronous/01_chese_sandwich")
+
+
 def test_our_ids_are_no_published_ones() -> None:
     for instance in ours().instances:
         assert instance.id == instance_id(instance.task, instance.kind, instance.seed)
