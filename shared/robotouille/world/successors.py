@@ -17,7 +17,7 @@ from operator import attrgetter
 
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import AtomTable
-from robotouille.world.partial_actions import PartialAction, PartialActions
+from robotouille.world.grounding.partial_actions import PartialAction, PartialActions
 
 __all__ = ["SuccessorTree"]
 

@@ -15,12 +15,13 @@ import hashlib
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task
 from robotouille.errors import (
     InapplicableError,
+    MissingExtraError,
     RobotouilleError,
     UnknownNameError,
     WrongArgumentError,
@@ -37,6 +38,12 @@ from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe, goal_sentences, observation, text_view
 from robotouille.world.timers import Progress, Timers, TimerTable
 from robotouille.world.unmet import Unmet, UnmetKind
+
+if TYPE_CHECKING:
+    from numpy import bool_, float32
+    from numpy.typing import NDArray
+
+    from robotouille.world.arrays.encoding import Encoding
 
 __all__ = ["Attempt", "Progress", "State", "Step", "World", "shared_world"]
 
@@ -150,6 +157,25 @@ class State:
             WrongWorldError: An action is one of another task.
         """
         return self.world.step(self, actions)
+
+    def mask(self, player: str) -> NDArray[bool_]:
+        """Which of `World.ground_actions(player)` are valid: an array of booleans.
+
+        Raises:
+            UnknownNameError: There is no such player.
+            SlotOverflowError: There are more created objects than slots.
+            MissingExtraError: NumPy is not installed.
+        """
+        return self.world.encoding.mask(self.facts, player, self.actions(player))
+
+    def vector(self) -> NDArray[float32]:
+        """The state as numbers, as many for each state of the task (world.md, "As arrays").
+
+        Raises:
+            SlotOverflowError: There are more created objects than slots.
+            MissingExtraError: NumPy is not installed.
+        """
+        return self.world.encoding.vector(self.facts, self.timers)
 
     def busy_steps(self, player: str) -> int:
         """For how many more steps a player is walking or working and cannot act."""
@@ -311,6 +337,30 @@ class World(GroundTask):
         goal is reached.
         """
         return tuple(zip(self._goal_sentences, self.goal.holding(state.facts), strict=True))
+
+    # Arrays
+
+    @cached_property
+    def encoding(self) -> Encoding:
+        """How states are vectors and actions numbers, with the usual slots for created objects.
+
+        Raises:
+            MissingExtraError: NumPy is not installed.
+        """
+        try:
+            from robotouille.world.arrays.encoding import Encoding
+        except ImportError:
+            raise MissingExtraError("arrays", "rl") from None
+        return Encoding(self)
+
+    def ground_actions(self, player: str) -> tuple[GroundAction, ...]:
+        """All actions of a player that play could come to, in a fixed order.
+
+        Raises:
+            UnknownNameError: There is no such player.
+            MissingExtraError: NumPy is not installed.
+        """
+        return self.encoding.ground_actions(player)
 
     # Actions
 

@@ -156,9 +156,10 @@ class GroundTask(GroundObjects):
 
     def effect_run(self, facts: int) -> EffectRun:
         """A fresh run of effect updates on `facts`."""
-        return EffectRun(facts, self.table, self._next_created, self._born)
+        return EffectRun(facts, self.table, self._next_created, self.born_effect)
 
-    def _born(self, definition: EffectDef, binding: dict[str, str]) -> Effect:
+    def born_effect(self, definition: EffectDef, binding: dict[str, str]) -> Effect:
+        """The effect that starts when one in which it is nested creates or deletes."""
         return self._effect(definition, self._nested_labels[id(definition)], binding)
 
     def _effect(

@@ -1,0 +1,1 @@
+"""A task as arrays of fixed length: ground actions in order, masks, vectors, graphs."""
