@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,6 +13,7 @@ from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
 from robotouille_client import Game
 from robotouille_evaluation.agents.asking import Complete
+from robotouille_evaluation.agents.exchange_rows import exchange_row
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
@@ -93,15 +94,5 @@ def _transcript(path: Path | None) -> Iterator[Any]:
 
 
 def _write(file: TextIO, exchange: Exchange) -> None:
-    completion = exchange.completion
-    row = {
-        "purpose": exchange.request.purpose,
-        "messages": [asdict(message) for message in exchange.request.messages],
-        "answer": completion.text if completion is not None else None,
-        "seconds": completion.seconds if completion is not None else None,
-        "verdict": exchange.verdict.value,
-        "action": exchange.action,
-        "feedback": exchange.feedback,
-    }
-    file.write(json.dumps(row, ensure_ascii=False) + "\n")
+    file.write(json.dumps(exchange_row(exchange), ensure_ascii=False) + "\n")
     file.flush()

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
 from robotouille import GroundAction, State, World
 from robotouille.episode import Clock, Episode, Phase, Rules, Stepped
+from robotouille.episode.quota import MAX_NOTE
 from robotouille.errors import ProtocolError
 from robotouille.planning.policies import Did
+from robotouille.replay.model_calls import TOPIC, CallNotes
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.sentences import MAX_SENTENCE
+from robotouille_evaluation.agents.exchange_rows import exchange_note
 from robotouille_evaluation.agents.proposal import MAX_REASONING, Exchange
 
 ACTION_INVALID, ACTION_UNKNOWN = "action/invalid", "action/unknown"
@@ -101,6 +105,7 @@ class RecordedStage:
         self._now = 0.0
         self._seq = 0
         self._answered = answered
+        self._notes = {player: CallNotes() for player in world.players}
         for player in world.players:
             self._episode.join(player, names[player], "bot", self._now)
 
@@ -144,15 +149,22 @@ class RecordedStage:
         return self._episode.step
 
     def answered(self, player: str, exchange: Exchange) -> None:
-        """Record what was no action, with its reasoning; tell whoever wants to know."""
+        """Record what was sent and said, and what was no action; tell whoever wants to know."""
         if self._answered is not None:
             self._answered(player, exchange)
+        self._note(player, exchange_note(self._notes[player], exchange, timed=False))
         if exchange.verdict.rejected:
             said = exchange.action or (exchange.completion.text if exchange.completion else "")
             code = ACTION_UNKNOWN if exchange.verdict.malformed else ACTION_INVALID
             why = ProtocolError(code, exchange.feedback, "action")
             reasoning = exchange.reasoning[:MAX_REASONING]
             self._reject(player, said[:MAX_SENTENCE], why, reasoning)
+
+    def _note(self, player: str, text: str) -> None:
+        for at in range(0, len(text), MAX_NOTE):
+            with suppress(ProtocolError):  # No more notes of this seat are recorded.
+                piece, more = text[at : at + MAX_NOTE], at + MAX_NOTE < len(text)
+                self._episode.note(player, TOPIC, piece, self._now, more=more)
 
     def _reject(self, player: str, said: str, why: ProtocolError, reasoning: str) -> None:
         self._seq += 1

@@ -12,6 +12,7 @@ from robotouille.episode.events import (
     Moderated,
     Moderation,
     Move,
+    Noted,
     Outcome,
     QuotaReached,
     Reason,
@@ -20,7 +21,13 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.lifecycle import Phase, PhaseEvent, next_phase
-from robotouille.episode.quota import MAX_AUDIENCE_BYTES, NOTE_BYTES, Quota, take_or_refuse
+from robotouille.episode.quota import (
+    MAX_AUDIENCE_BYTES,
+    NOTE_BYTES,
+    Quota,
+    size_of_note,
+    take_or_refuse,
+)
 from robotouille.episode.rules import Rules
 from robotouille.episode.seats import ActionAnswer, Seat, tally
 from robotouille.errors import ProtocolError
@@ -169,6 +176,27 @@ class EpisodeState:
             self.seat(player).tally.said += 1
         self.said += 1
         self._emit(Said(name, player, text, self._elapsed(now), self.said))
+
+    def note(self, player: str, topic: str, text: str, now: float, *, more: bool = False) -> None:
+        """A text of a seat's own for the recording, which nobody is told.
+
+        Notes leave half of the seat's quota to its reasoning and chat.
+
+        Args:
+            topic: What it is about.
+            more: The next piece follows.
+
+        Raises:
+            ProtocolError: `episode/over`, `seat/unknown`, or `rate/words` where no more notes are
+                recorded of the seat.
+        """
+        self._check_open()
+        seat = self.seat(player)
+        size = size_of_note(topic, text)
+        if seat.quota.reached or not seat.quota.half_left(size):
+            raise ProtocolError("rate/words", "no more notes of this seat are recorded", "text")
+        seat.quota.take(size)
+        self._emit(Noted(player, topic, text, self._elapsed(now), more))
 
     def _take_quota(self, quota: Quota, size: int, player: str, now: float, instead: str) -> None:
         reached = quota.reached

@@ -23,6 +23,7 @@ __all__ = [
     "Moderated",
     "Moderation",
     "Move",
+    "Noted",
     "Outcome",
     "Paused",
     "QuotaReached",
@@ -251,6 +252,17 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
+class Noted:
+    """A seat's text for the recording, which nobody is told; the next piece follows if `more`."""
+
+    player: str
+    topic: str
+    text: str
+    time: float
+    more: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Announced:
     """Something the operator says to everybody in the episode."""
 
@@ -324,6 +336,7 @@ Event = (
     | Rejected
     | QuotaReached
     | Said
+    | Noted
     | Announced
     | Moderated
     | Paused

@@ -122,6 +122,15 @@ class SaidNote(Frame):
     text: str
 
 
+class NotedNote(Frame):
+    note: Literal["noted"]
+    t: int
+    player: str
+    topic: str
+    text: str
+    more: bool = False
+
+
 class StartedNote(Frame):
     note: Literal["started"]
     t: int
@@ -162,6 +171,7 @@ Note = Annotated[
     RosterNote
     | RejectedNote
     | SaidNote
+    | NotedNote
     | QuotaNote
     | AnnouncedNote
     | ModeratedNote

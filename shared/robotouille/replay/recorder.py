@@ -18,6 +18,7 @@ from robotouille.episode.events import (
     Event,
     Moderated,
     Move,
+    Noted,
     Paused,
     QuotaReached,
     Rejected,
@@ -229,6 +230,15 @@ def _note(event: Event) -> dict[str, Any]:
                 "name": event.name,
                 "player": event.player,
                 "text": event.text,
+            }
+        case Noted():
+            return {
+                "note": "noted",
+                "t": _ms(event.time),
+                "player": event.player,
+                "topic": event.topic,
+                "text": event.text,
+                **({"more": True} if event.more else {}),
             }
         case RosterChanged():
             return {
