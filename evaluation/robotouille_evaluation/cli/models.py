@@ -40,6 +40,6 @@ async def open_model(
     if name == LOCAL:
         from robotouille_evaluation.models.local import LocalModel
 
-        return opened.enter_context(LocalModel())
+        return opened.enter_context(LocalModel(parameters={"seed": seed, **parameters}))
     endpoint = Endpoint(name, base_url or OPENAI_URL, parameters)
     return await opened.enter_async_context(OpenAICompatibleModel(endpoint))
