@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterator, Sequence
 
 from robotouille import State
+from robotouille.world.grounding.objects import Atom
 
 __all__ = ["PROBABILITY", "Reverting"]
 
@@ -32,17 +34,15 @@ class Reverting:
         self._probability = probability
         self._done = False
 
-    def __call__(self, state: State) -> State:
-        """The state after what happens to it, or the same."""
+    def __call__(self, state: State) -> Sequence[Atom]:
+        """What is undone in a state, if anything is."""
         if self._done or self._rng.random() >= self._probability:
-            return state
-        after = self._undone(state)
-        self._done = after is not state
-        return after
+            return ()
+        found = next(self._holding(state), None)
+        self._done = found is not None
+        return () if found is None else (found,)
 
-    def _undone(self, state: State) -> State:
+    def _holding(self, state: State) -> Iterator[Atom]:
         for number, atom in enumerate(state.world.table.atoms):
             if atom[0] == self._predicate and state.facts >> number & 1:
-                facts = state.facts & ~(1 << number)
-                return state.world.restore(facts, state.timer_rows(), state.timers.busy)
-        return state
+                yield atom

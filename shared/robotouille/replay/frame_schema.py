@@ -189,6 +189,7 @@ class StepFrame(Frame):
     t: int
     moves: list[RecordedMove]
     idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = []
+    undone: list[Annotated[list[str], Field(min_length=1)]] = []
     unmet: dict[str, list[str]] = {}
     add: list[Index] = []
     remove: list[Index] = []

@@ -147,7 +147,7 @@ class _Replayer:
             for move in moves:
                 self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
             idle = [(str(player), int(seq)) for player, seq in frame.get("idle", ())]
-            self.episode.replay_step(moves, idle)
+            self.episode.replay_step(moves, idle, [tuple(atom) for atom in frame.get("undone", ())])
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])
