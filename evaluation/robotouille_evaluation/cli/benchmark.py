@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, ParamSpec, get_args
 
 import typer
+from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.program import tell
@@ -88,6 +89,10 @@ def run(
         Literal["own", "published"] | None,
         typer.Option(help="The limit of steps: 1.5 x the optimum, or the published constants."),
     ] = None,
+    variant: Annotated[
+        Literal["stochastic", "delay-free"] | None,
+        typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
+    ] = None,
     temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
     steps_to_go: Annotated[
         bool,
@@ -106,12 +111,17 @@ def run(
     RunFolder(out).require_new()
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
+    if variant == "delay-free":
+        folder, used = (out / "pack").resolve(), _delay_free(used, chosen)
+        chosen = list(used.instances)
     parameters: dict[str, object] = {}
     if temperature is not None:
         parameters["temperature"] = temperature
     specs = [_agent(name, used, model, base_url, parameters) for name in _words(agents)]
-    planned = tuple(jobs(used, specs, chosen, seeds=range(seeds), budget=budget))
-    if pack is None:
+    planned = tuple(
+        jobs(used, specs, chosen, seeds=range(seeds), budget=budget, variant=variant or "")
+    )
+    if pack is None or variant == "delay-free":
         write_pack(used, folder)
     run_folder = _create(out, used, folder, planned, steps_to_go)
     _play(run_folder, used, planned, processes, calls, scheduler)
@@ -157,6 +167,10 @@ def compare(
     first: Annotated[str, typer.Argument(help="The name of an agent.")],
     second: Annotated[str, typer.Argument(help="The name of another.")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    variant: Annotated[
+        Literal["none", "stochastic", "delay-free"] | None,
+        typer.Option(help="Of which variant, where the runs are of several."),
+    ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare two agents on the episodes that both have played, pair by pair."""
@@ -164,6 +178,7 @@ def compare(
     from robotouille_evaluation.runs import RunFolder
 
     rows = [row for path in runs for row in RunFolder(path).rows()]
+    rows = _of_variant(rows, variant)
     pairs = [(a.outcome.success, b.outcome.success) for a, b in _paired(rows, first, second)]
     if not pairs:
         names = ", ".join(sorted({row.agent for row in rows}))
@@ -178,6 +193,16 @@ def compare(
     tell(json.dumps(found) if json_output else
          f"{len(pairs)} episodes: {first} solves {found[first]}, {second} {found[second]}; "
          f"p = {p:.3f} (McNemar, exact)")  # fmt: skip
+
+
+def _of_variant(rows: Sequence[EpisodeRow], wanted: str | None) -> list[EpisodeRow]:
+    """The rows of one variant: results of different ones do not compare."""
+    if wanted is not None:
+        return [row for row in rows if (row.variant or "none") == wanted]
+    names = sorted({row.variant or "none" for row in rows})
+    if len(names) > 1:
+        raise RobotouilleError(f"the runs are of several variants; name one: --variant {names}")
+    return list(rows)
 
 
 def _paired(
@@ -203,6 +228,17 @@ def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
     if folder is not None:
         return folder.resolve(), read_pack(folder)
     return (out / "pack").resolve(), build_own_pack()
+
+
+def _delay_free(pack: Pack, chosen: Sequence[PackInstance]) -> Pack:
+    """The same kitchens without delays, and how many steps they take, which is searched for."""
+    from robotouille_evaluation.packs.delay_free import delay_free
+
+    console = Console(stderr=True)
+    with console.status("") as status:
+        return delay_free(
+            pack, chosen, lambda done, total: status.update(f"planned {done} of {total} instances")
+        )
 
 
 def _instances(

@@ -120,8 +120,9 @@ class Measures(Row):
 class EpisodeRow(Row):
     """One episode of a run.
 
-    `kind` is the kind of instance (`clean`, `noisy`), `timing` the timing profile, `seconds` the
-    wall time of the episode, `repetitions` its repeated transitions, `recording` the path of its
+    `kind` is the kind of instance (`clean`, `noisy`), `variant` what is changed about it
+    (`stochastic`, `delay-free`; nothing if empty), `timing` the timing profile, `seconds` the wall
+    time of the episode, `repetitions` its repeated transitions, `recording` the path of its
     recording beside the rows. `error` says why the episode could not be played to its end.
     """
 
@@ -135,6 +136,7 @@ class EpisodeRow(Row):
     agent: str
     strategy: str = ""
     model: str = ""
+    variant: str = ""
     timing: str = "benchmark"
     clock: str = "turn"
     seats: int = Field(default=1, ge=1)
@@ -158,9 +160,9 @@ class EpisodeRow(Row):
         return " · ".join([self.agent, *more])
 
     @property
-    def pair(self) -> tuple[str, str, str, int, int]:
+    def pair(self) -> tuple[str, str, str, int, int, str]:
         """What two agents must share for their results to be compared one by one."""
-        return self.dataset, self.task, self.instance, self.seed, self.trial
+        return self.dataset, self.task, self.instance, self.seed, self.trial, self.variant
 
 
 def write_rows(rows: Iterable[EpisodeRow]) -> Iterator[str]:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robotouille.errors import RobotouilleError
 from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.runs.variants import Variant
 
 __all__ = ["AgentSpec", "Job", "jobs"]
 
@@ -40,11 +41,15 @@ class Job(BaseModel):
     seed: int
     """Of the agent's chance."""
     budget: Literal["published", "own"]
+    variant: Variant = ""
 
     @property
     def id(self) -> str:
         """The same for the same job in every process: names files, and is found again."""
-        text = json.dumps(self.model_dump(), sort_keys=True)
+        told = self.model_dump()
+        if not self.variant:
+            del told["variant"]  # Runs that were begun before there were variants go on.
+        text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
@@ -56,11 +61,13 @@ def jobs(
     seeds: Iterable[int] = (0,),
     seats: int | None = None,
     budget: Literal["published", "own"] | None = None,
+    variant: Variant = "",
 ) -> Iterator[Job]:
     """Every agent on every instance with every seed, instance by instance.
 
     Args:
         seats: How many players, where a task leaves it open; the usual number if None.
+        variant: Is played; for `delay-free`, the pack is one without delays.
         budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
 
     Raises:
@@ -75,7 +82,14 @@ def jobs(
         pack.budget(instance, kind, seats=count)
         for agent in agents:
             for seed in seeds:
-                yield Job(agent=agent, instance=instance.id, seats=count, seed=seed, budget=kind)
+                yield Job(
+                    agent=agent,
+                    instance=instance.id,
+                    seats=count,
+                    seed=seed,
+                    budget=kind,
+                    variant=variant,
+                )
 
 
 def _check_names(agents: Iterable[AgentSpec]) -> None:

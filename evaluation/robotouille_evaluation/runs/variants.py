@@ -1,14 +1,23 @@
-"""Variants of the benchmark: what happens to a state behind the agent's back."""
+"""Variants of the benchmark, and what happens in them behind the agent's back."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
-from robotouille import State
+from robotouille import State, World
+from robotouille.episode.episode_state import Undone, nothing_undone
+from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.objects import Atom
 
-__all__ = ["PROBABILITY", "Reverting"]
+__all__ = ["PROBABILITY", "Reverting", "Variant", "chance"]
+
+Variant = Literal["", "stochastic", "delay-free"]
+"""As it is; a cut item reverts; nothing has to be waited for (`packs.delay_free`)."""
+
+CUT = "iscut"
+
 
 PROBABILITY = 0.1
 """That of the paper's stochastic environment, in each step."""
@@ -46,3 +55,19 @@ class Reverting:
         for number, atom in enumerate(state.world.table.atoms):
             if atom[0] == self._predicate and state.facts >> number & 1:
                 yield atom
+
+
+def chance(variant: Variant, world: World, seed: str) -> Undone:
+    """What chance takes back in an episode of a variant.
+
+    Args:
+        seed: Decides it; the same for all agents, so that they meet with the same.
+
+    Raises:
+        RobotouilleError: Nothing can be cut in this world.
+    """
+    if variant != "stochastic":
+        return nothing_undone
+    if CUT not in world.table.fluents:
+        raise RobotouilleError(f"{world.task.name}: its domain has no {CUT!r} that could revert")
+    return Reverting(CUT, random.Random(seed))
