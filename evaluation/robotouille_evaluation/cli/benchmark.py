@@ -19,6 +19,7 @@ from robotouille.program import tell
 from robotouille_client.console import explain, fail
 
 if TYPE_CHECKING:
+    from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.metrics.rows import EpisodeRow
     from robotouille_evaluation.models import Model
     from robotouille_evaluation.packs.pack import Pack, PackInstance
@@ -41,6 +42,14 @@ ProcessesOption = Annotated[
 ]
 CallsOption = Annotated[
     int, typer.Option("--calls", min=1, help="Episodes that wait for a model at the same time.")
+]
+TimeoutOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, help="Seconds for one attempt to ask a model; 120 if left out."),
+]
+AttemptsOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="How often a model is asked one thing at most; 6 if left out."),
 ]
 SchedulerOption = Annotated[
     str, typer.Option("--scheduler", help="A Dask scheduler's address, instead of processes.")
@@ -94,6 +103,11 @@ def run(
         typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
     ] = None,
     temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
+    price: Annotated[
+        str, typer.Option(help="Of a million tokens sent and received, e.g. 0.40/1.20.")
+    ] = "",
+    timeout: TimeoutOption = None,
+    attempts: AttemptsOption = None,
     steps_to_go: Annotated[
         bool,
         typer.Option(
@@ -105,6 +119,7 @@ def run(
     scheduler: SchedulerOption = "",
 ) -> None:
     """Play agents on tasks, and write a report."""
+    from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.packs.store import write_pack
     from robotouille_evaluation.runs import RunFolder, jobs
 
@@ -114,10 +129,9 @@ def run(
     if variant == "delay-free":
         folder, used = (out / "pack").resolve(), _delay_free(used, chosen)
         chosen = list(used.instances)
-    parameters: dict[str, object] = {}
-    if temperature is not None:
-        parameters["temperature"] = temperature
-    specs = [_agent(name, used, model, base_url, parameters) for name in _words(agents)]
+    parameters = {} if temperature is None else {"temperature": temperature}
+    choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
+    specs = [_agent(name, used, choice) for name in _words(agents)]
     planned = tuple(
         jobs(used, specs, chosen, seeds=range(seeds), budget=budget, variant=variant or "")
     )
@@ -134,16 +148,29 @@ def resume(
     processes: ProcessesOption = os.cpu_count() or 1,
     calls: CallsOption = 16,
     scheduler: SchedulerOption = "",
+    timeout: TimeoutOption = None,
+    attempts: AttemptsOption = None,
 ) -> None:
     """Go on with a run that was stopped, and play what ended with an error once more; no paid call
-    is made again."""
+    is made again.
+
+    Models are asked as the run says; a time-out or a number of attempts given here comes first.
+    """
     from robotouille_evaluation.packs.store import read_pack
     from robotouille_evaluation.runs import RunFolder
 
     folder = RunFolder(run_folder)
     plan = folder.plan()
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
-    _play(folder, pack, plan.jobs, processes, calls, scheduler)
+    planned = [_asked_otherwise(job, timeout, attempts) for job in plan.jobs]
+    _play(folder, pack, planned, processes, calls, scheduler)
+
+
+def _asked_otherwise(job: Job, timeout: float | None, attempts: int | None) -> Job:
+    """The same job, whose model is asked with more or less patience."""
+    given = {"timeout": timeout, "attempts": attempts}
+    changed = {name: value for name, value in given.items() if value is not None}
+    return job.model_copy(update={"agent": job.agent.model_copy(update=changed)})
 
 
 @benchmark.command()
@@ -263,9 +290,7 @@ def _instances(
     return found
 
 
-def _agent(
-    name: str, pack: Pack, model: str, base_url: str, parameters: dict[str, object]
-) -> AgentSpec:
+def _agent(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Raises RobotouilleError before anything is begun where there is no such agent."""
     from robotouille_evaluation.agents.making import make_strategy
     from robotouille_evaluation.runs import AgentSpec
@@ -274,12 +299,15 @@ def _agent(
         return AgentSpec(name=name, kind=name)
     make_strategy(pack, name, pack.datasets[0])
     return AgentSpec(
-        name=f"{name} ({model})",
+        name=f"{name} ({model.name})",
         kind="model",
         strategy=name,
-        model=model,
-        base_url=base_url,
-        parameters=parameters,
+        model=model.name,
+        base_url=model.base_url,
+        parameters=dict(model.parameters),
+        prices=model.prices,
+        timeout=model.timeout,
+        attempts=model.attempts,
     )
 
 
@@ -338,7 +366,7 @@ async def _run(
     workers: Workers,
     finished: Callable[[Job, EpisodeRow], None],
 ) -> None:
-    from robotouille_evaluation.cli.models import MOCK, open_model
+    from robotouille_evaluation.cli.models import MOCK, ModelChoice, open_model
     from robotouille_evaluation.runs import run_jobs
 
     async with AsyncExitStack() as opened:
@@ -348,10 +376,17 @@ async def _run(
             """One client for all episodes of a model; mocks have one each, so that they repeat."""
             agent = job.agent
             if agent.model == MOCK:
-                return await open_model(MOCK, "", {}, job.seed, opened)
+                return await open_model(ModelChoice(MOCK), job.seed, opened)
             if agent.name not in models:
-                url, parameters = agent.base_url, agent.parameters
-                models[agent.name] = await open_model(agent.model, url, parameters, 0, opened)
+                choice = ModelChoice(
+                    agent.model,
+                    agent.base_url,
+                    agent.parameters,
+                    agent.prices,
+                    agent.timeout,
+                    agent.attempts,
+                )
+                models[agent.name] = await open_model(choice, 0, opened)
             return models[agent.name]
 
         await run_jobs(folder, pack, left, workers, make, finished)

@@ -17,7 +17,7 @@ from robotouille_evaluation.agents.exchange_rows import exchange_row
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
-from robotouille_evaluation.cli.models import open_model
+from robotouille_evaluation.cli.models import ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
     Model,
@@ -37,26 +37,41 @@ class LanguageModelBot:
     """Plays a game that is joined in the text view.
 
     Args:
-        model: The model's name.
-        base_url: Of its endpoint.
+        model: Which, and how it is asked.
         strategy: One of ours.
         transcript: A file of JSON lines with what the model was sent and has said.
     """
 
-    model: str
-    base_url: str = ""
+    model: ModelChoice
     strategy: str = "react-last-reasoning-action"
     transcript: Path | None = None
     seed: int = 0
-    temperature: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        model: str,
+        *,
+        base_url: str,
+        strategy: str,
+        transcript: Path | None,
+        seed: int,
+        temperature: float | None,
+        prices: str,
+        timeout: float | None,
+        attempts: int | None,
+    ) -> LanguageModelBot:
+        """From the options of a command line; WrongArgumentError where they cannot be."""
+        parameters = {} if temperature is None else {"temperature": temperature}
+        choice = ModelChoice(model, base_url, parameters, prices, timeout, attempts)
+        return cls(choice, strategy, transcript, seed)
 
     async def play(self, game: Game) -> Mapping[str, Any]:
         """To the end. Raises ModelError where nobody answers at all."""
         pack = build_own_pack()
         strategy = make_strategy(pack, self.strategy, "asynchronous")
-        parameters = {} if self.temperature is None else {"temperature": self.temperature}
         async with AsyncExitStack() as opened:
-            model = await open_model(self.model, self.base_url, parameters, self.seed, opened)
+            model = await open_model(self.model, self.seed, opened)
             with _transcript(self.transcript) as told:
                 agent = NetworkAgent(game, strategy, _patiently(model), told)
                 return await agent.play()

@@ -28,6 +28,16 @@ class AgentSpec(BaseModel):
     base_url: str = ""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """Sent with each request."""
+    prices: str = ""
+    """Of a million tokens sent and received, e.g. `0.40/1.20`; unknown if empty."""
+    timeout: float | None = None
+    """Seconds for an attempt; the endpoint's usual ones if None."""
+    attempts: int | None = None
+    """How often the endpoint is asked at most; the usual number if None."""
+
+
+HOW_IT_IS_ASKED = {"prices", "timeout", "attempts"}
+"""What says nothing of what is played."""
 
 
 class Job(BaseModel):
@@ -46,7 +56,7 @@ class Job(BaseModel):
     @property
     def id(self) -> str:
         """The same for the same job in every process: names files, and is found again."""
-        told = self.model_dump()
+        told = self.model_dump(exclude={"agent": HOW_IT_IS_ASKED})
         if not self.variant:
             del told["variant"]  # Runs that were begun before there were variants go on.
         text = json.dumps(told, sort_keys=True)
@@ -67,7 +77,8 @@ def jobs(
 
     Args:
         seats: How many players, where a task leaves it open; the usual number if None.
-        variant: Is played; for `delay-free`, the pack is one without delays.
+        variant: Is played; for `delay-free`, the pack is one without delays. If none is named,
+            an experiment of the pack is played as it says itself.
         budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
 
     Raises:
@@ -88,8 +99,14 @@ def jobs(
                     seats=count,
                     seed=seed,
                     budget=kind,
-                    variant=variant,
+                    variant=variant or _own_variant(pack, agent),
                 )
+
+
+def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
+    found = next((each for each in pack.experiments if each.id == agent.strategy), None)
+    by_chance = found is not None and found.settings.get("game", {}).get("stochastic")
+    return "stochastic" if by_chance else ""
 
 
 def _check_names(agents: Iterable[AgentSpec]) -> None:

@@ -23,8 +23,10 @@ from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import Model, ScriptedModel, SeededAnswers
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.packs.published.checkout import read_checkout
 from robotouille_evaluation.runs import AgentSpec, Job, RunFolder, RunPlan, jobs, play_job
 from robotouille_evaluation.runs.variants import Reverting, chance
+from tests.support.published import CHECKOUT, NEEDED
 from tests.support.samples import first_quickly
 
 ALONE, TEAM = "synchronous/02_lettuce_sandwich", "multi_agent/01_lettuce_burger"
@@ -157,3 +159,24 @@ def test_a_job_of_a_run_that_knew_no_variants_is_the_same_job() -> None:
     del row["variant"]
     assert Job.model_validate(row).id == planned.id
     assert planned.model_copy(update={"variant": "stochastic"}).id != planned.id
+
+
+@NEEDED
+def test_an_experiment_of_a_pack_is_played_as_it_says() -> None:
+    published = read_checkout(CHECKOUT, seeds=()).pack
+    found = {each.id: each for each in published.experiments}
+    id_ = "ReAct/synchronous/last-reasoning-action-mpc"
+    specs = [agent("model", strategy=name) for name in (id_, f"{id_}-stochastic")]
+    assert found[specs[1].strategy].settings["game"]["stochastic"]
+    named = [s.model_copy(update={"name": s.strategy}) for s in specs]
+    instances = published.instances_of([published.tasks[0].name])[:1]
+    planned = list(jobs(published, named, instances, seats=1, budget="published"))
+    assert [job.variant for job in planned] == ["", "stochastic"]
+    assert {j.variant for j in jobs(published, named, instances, budget="published",
+                                    variant="stochastic")} == {"stochastic"}  # fmt: skip
+
+
+def test_how_a_model_is_asked_is_no_part_of_a_job() -> None:
+    patient = MODEL.model_copy(update={"timeout": 9.0, "attempts": 9, "prices": "1/2"})
+    one, other = (next(jobs(pack(), [spec], pack().instances)) for spec in (MODEL, patient))
+    assert one.id == other.id
