@@ -68,6 +68,19 @@ class Game(GameReplica):
         super().say(text)
         self._flush()
 
+    def note(self, topic: str, text: str) -> None:
+        """Have a text recorded that nobody is told; a long one is sent in pieces.
+
+        Args:
+            topic: What it is about.
+            text: Of any length; a server takes about 200 KiB a second.
+
+        Raises:
+            ValueError: The topic has not 1 to 64 characters.
+        """
+        super().note(topic, text)
+        self._flush()
+
     def __aiter__(self) -> AsyncIterator[GameEvent]:
         return self._iterate()
 

@@ -432,6 +432,9 @@ class Conversation:
     def _say(self, session: Session, message: messages.Say) -> None:
         self._room(session).say(session, message.text)
 
+    def _note(self, session: Session, message: messages.Note) -> None:
+        self._room(session).note(session, message)
+
     def _resync(self, session: Session, message: messages.Resync) -> None:
         self._room(session).ask_snapshot(session)
 
@@ -448,6 +451,7 @@ HANDLERS: dict[type[messages.Message], Callable[[Conversation, Session, Any], No
     messages.Leave: Conversation._leave,
     messages.Act: Conversation._act,
     messages.Say: Conversation._say,
+    messages.Note: Conversation._note,
     messages.Resync: Conversation._resync,
     messages.Hello: Conversation._hello_again,
 }

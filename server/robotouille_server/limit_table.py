@@ -171,6 +171,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "the rest waits, and nothing more is read",
             value=f"{FRAMES_AT_A_TIME}",
         ),
+        Limit("a piece of a note", "refused", INVALID, value=_longest(messages.Note, "text")),
         Limit("a chat message", "refused", INVALID, value=_longest(messages.Say, "text")),
         Limit(
             "a name", "refused; so is one of which nothing can be seen", INVALID,
@@ -280,7 +281,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             value=f"{SEAT_CHANGES} a minute, {SEAT_CHANGES_AT_ONCE} at once",
         ),
         Limit(
-            "words of a seat in a recording: reasoning, rejected actions, chat",
+            "words of a seat in a recording: reasoning, rejected actions, chat, notes",
             "reasoning and chat are refused, rejected actions told and not recorded",
             "rate/words",
             value=_size(SEAT_QUOTA_BYTES),

@@ -23,13 +23,14 @@ EXAMPLES: list[messages.ClientMessage] = [
     messages.Leave(),
     messages.Act(seq=1, action=None),
     messages.Say(text="x"),
+    messages.Note(topic="x", text="x"),
     messages.Resync(),
 ]
 REFUSED: dict[Role, set[str]] = {
     Role.OPERATOR: set(),
     Role.HOST: set(),
     Role.PLAYER: {"list", "create"},
-    Role.SPECTATOR: {"list", "create", "act", "say", "join as player"},
+    Role.SPECTATOR: {"list", "create", "act", "say", "note", "join as player"},
 }
 
 

@@ -127,11 +127,12 @@ def _maker(kind: str, seed: int, plan: Path | None) -> MakePolicy:
     return policy_maker(BotKind(kind), seed, plan)
 
 
-def _language_model(*arguments: Any) -> TextBot:
+def _language_model(model: str, **options: Any) -> TextBot:
     """From the package for evaluation, which is loaded only if it is asked for."""
     from importlib import import_module
 
-    made: TextBot = import_module("robotouille_evaluation.cli.bot").LanguageModelBot(*arguments)
+    bots = import_module("robotouille_evaluation.cli.bot")
+    made: TextBot = bots.LanguageModelBot.of(model, **options)
     return made
 
 
@@ -164,6 +165,15 @@ def command(
         str, typer.Option(help="llm: how it is asked (docs/benchmark.md).")
     ] = "react-last-reasoning-action",
     temperature: Annotated[float | None, typer.Option(help="llm: sent with each request.")] = None,
+    price: Annotated[
+        str, typer.Option(help="llm: of a million tokens sent and received, e.g. 0.40/1.20.")
+    ] = "",
+    timeout: Annotated[
+        float | None, typer.Option(min=0.1, help="llm: seconds for an attempt; 120 if left out.")
+    ] = None,
+    attempts: Annotated[
+        int | None, typer.Option(min=1, help="llm: how often it is asked at most; 6 if left out.")
+    ] = None,
     transcript: Annotated[
         Path | None, typer.Option(help="llm: a file for what the model is sent and says.")
     ] = None,
@@ -180,7 +190,17 @@ def command(
     try:
         bot: MakePolicy | TextBot
         if kind == LLM:
-            bot = _language_model(model, base_url, strategy, transcript, seed, temperature)
+            bot = _language_model(
+                model,
+                base_url=base_url,
+                strategy=strategy,
+                transcript=transcript,
+                seed=seed,
+                temperature=temperature,
+                prices=price,
+                timeout=timeout,
+                attempts=attempts,
+            )
         else:
             bot = _maker(kind, seed, plan)
         address = server_url(url, host, port)

@@ -21,6 +21,7 @@ from robotouille.planning.search_result import Limits
 from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
 from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
+from robotouille.replay.model_calls import call_texts
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.timeline import course, course_text, note_lines
@@ -110,6 +111,26 @@ def notes(file: FileArgument, damaged: DamagedOption = False) -> None:
     """
     for line in note_lines(_open(file, damaged=damaged)):
         tell(printable(line))
+
+
+@replay.command()
+def said(
+    file: FileArgument,
+    player: Annotated[
+        str | None, typer.Option(help="Whose model; those of all if left out.")
+    ] = None,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="Print a line of JSON a call, with all that was sent.")
+    ] = False,
+    damaged: DamagedOption = False,
+) -> None:
+    """Show what language models were sent and what they said, call by call.
+
+    Messages that were sent in the call before as well are only counted.
+    """
+    recording = _open(file, damaged=damaged)
+    for text in call_texts(recording, player, as_json=json_output):
+        tell(printable_json(text) if json_output else text)
 
 
 @replay.command()

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robotouille.domain.task import Task
+from robotouille.episode.quota import MAX_NOTE
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
@@ -188,6 +189,13 @@ class GameReplica:
     def say(self, text: str) -> None:
         """Say something to everybody in the episode."""
         self._outgoing.append(messages.Say(text=text))
+
+    def note(self, topic: str, text: str) -> None:
+        """Have a text recorded, of any length, that nobody is told."""
+        pieces = [text[at : at + MAX_NOTE] for at in range(0, len(text), MAX_NOTE)]
+        for number, piece in enumerate(pieces, start=1):
+            more = number < len(pieces)
+            self._outgoing.append(messages.Note(topic=topic, text=piece, more=more))
 
     @property
     def unanswered(self) -> messages.Act | None:

@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from robotouille.protocol.error_codes import ErrorCode
+from robotouille.replay.model_calls import TOPIC, CallNotes
 from robotouille.world.sentences import MAX_SENTENCE
 from robotouille_client import Game
-from robotouille_client.sansio.game_events import Observed
+from robotouille_client.sansio.game_events import ActResult, Observed
 from robotouille_evaluation.agents.asking import Complete, answer_all
+from robotouille_evaluation.agents.exchange_rows import exchange_note
 from robotouille_evaluation.agents.proposal import (
     MAX_REASONING,
     Exchange,
@@ -26,8 +29,9 @@ __all__ = ["NetworkAgent"]
 class NetworkAgent:
     """Plays a seat with a strategy; `told` hears of each exchange with the model.
 
-    Answers that are no action are sent, too: the server refuses them, and they are recorded with
-    their reasons.
+    What the model was sent and has said goes into the recording as notes. Answers that are no
+    action are sent as actions, too: the server refuses them, and they are recorded with their
+    reasons.
     """
 
     def __init__(
@@ -41,6 +45,7 @@ class NetworkAgent:
         self._strategy = strategy
         self._complete = complete
         self._told = told
+        self._notes = CallNotes()
         self._decided = -1
         self._plan: list[str] = []
         self._reasoning = ""
@@ -67,7 +72,7 @@ class NetworkAgent:
             if self._game.ended or not self._game.my_move:
                 return
         action = self._plan.pop(0) if self._plan else None
-        result = await self._game.act(action or None, reasoning=self._reasoning or None)
+        result = await self._act(action or None, self._reasoning)
         self._reasoning = ""
         if result.applied:
             self._decided = step
@@ -80,6 +85,7 @@ class NetworkAgent:
         self._plan = list(proposal.actions)
         for exchange in proposal.exchanges:
             self._told(exchange)
+            self._game.note(TOPIC, exchange_note(self._notes, exchange))
             await self._record(exchange)
         self._reasoning = proposal.reasoning[:MAX_REASONING]
         self._done = proposal.done
@@ -90,7 +96,14 @@ class NetworkAgent:
             return
         said = exchange.action or (exchange.completion.text if exchange.completion else "")
         if said.strip() and self._game.my_move:
-            reasoning = exchange.reasoning[:MAX_REASONING] or None
-            result = await self._game.act(said.strip()[:MAX_SENTENCE], reasoning=reasoning)
+            reasoning = exchange.reasoning[:MAX_REASONING]
+            result = await self._act(said.strip()[:MAX_SENTENCE], reasoning)
             if result.applied:  # The server has read it better; what was thought of next is stale.
                 self._plan.clear()
+
+    async def _act(self, action: str | None, reasoning: str) -> ActResult:
+        """Without the reasoning where no more of it is recorded."""
+        result = await self._game.act(action, reasoning=reasoning or None)
+        if reasoning and result.code == ErrorCode.RATE_WORDS:
+            result = await self._game.act(action)
+        return result

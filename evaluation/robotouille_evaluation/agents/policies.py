@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from robotouille import World
+from collections.abc import Callable
+
+from robotouille import GroundAction, State, World
 from robotouille.errors import RobotouilleError
 from robotouille.planning import Plan
+from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import Did, PlannerPolicy, Policy, RandomPolicy, Script
 from robotouille_evaluation.agents.proposal import Observation, Proposal, ProposalSteps
 
-__all__ = ["PolicyAgent", "planner", "random_actions", "script"]
+__all__ = ["PolicyAgent", "Replanner", "planner", "random_actions", "script"]
 
 
 class PolicyAgent:
@@ -36,9 +39,37 @@ class PolicyAgent:
         yield  # It asks nobody, and is a generator all the same.
 
 
+class Replanner:
+    """Plans anew where the world is not as everybody's actions have left it: chance was at work.
+
+    Args:
+        plan: Makes a policy that plans from the next state on.
+    """
+
+    def __init__(self, plan: Callable[[], Policy]) -> None:
+        self._plan = plan
+        self._policy = plan()
+        self._expected: State | None = None
+
+    def observe(self, did: Did) -> None:
+        """What everybody did in a step."""
+        if self._expected is not None:
+            applied = [action for _, action, was_applied in did if was_applied]
+            self._expected = self._expected.step(applied).state
+        self._policy.observe(did)
+
+    def act(self, state: State) -> GroundAction | None:
+        """The action to take in a state; None to do nothing this step."""
+        if self._expected is not None and state != self._expected:
+            self._policy = self._plan()
+        self._expected = state
+        return self._policy.act(state)
+
+
 def planner(world: World, player: str, seed: int) -> PolicyAgent:
-    """Searches, and plans anew when others get in its way."""
-    return PolicyAgent(PlannerPolicy(world, player, seed=seed))
+    """Searches, and plans anew when others, or chance, get in its way."""
+    anytime = AnytimePlanner(World(world.task))
+    return PolicyAgent(Replanner(lambda: PlannerPolicy(world, player, seed=seed, anytime=anytime)))
 
 
 def random_actions(world: World, player: str, seed: int) -> PolicyAgent:

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, ParamSpec, get_args
 
 import typer
+from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.program import tell
 from robotouille_client.console import explain, fail
 
 if TYPE_CHECKING:
+    from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.metrics.rows import EpisodeRow
     from robotouille_evaluation.models import Model
     from robotouille_evaluation.packs.pack import Pack, PackInstance
@@ -40,6 +42,14 @@ ProcessesOption = Annotated[
 ]
 CallsOption = Annotated[
     int, typer.Option("--calls", min=1, help="Episodes that wait for a model at the same time.")
+]
+TimeoutOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, help="Seconds for one attempt to ask a model; 120 if left out."),
+]
+AttemptsOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="How often a model is asked one thing at most; 6 if left out."),
 ]
 SchedulerOption = Annotated[
     str, typer.Option("--scheduler", help="A Dask scheduler's address, instead of processes.")
@@ -88,7 +98,16 @@ def run(
         Literal["own", "published"] | None,
         typer.Option(help="The limit of steps: 1.5 x the optimum, or the published constants."),
     ] = None,
+    variant: Annotated[
+        Literal["stochastic", "delay-free"] | None,
+        typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
+    ] = None,
     temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
+    price: Annotated[
+        str, typer.Option(help="Of a million tokens sent and received, e.g. 0.40/1.20.")
+    ] = "",
+    timeout: TimeoutOption = None,
+    attempts: AttemptsOption = None,
     steps_to_go: Annotated[
         bool,
         typer.Option(
@@ -100,18 +119,23 @@ def run(
     scheduler: SchedulerOption = "",
 ) -> None:
     """Play agents on tasks, and write a report."""
+    from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.packs.store import write_pack
     from robotouille_evaluation.runs import RunFolder, jobs
 
     RunFolder(out).require_new()
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
-    parameters: dict[str, object] = {}
-    if temperature is not None:
-        parameters["temperature"] = temperature
-    specs = [_agent(name, used, model, base_url, parameters) for name in _words(agents)]
-    planned = tuple(jobs(used, specs, chosen, seeds=range(seeds), budget=budget))
-    if pack is None:
+    if variant == "delay-free":
+        folder, used = (out / "pack").resolve(), _delay_free(used, chosen)
+        chosen = list(used.instances)
+    parameters = {} if temperature is None else {"temperature": temperature}
+    choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
+    specs = [_agent(name, used, choice) for name in _words(agents)]
+    planned = tuple(
+        jobs(used, specs, chosen, seeds=range(seeds), budget=budget, variant=variant or "")
+    )
+    if pack is None or variant == "delay-free":
         write_pack(used, folder)
     run_folder = _create(out, used, folder, planned, steps_to_go)
     _play(run_folder, used, planned, processes, calls, scheduler)
@@ -124,16 +148,29 @@ def resume(
     processes: ProcessesOption = os.cpu_count() or 1,
     calls: CallsOption = 16,
     scheduler: SchedulerOption = "",
+    timeout: TimeoutOption = None,
+    attempts: AttemptsOption = None,
 ) -> None:
     """Go on with a run that was stopped, and play what ended with an error once more; no paid call
-    is made again."""
+    is made again.
+
+    Models are asked as the run says; a time-out or a number of attempts given here comes first.
+    """
     from robotouille_evaluation.packs.store import read_pack
     from robotouille_evaluation.runs import RunFolder
 
     folder = RunFolder(run_folder)
     plan = folder.plan()
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
-    _play(folder, pack, plan.jobs, processes, calls, scheduler)
+    planned = [_asked_otherwise(job, timeout, attempts) for job in plan.jobs]
+    _play(folder, pack, planned, processes, calls, scheduler)
+
+
+def _asked_otherwise(job: Job, timeout: float | None, attempts: int | None) -> Job:
+    """The same job, whose model is asked with more or less patience."""
+    given = {"timeout": timeout, "attempts": attempts}
+    changed = {name: value for name, value in given.items() if value is not None}
+    return job.model_copy(update={"agent": job.agent.model_copy(update=changed)})
 
 
 @benchmark.command()
@@ -157,6 +194,10 @@ def compare(
     first: Annotated[str, typer.Argument(help="The name of an agent.")],
     second: Annotated[str, typer.Argument(help="The name of another.")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    variant: Annotated[
+        Literal["none", "stochastic", "delay-free"] | None,
+        typer.Option(help="Of which variant, where the runs are of several."),
+    ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare two agents on the episodes that both have played, pair by pair."""
@@ -164,6 +205,7 @@ def compare(
     from robotouille_evaluation.runs import RunFolder
 
     rows = [row for path in runs for row in RunFolder(path).rows()]
+    rows = _of_variant(rows, variant)
     pairs = [(a.outcome.success, b.outcome.success) for a, b in _paired(rows, first, second)]
     if not pairs:
         names = ", ".join(sorted({row.agent for row in rows}))
@@ -178,6 +220,16 @@ def compare(
     tell(json.dumps(found) if json_output else
          f"{len(pairs)} episodes: {first} solves {found[first]}, {second} {found[second]}; "
          f"p = {p:.3f} (McNemar, exact)")  # fmt: skip
+
+
+def _of_variant(rows: Sequence[EpisodeRow], wanted: str | None) -> list[EpisodeRow]:
+    """The rows of one variant: results of different ones do not compare."""
+    if wanted is not None:
+        return [row for row in rows if (row.variant or "none") == wanted]
+    names = sorted({row.variant or "none" for row in rows})
+    if len(names) > 1:
+        raise RobotouilleError(f"the runs are of several variants; name one: --variant {names}")
+    return list(rows)
 
 
 def _paired(
@@ -205,6 +257,17 @@ def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
     return (out / "pack").resolve(), build_own_pack()
 
 
+def _delay_free(pack: Pack, chosen: Sequence[PackInstance]) -> Pack:
+    """The same kitchens without delays, and how many steps they take, which is searched for."""
+    from robotouille_evaluation.packs.delay_free import delay_free
+
+    console = Console(stderr=True)
+    with console.status("") as status:
+        return delay_free(
+            pack, chosen, lambda done, total: status.update(f"planned {done} of {total} instances")
+        )
+
+
 def _instances(
     pack: Pack, datasets: Sequence[str], tasks: Sequence[str], kinds: Sequence[str]
 ) -> list[PackInstance]:
@@ -227,9 +290,7 @@ def _instances(
     return found
 
 
-def _agent(
-    name: str, pack: Pack, model: str, base_url: str, parameters: dict[str, object]
-) -> AgentSpec:
+def _agent(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
     """Raises RobotouilleError before anything is begun where there is no such agent."""
     from robotouille_evaluation.agents.making import make_strategy
     from robotouille_evaluation.runs import AgentSpec
@@ -238,12 +299,15 @@ def _agent(
         return AgentSpec(name=name, kind=name)
     make_strategy(pack, name, pack.datasets[0])
     return AgentSpec(
-        name=f"{name} ({model})",
+        name=f"{name} ({model.name})",
         kind="model",
         strategy=name,
-        model=model,
-        base_url=base_url,
-        parameters=parameters,
+        model=model.name,
+        base_url=model.base_url,
+        parameters=dict(model.parameters),
+        prices=model.prices,
+        timeout=model.timeout,
+        attempts=model.attempts,
     )
 
 
@@ -302,7 +366,7 @@ async def _run(
     workers: Workers,
     finished: Callable[[Job, EpisodeRow], None],
 ) -> None:
-    from robotouille_evaluation.cli.models import MOCK, open_model
+    from robotouille_evaluation.cli.models import MOCK, ModelChoice, open_model
     from robotouille_evaluation.runs import run_jobs
 
     async with AsyncExitStack() as opened:
@@ -312,10 +376,17 @@ async def _run(
             """One client for all episodes of a model; mocks have one each, so that they repeat."""
             agent = job.agent
             if agent.model == MOCK:
-                return await open_model(MOCK, "", {}, job.seed, opened)
+                return await open_model(ModelChoice(MOCK), job.seed, opened)
             if agent.name not in models:
-                url, parameters = agent.base_url, agent.parameters
-                models[agent.name] = await open_model(agent.model, url, parameters, 0, opened)
+                choice = ModelChoice(
+                    agent.model,
+                    agent.base_url,
+                    agent.parameters,
+                    agent.prices,
+                    agent.timeout,
+                    agent.attempts,
+                )
+                models[agent.name] = await open_model(choice, 0, opened)
             return models[agent.name]
 
         await run_jobs(folder, pack, left, workers, make, finished)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,10 +13,11 @@ from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
 from robotouille_client import Game
 from robotouille_evaluation.agents.asking import Complete
+from robotouille_evaluation.agents.exchange_rows import exchange_row
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
-from robotouille_evaluation.cli.models import open_model
+from robotouille_evaluation.cli.models import ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
     Model,
@@ -36,26 +37,41 @@ class LanguageModelBot:
     """Plays a game that is joined in the text view.
 
     Args:
-        model: The model's name.
-        base_url: Of its endpoint.
+        model: Which, and how it is asked.
         strategy: One of ours.
         transcript: A file of JSON lines with what the model was sent and has said.
     """
 
-    model: str
-    base_url: str = ""
+    model: ModelChoice
     strategy: str = "react-last-reasoning-action"
     transcript: Path | None = None
     seed: int = 0
-    temperature: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        model: str,
+        *,
+        base_url: str,
+        strategy: str,
+        transcript: Path | None,
+        seed: int,
+        temperature: float | None,
+        prices: str,
+        timeout: float | None,
+        attempts: int | None,
+    ) -> LanguageModelBot:
+        """From the options of a command line; WrongArgumentError where they cannot be."""
+        parameters = {} if temperature is None else {"temperature": temperature}
+        choice = ModelChoice(model, base_url, parameters, prices, timeout, attempts)
+        return cls(choice, strategy, transcript, seed)
 
     async def play(self, game: Game) -> Mapping[str, Any]:
         """To the end. Raises ModelError where nobody answers at all."""
         pack = build_own_pack()
         strategy = make_strategy(pack, self.strategy, "asynchronous")
-        parameters = {} if self.temperature is None else {"temperature": self.temperature}
         async with AsyncExitStack() as opened:
-            model = await open_model(self.model, self.base_url, parameters, self.seed, opened)
+            model = await open_model(self.model, self.seed, opened)
             with _transcript(self.transcript) as told:
                 agent = NetworkAgent(game, strategy, _patiently(model), told)
                 return await agent.play()
@@ -93,15 +109,5 @@ def _transcript(path: Path | None) -> Iterator[Any]:
 
 
 def _write(file: TextIO, exchange: Exchange) -> None:
-    completion = exchange.completion
-    row = {
-        "purpose": exchange.request.purpose,
-        "messages": [asdict(message) for message in exchange.request.messages],
-        "answer": completion.text if completion is not None else None,
-        "seconds": completion.seconds if completion is not None else None,
-        "verdict": exchange.verdict.value,
-        "action": exchange.action,
-        "feedback": exchange.feedback,
-    }
-    file.write(json.dumps(row, ensure_ascii=False) + "\n")
+    file.write(json.dumps(exchange_row(exchange), ensure_ascii=False) + "\n")
     file.flush()

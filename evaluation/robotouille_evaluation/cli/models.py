@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
+from dataclasses import dataclass, field, replace
 
 from robotouille_evaluation.models import (
     Endpoint,
     Model,
     OpenAICompatibleModel,
+    Prices,
     ScriptedModel,
     SeededAnswers,
 )
 from robotouille_evaluation.models.openai_compatible import OPENAI_URL
 
-__all__ = ["LOCAL", "MOCK", "open_model"]
+__all__ = ["LOCAL", "MOCK", "ModelChoice", "open_model"]
 
 MOCK = "mock"
 """Answers by a seed, mostly well: for trying things out."""
@@ -22,24 +24,60 @@ LOCAL = "local"
 """A small model in this process, whose answers are valid actions."""
 
 
-async def open_model(
-    name: str,
-    base_url: str,
-    parameters: Mapping[str, object],
-    seed: int,
-    opened: AsyncExitStack,
-) -> Model:
+@dataclass(frozen=True, slots=True)
+class ModelChoice:
+    """A model and how it is asked.
+
+    Args:
+        name: `mock`, `local`, or what an endpoint calls it.
+        base_url: Of the endpoint; OpenAI's if empty.
+        parameters: Sent with each request.
+        prices: Of a million tokens sent and received (`0.40/1.20`); unknown if empty.
+        timeout: Seconds for an attempt; the usual ones if None.
+        attempts: How often the endpoint is asked at most; the usual number if None.
+
+    Raises:
+        WrongArgumentError: The prices are none.
+    """
+
+    name: str
+    base_url: str = ""
+    parameters: Mapping[str, object] = field(default_factory=dict)
+    prices: str = ""
+    timeout: float | None = None
+    attempts: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.prices:
+            Prices.parse(self.prices)
+
+    def endpoint(self) -> Endpoint:
+        """Where it is; WrongArgumentError if that cannot be."""
+        asked = Endpoint(self.name, self.base_url or OPENAI_URL, self.parameters)
+        if self.prices:
+            asked = replace(asked, prices=Prices.parse(self.prices))
+        if self.timeout is not None:
+            asked = replace(asked, timeout=self.timeout)
+        if self.attempts is not None:
+            asked = replace(asked, retries=replace(asked.retries, attempts=self.attempts))
+        return asked
+
+
+async def open_model(choice: ModelChoice, seed: int, opened: AsyncExitStack) -> Model:
     """A model, until `opened` is closed.
+
+    Args:
+        seed: Of what is drawn in this process.
 
     Raises:
         MissingExtraError: What it takes is not installed.
         ModelError: There is no key.
     """
-    if name == MOCK:
+    if choice.name == MOCK:
         return ScriptedModel(SeededAnswers(seed), MOCK)
-    if name == LOCAL:
+    if choice.name == LOCAL:
         from robotouille_evaluation.models.local import LocalModel
 
-        return opened.enter_context(LocalModel())
-    endpoint = Endpoint(name, base_url or OPENAI_URL, parameters)
-    return await opened.enter_async_context(OpenAICompatibleModel(endpoint))
+        parameters = {"seed": seed, **choice.parameters}
+        return opened.enter_context(LocalModel(parameters=parameters))
+    return await opened.enter_async_context(OpenAICompatibleModel(choice.endpoint()))

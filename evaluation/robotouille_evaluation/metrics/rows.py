@@ -121,9 +121,10 @@ class EpisodeRow(Row):
     """One episode of a run.
 
     `job` names it in its run, and is the same when it is played again. `kind` is the kind of
-    instance (`free`, `noisy`), `timing` the timing profile, `seconds` the wall time of the
-    episode, `repetitions` its repeated transitions, `recording` the path of its recording beside
-    the rows. `error` says why the episode could not be played to its end.
+    instance (`free`, `noisy`), `variant` what is changed about it (`stochastic`, `delay-free`;
+    nothing if empty), `timing` the timing profile, `seconds` the wall time of the episode,
+    `repetitions` its repeated transitions, `recording` the path of its recording beside the rows.
+    `error` says why the episode could not be played to its end.
     """
 
     run: str
@@ -137,6 +138,7 @@ class EpisodeRow(Row):
     agent: str
     strategy: str = ""
     model: str = ""
+    variant: str = ""
     timing: str = "benchmark"
     clock: str = "turn"
     seats: int = Field(default=1, ge=1)
@@ -160,9 +162,9 @@ class EpisodeRow(Row):
         return " · ".join([self.agent, *more])
 
     @property
-    def pair(self) -> tuple[str, str, str, int, int]:
+    def pair(self) -> tuple[str, str, str, int, int, str]:
         """What two agents must share for their results to be compared one by one."""
-        return self.dataset, self.task, self.instance, self.seed, self.trial
+        return self.dataset, self.task, self.instance, self.seed, self.trial, self.variant
 
 
 def write_rows(rows: Iterable[EpisodeRow]) -> Iterator[str]:

@@ -160,7 +160,7 @@ class _Course:
 
     def step(self, frame: Mapping[str, Any]) -> None:
         number = len(self.moves)
-        result = self.states[-1].step(self.recording.actions(dict(frame)))
+        result = self.recording.take(self.states[-1], dict(frame))
         moves = []
         for row, attempt in zip(frame["moves"], result.attempts, strict=True):
             move = Move(row["player"], attempt.action, attempt.applied, attempt.unmet)

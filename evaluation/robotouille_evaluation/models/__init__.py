@@ -18,9 +18,15 @@ from robotouille_evaluation.models.model import (
 from robotouille_evaluation.models.openai_compatible import Endpoint, OpenAICompatibleModel
 from robotouille_evaluation.models.prices import Prices
 from robotouille_evaluation.models.retries import RetryPolicy
-from robotouille_evaluation.models.scripted import AnswerKind, ScriptedModel, SeededAnswers
+from robotouille_evaluation.models.scripted import (
+    AnswerForm,
+    AnswerKind,
+    ScriptedModel,
+    SeededAnswers,
+)
 
 __all__ = [
+    "AnswerForm",
     "AnswerKind",
     "Completion",
     "Endpoint",

@@ -7,6 +7,7 @@ import os
 import secrets
 import tempfile
 import time
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ class LocalModel:
         threads: That compute.
         context: Tokens that it can read and write.
         constrained: Whether valid actions constrain it.
+        parameters: Sent with each request, after its own (`temperature`, `seed`).
         name: What the model is called; by default as its file.
 
     Raises:
@@ -50,11 +52,13 @@ class LocalModel:
         threads: int = 1,
         context: int = 8192,
         constrained: bool = True,
+        parameters: Mapping[str, object] | None = None,
         name: str | None = None,
     ) -> None:
         file = file or gemma_file()
         self.name = name or file.stem
         self._constrained = constrained
+        self._parameters = dict(parameters or {})
         self._server = _server(file, threads, context)
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="llama")
 
@@ -90,7 +94,8 @@ class LocalModel:
         messages = [
             {"role": each.role, "content": encodable(each.content)} for each in request.messages
         ]
-        body = {"messages": messages, "max_tokens": MAX_TOKENS, **request.parameters}
+        defaults = {"max_tokens": MAX_TOKENS, **self._parameters}
+        body = {"messages": messages, **defaults, **request.parameters}
         actions = valid_actions(request)
         if self._constrained and actions:
             body.setdefault("grammar", action_grammar(actions, REASONING))

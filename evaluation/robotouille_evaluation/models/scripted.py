@@ -17,7 +17,7 @@ from robotouille_evaluation.models.model import (
 )
 from robotouille_evaluation.models.valid_actions import valid_actions
 
-__all__ = ["MOCK_KINDS", "AnswerKind", "Scripted", "ScriptedModel", "SeededAnswers"]
+__all__ = ["MOCK_KINDS", "AnswerForm", "AnswerKind", "Scripted", "ScriptedModel", "SeededAnswers"]
 
 Scripted = str | Completion | ModelError
 """What a script answers: a text, or all of a completion, or an error that is raised."""
@@ -55,6 +55,31 @@ MOCK_KINDS: Mapping[AnswerKind, float] = {
     AnswerKind.NO_ACTION: 1,
 }
 """How often `--model mock` gives answers of each kind, in relation to each other."""
+
+
+class AnswerForm(StrEnum):
+    """In which form an answer is asked for."""
+
+    STEP = "step"
+    """Reasoning and one action."""
+    PLAN = "plan"
+    """All actions below `Plan:`."""
+    CHAIN = "chain"
+    """All actions, each with what it changes."""
+
+    @classmethod
+    def asked_for(cls, request: ModelRequest) -> AnswerForm:
+        """By the headings in the instructions, or, if these name none, in the examples."""
+        for role in ("user", "assistant"):
+            first = next((m.content for m in request.messages if m.role == role), "")
+            headings = {line.partition(":")[0] for line in first.splitlines() if ":" in line}
+            if "Reasoning" in headings:
+                return cls.STEP
+            if "Plan" in headings:
+                return cls.PLAN
+            if "Action" in headings:
+                return cls.CHAIN
+        return cls.STEP
 
 
 class ScriptedModel:
@@ -120,7 +145,7 @@ class SeededAnswers:
         self._asked: Counter[bytes] = Counter()
 
     def __call__(self, request: ModelRequest) -> Scripted:
-        """The answer to a request: `Reasoning: …` and `Action: …`, or what its kind makes of it.
+        """The answer to a request in the form that it asks for, or what its kind makes of it.
 
         Args:
             request: Its last observation says what is valid.
@@ -133,7 +158,7 @@ class SeededAnswers:
         action = rng.choice(actions)
         if kind is AnswerKind.PLAN:
             action = self._plan(request) or action
-        return written(kind, action, rng.choice(actions))
+        return written(kind, action, rng.choice(actions), AnswerForm.asked_for(request))
 
     def _draw(self, request: ModelRequest) -> str:
         digest = hashlib.sha256()
@@ -145,8 +170,10 @@ class SeededAnswers:
         return f"{self._seed}:{digest.hexdigest()}:{self._asked[key]}"
 
 
-def written(kind: AnswerKind, action: str, other: str) -> Scripted:
-    """An answer of a kind around an action."""
+def written(
+    kind: AnswerKind, action: str, other: str, form: AnswerForm = AnswerForm.STEP
+) -> Scripted:
+    """An answer of a kind and form around an action."""
     if kind is AnswerKind.EMPTY:
         return ModelError(ModelErrorKind.EMPTY, "an answer without text")
     reasoning = f"Reasoning: I think that it is best to {action[:1].lower()}{action[1:]}."
@@ -155,9 +182,14 @@ def written(kind: AnswerKind, action: str, other: str) -> Scripted:
     if kind is AnswerKind.OTHER_LANGUAGE:
         return f"Begründung: Das Beste ist nun dies.\nHandlung: {action}"
     said = {
-        AnswerKind.WRONG_CASE: action.upper(),
-        AnswerKind.FULL_STOP: f"{action}.",
-        AnswerKind.SEVERAL: f"{action}\nAction: {other}",
-        AnswerKind.IMPOSSIBLE: f"{action} and then to the moon",
-    }.get(kind, action)
-    return f"{reasoning}\nAction: {said}"
+        AnswerKind.WRONG_CASE: [action.upper()],
+        AnswerKind.FULL_STOP: [f"{action}."],
+        AnswerKind.SEVERAL: [action, other],
+        AnswerKind.IMPOSSIBLE: [f"{action} and then to the moon"],
+    }.get(kind, [action])
+    if form is AnswerForm.PLAN:
+        return "\n".join(["Plan:", *said])
+    headed = [f"Action: {each}" for each in said]
+    if form is AnswerForm.CHAIN:
+        return "\n".join(f"{line}\nThen: it is done" for line in headed)
+    return "\n".join([reasoning, *headed])

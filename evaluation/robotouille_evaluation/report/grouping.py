@@ -25,7 +25,7 @@ def by(rows: Iterable[EpisodeRow], key: Callable[[EpisodeRow], str]) -> Group:
 
 
 def named(rows: Sequence[EpisodeRow]) -> Group:
-    """Rows by player. Where packs, kinds of instances, timings, clocks or budgets of one player
+    """Rows by player. Where packs, variants, kinds of instances, timings or budgets of one player
     differ, they are groups of their own and named so: a mean over them would say nothing."""
     differing = [get for get in _SETTINGS if len({get(row) for row in rows}) > 1]
 
@@ -37,6 +37,7 @@ def named(rows: Sequence[EpisodeRow]) -> Group:
 
 _SETTINGS: tuple[Callable[[EpisodeRow], str], ...] = (
     lambda row: f"{row.pack.name} {row.pack.version} {row.pack.digest[:8]}",
+    lambda row: row.variant,
     lambda row: row.kind,
     lambda row: row.timing,
     lambda row: row.budget.rule,

@@ -96,7 +96,14 @@ def _about(rows: Sequence[EpisodeRow]) -> str:
         f"{'packs' if len(packs) > 1 else 'pack'} {_some(packs)}",
         f"step budget {_some(rules)}",
         f"timing {_some(sorted({row.timing for row in rows}))}",
+        *_variants(rows),
     ])  # fmt: skip
+
+
+def _variants(rows: Sequence[EpisodeRow]) -> Iterator[str]:
+    names = {row.variant for row in rows}
+    if names - {""}:
+        yield f"variant {_some(sorted(name or 'none' for name in names))}"
 
 
 def _some(words: Sequence[str], most: int = 4) -> str:

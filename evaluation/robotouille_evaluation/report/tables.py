@@ -68,6 +68,7 @@ def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
         failures(rows),
         teams(rows),
         ablations(rows),
+        variants(rows),
         comparisons(rows),
     ]
     return [table for table in found if table.lines]
@@ -334,6 +335,47 @@ def ablations(rows: Sequence[EpisodeRow]) -> Table:
     columns = ("player", "solved", "mean steps", "calls", "prompt tokens", "completion tokens",
                "cost ($)", "$ a success", "s a call")  # fmt: skip
     return Table("ablations", "Steps, tokens and cost", columns, tuple(lines))
+
+
+def variants(rows: Sequence[EpisodeRow]) -> Table:
+    """Success with and without chance, and without delays, by task (paper, tables
+    "stochastic-results" and "dataset-comparison")."""
+    names = ("", "stochastic", "delay-free")
+    lines = []
+    for (player, kind), group in _by_player_and_kind(rows):
+        for dataset, in_set in datasets(group).items():
+            for task, episodes in tasks(in_set).items():
+                own = by(episodes, lambda row: row.variant)
+                if own.keys() - {""}:
+                    cells = [percent(interval(own.get(n, ()), outcomes.succeeded)) for n in names]
+                    lines.append(Line((player, kind, dataset, task.rpartition("/")[2], *cells)))
+    if lines:
+        lines += _published_variants({row.dataset for row in rows})
+    columns = ("player", "kind", "data set", "task", "as it is", "stochastic", "delay-free")
+    note = (
+        "Stochastic: once in an episode a cut item reverts. Delay-free: nothing has to be waited "
+        "for; its step budgets are those of kitchens without delays."
+    )
+    return Table("variants", "Variants", columns, tuple(lines), note)
+
+
+def _by_player_and_kind(
+    rows: Sequence[EpisodeRow],
+) -> Iterator[tuple[tuple[str, str], list[EpisodeRow]]]:
+    for player, group in sorted(by(rows, lambda row: row.player).items()):
+        for kind, episodes in sorted(by(group, lambda row: row.kind).items()):
+            yield (player, kind), episodes
+
+
+def _published_variants(sets: Iterable[str]) -> Iterator[Line]:
+    by_chance = {n: (plain, less, None) for n, (plain, less) in published.STOCHASTIC.items()}
+    by_delays = {
+        n: (delayed, None, free) for n, (free, delayed) in published.SYNCHRONOUS_VARIANTS.items()
+    }
+    for dataset, known in (("synchronous", by_chance), ("asynchronous", by_delays)):
+        for number, values in known.items() if dataset in sets else ():
+            cells = ("gpt-4o, ReAct", NONE, dataset, str(number), *map(_published, values))
+            yield Line(cells, reference=True)
 
 
 def comparisons(rows: Sequence[EpisodeRow]) -> Table:

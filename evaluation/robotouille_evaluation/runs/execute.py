@@ -49,6 +49,7 @@ from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
 from robotouille_evaluation.runs.stage import RecordedStage
 from robotouille_evaluation.runs.team_episode import play_team
 from robotouille_evaluation.runs.text_episode import TextEpisode, View
+from robotouille_evaluation.runs.variants import chance
 
 __all__ = ["play_job"]
 
@@ -107,7 +108,7 @@ async def play_job(
         trial=episode.trials - 1,
         budget=BudgetRow(rule=job.budget, steps=budget.max_steps),
         outcome=result,
-        counts=_counts(episode.exchanges),
+        counts=_counts(episode.exchanges, sum(stage.too_late for stage in episode.stages)),
         usage=_spent(episode.exchanges),
         seconds=max(0.0, clock() - begun),
         repetitions=repetitions,
@@ -129,6 +130,7 @@ def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> 
         "task": instance.task,
         "instance": instance.id,
         "kind": instance.kind,
+        "variant": job.variant,
         "seed": job.seed,
         "agent": job.agent.name,
         "strategy": job.agent.strategy,
@@ -149,7 +151,9 @@ class _Episode:
         self._folder = folder
         self._world = world
         self._budget = budget
-        self._view = _view(job, pack)
+        self._published = any(found.id == job.agent.strategy for found in pack.experiments)
+        self._view = _view(job, published=self._published)
+        self._undone = chance(job.variant, world, f"{job.instance}:{job.seed}")
         self._strategies = {p: _strategy(job, pack, world, p) for p in world.players}
         self.stages: list[RecordedStage] = []
         self.exchanges: list[Exchange] = []
@@ -174,7 +178,12 @@ class _Episode:
         if len(players) == 1:
             strategy = self._strategies[players[0]]
             alone = TextEpisode(
-                self._world, strategy, self._budget, begin=self._begin, view=self._view
+                self._world,
+                strategy,
+                self._budget,
+                begin=self._begin,
+                view=self._view,
+                blind=self._published,
             )
             ended = await answer_all(alone.play(), complete[players[0]])
             return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
@@ -192,7 +201,12 @@ class _Episode:
     def _begin(self, limit: int) -> RecordedStage:
         names = dict.fromkeys(self._world.players, self._job.agent.name)
         stage = RecordedStage(
-            self._world, names, limit, episode=self._job.id, answered=self._answered
+            self._world,
+            names,
+            limit,
+            episode=self._job.id,
+            answered=self._answered,
+            undone=self._undone,
         )
         self.stages.append(stage)
         return stage
@@ -214,11 +228,10 @@ def _strategy(job: Job, pack: Pack, world: World, player: str) -> Strategy:
             return make_strategy(pack, job.agent.strategy, dataset)
 
 
-def _view(job: Job, pack: Pack) -> View | None:
+def _view(job: Job, *, published: bool) -> View | None:
     """What is read: by published strategies what is published, by ours what the network sends."""
     if job.agent.kind != "model":
         return None
-    published = any(found.id == job.agent.strategy for found in pack.experiments)
     return State.text if published else State.text_view
 
 
@@ -271,10 +284,10 @@ def _write(folder: RunFolder, job: Job, recorded: Sequence[bytes]) -> str | None
     return str(name.relative_to(folder.path)) if name is not None else None
 
 
-def _counts(exchanges: Sequence[Exchange]) -> Counts:
+def _counts(exchanges: Sequence[Exchange], too_late: int) -> Counts:
     answers = [exchange for exchange in exchanges if exchange.completion is not None]
     return Counts(
-        invalid=sum(exchange.verdict is ExchangeVerdict.INVALID for exchange in answers),
+        invalid=sum(e.verdict is ExchangeVerdict.INVALID for e in answers) + too_late,
         malformed=sum(exchange.verdict.malformed for exchange in answers),
         calls=len(answers),
         retries=sum(e.completion.attempts - 1 for e in answers if e.completion is not None),

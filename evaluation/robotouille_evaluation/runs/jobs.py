@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from robotouille.errors import RobotouilleError
 from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.runs.variants import Variant
 
 __all__ = ["AgentSpec", "Job", "jobs"]
 
@@ -27,6 +28,16 @@ class AgentSpec(BaseModel):
     base_url: str = ""
     parameters: dict[str, Any] = Field(default_factory=dict)
     """Sent with each request."""
+    prices: str = ""
+    """Of a million tokens sent and received, e.g. `0.40/1.20`; unknown if empty."""
+    timeout: float | None = None
+    """Seconds for an attempt; the endpoint's usual ones if None."""
+    attempts: int | None = None
+    """How often the endpoint is asked at most; the usual number if None."""
+
+
+HOW_IT_IS_ASKED = {"prices", "timeout", "attempts"}
+"""What says nothing of what is played."""
 
 
 class Job(BaseModel):
@@ -40,11 +51,15 @@ class Job(BaseModel):
     seed: int
     """Of the agent's chance."""
     budget: Literal["published", "own"]
+    variant: Variant = ""
 
     @property
     def id(self) -> str:
         """The same for the same job in every process: names files, and is found again."""
-        text = json.dumps(self.model_dump(), sort_keys=True)
+        told = self.model_dump(exclude={"agent": HOW_IT_IS_ASKED})
+        if not self.variant:
+            del told["variant"]  # Runs that were begun before there were variants go on.
+        text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
@@ -56,11 +71,14 @@ def jobs(
     seeds: Iterable[int] = (0,),
     seats: int | None = None,
     budget: Literal["published", "own"] | None = None,
+    variant: Variant = "",
 ) -> Iterator[Job]:
     """Every agent on every instance with every seed, instance by instance.
 
     Args:
         seats: How many players, where a task leaves it open; the usual number if None.
+        variant: Is played; for `delay-free`, the pack is one without delays. If none is named,
+            an experiment of the pack is played as it says itself.
         budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
 
     Raises:
@@ -75,7 +93,20 @@ def jobs(
         pack.budget(instance, kind, seats=count)
         for agent in agents:
             for seed in seeds:
-                yield Job(agent=agent, instance=instance.id, seats=count, seed=seed, budget=kind)
+                yield Job(
+                    agent=agent,
+                    instance=instance.id,
+                    seats=count,
+                    seed=seed,
+                    budget=kind,
+                    variant=variant or _own_variant(pack, agent),
+                )
+
+
+def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
+    found = next((each for each in pack.experiments if each.id == agent.strategy), None)
+    by_chance = found is not None and found.settings.get("game", {}).get("stochastic")
+    return "stochastic" if by_chance else ""
 
 
 def _check_names(agents: Iterable[AgentSpec]) -> None:

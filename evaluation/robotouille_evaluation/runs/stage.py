@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
 from robotouille import GroundAction, State, World
 from robotouille.episode import Clock, Episode, Phase, Rules, Stepped
-from robotouille.errors import ProtocolError
+from robotouille.episode.episode_state import Undone, nothing_undone
+from robotouille.episode.quota import MAX_NOTE
+from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.planning.policies import Did
+from robotouille.replay.model_calls import TOPIC, CallNotes
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.sentences import MAX_SENTENCE
+from robotouille_evaluation.agents.exchange_rows import exchange_note
 from robotouille_evaluation.agents.proposal import MAX_REASONING, Exchange
 
 ACTION_INVALID, ACTION_UNKNOWN = "action/invalid", "action/unknown"
@@ -29,9 +34,13 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """The state after a step, and who did what in it: player, action, whether it was applied."""
+    """The state after a step, and who did what in it: player, action, whether it was applied.
+
+    `seen` is the state before chance undid something, or the same if it did not.
+    """
 
     state: State
+    seen: State
     did: Did = ()
 
 
@@ -53,10 +62,15 @@ class Stage(Protocol):
 
 
 class PlainStage:
-    """A world, and nothing else."""
+    """A world, and nothing else.
 
-    def __init__(self, world: World) -> None:
+    Args:
+        undone: What chance takes back after each step that has not reached the goal.
+    """
+
+    def __init__(self, world: World, undone: Undone = nothing_undone) -> None:
         self.state = world.initial
+        self._undone = undone
 
     def step(self, decisions: Mapping[str, Decision]) -> Moved:
         """Take a step."""
@@ -65,9 +79,11 @@ class PlainStage:
             p: before.world.parse(before, p, d.action) for p, d in decisions.items() if d.action
         }
         step = before.step(list(actions.values()))
-        self.state = step.state
+        undone = () if step.goal_reached else self._undone(step.state)
+        self.state = step.state.without(undone) if undone else step.state
         applied = [attempt.action for attempt in step.attempts if attempt.applied]
-        return Moved(step.state, tuple((p, a, a in applied) for p, a in actions.items()))
+        did = tuple((p, a, a in applied) for p, a in actions.items())
+        return Moved(self.state, step.state, did)
 
     def answered(self, player: str, exchange: Exchange) -> None:
         """Is forgotten."""
@@ -78,9 +94,12 @@ class RecordedStage:
 
     Time is counted in steps: nothing is measured here, so that equal decisions give equal bytes.
 
+    `too_late` counts decisions that were not valid any more when their step came.
+
     Args:
         names: Who plays which player.
         answered: Is told each exchange with a model, as soon as it is over.
+        undone: What chance takes back after each step.
     """
 
     def __init__(
@@ -91,16 +110,19 @@ class RecordedStage:
         *,
         episode: str = "local",
         answered: Callable[[str, Exchange], None] | None = None,
+        undone: Undone = nothing_undone,
     ) -> None:
         clock = Clock.TURN if len(world.players) == 1 else Clock.LOCKSTEP
         rules = Rules(clock=clock, max_steps=max_steps, move_budget=0)
         self._world = world
-        self._episode = Episode(world, rules)
+        self._episode = Episode(world, rules, undone=undone)
         self._recorder = Recorder(world)
         self._bytes = self._recorder.begin(header(world.task, rules, episode=episode))
         self._now = 0.0
         self._seq = 0
+        self.too_late = 0
         self._answered = answered
+        self._notes = {player: CallNotes() for player in world.players}
         for player in world.players:
             self._episode.join(player, names[player], "bot", self._now)
 
@@ -118,18 +140,32 @@ class RecordedStage:
             state = episode.state
             if episode.phase is not Phase.RUNNING or state.busy_steps(player):
                 continue
-            action = self._world.parse(state, player, decision.action) if decision.action else None
-            self._submit(player, action, decision.reasoning[:MAX_REASONING])
+            reasoning = decision.reasoning[:MAX_REASONING]
+            try:
+                action = (
+                    self._world.parse(state, player, said) if (said := decision.action) else None
+                )
+            except UnknownNameError as error:
+                self._too_late(player, said, error, reasoning)
+                continue
+            self._submit(player, action, reasoning)
         episode.tick(self._now)
         events = episode.events()
         self._bytes += self._recorder.record(events)
+        stepped = [event for event in events if isinstance(event, Stepped)]
         did = [
             (move.player, attempt.action, attempt.applied)
-            for event in events
-            if isinstance(event, Stepped)
+            for event in stepped
             for move, attempt in zip(event.moves, event.attempts, strict=True)
         ]
-        return Moved(episode.state, tuple(did))
+        return Moved(episode.state, _unchanged(stepped, episode.state), tuple(did))
+
+    def _too_late(self, player: str, said: str, why: UnknownNameError, reasoning: str) -> None:
+        """What was decided is not valid any more: it is recorded, and nothing is done."""
+        self.too_late += 1
+        fault = ProtocolError(ACTION_INVALID, str(why), "action")
+        self._reject(player, said[:MAX_SENTENCE], fault, reasoning)
+        self._submit(player, None, "")
 
     def _submit(self, player: str, action: GroundAction | None, reasoning: str) -> None:
         self._seq += 1
@@ -144,15 +180,22 @@ class RecordedStage:
         return self._episode.step
 
     def answered(self, player: str, exchange: Exchange) -> None:
-        """Record what was no action, with its reasoning; tell whoever wants to know."""
+        """Record what was sent and said, and what was no action; tell whoever wants to know."""
         if self._answered is not None:
             self._answered(player, exchange)
+        self._note(player, exchange_note(self._notes[player], exchange, timed=False))
         if exchange.verdict.rejected:
             said = exchange.action or (exchange.completion.text if exchange.completion else "")
             code = ACTION_UNKNOWN if exchange.verdict.malformed else ACTION_INVALID
             why = ProtocolError(code, exchange.feedback, "action")
             reasoning = exchange.reasoning[:MAX_REASONING]
             self._reject(player, said[:MAX_SENTENCE], why, reasoning)
+
+    def _note(self, player: str, text: str) -> None:
+        for at in range(0, len(text), MAX_NOTE):
+            with suppress(ProtocolError):  # No more notes of this seat are recorded.
+                piece, more = text[at : at + MAX_NOTE], at + MAX_NOTE < len(text)
+                self._episode.note(player, TOPIC, piece, self._now, more=more)
 
     def _reject(self, player: str, said: str, why: ProtocolError, reasoning: str) -> None:
         self._seq += 1
@@ -167,3 +210,11 @@ class RecordedStage:
             self._episode.abort(self._now, why)
         self._bytes += self._recorder.record(self._episode.events())
         return self._bytes
+
+
+def _unchanged(stepped: Sequence[Stepped], state: State) -> State:
+    """The state as the players' actions have left it, without what chance undid."""
+    if not any(event.undone for event in stepped):
+        return state
+    last = stepped[-1]
+    return last.before.step([move.action for move in last.moves]).state

@@ -16,10 +16,7 @@ from robotouille_evaluation.agents.proposal import Exchange, Observation, Propos
 from robotouille_evaluation.models.model import Completion, ModelRequest
 from robotouille_evaluation.runs.stage import Decision, PlainStage, Stage
 
-__all__ = ["Change", "Ended", "Taken", "TextEpisode", "TextResult", "View", "observe"]
-
-Change = Callable[[State], State]
-"""What happens to a state behind the agent's back; the same state where nothing does."""
+__all__ = ["Ended", "Taken", "TextEpisode", "TextResult", "View", "observe"]
 
 View = Callable[[State, str], str]
 """What a player that reads is sent of a state: `State.text`, as published, or `State.text_view`."""
@@ -77,8 +74,7 @@ class TextEpisode:
             which there may be another, down, as the published evaluation does.
         begin: Makes the stage of a trial from its limit of steps.
         view: What the strategy reads.
-        change: What happens to the state after each step, unseen in the next observation; only
-            where nothing is recorded.
+        blind: What chance undoes is not seen in the next observation, as published.
     """
 
     def __init__(
@@ -89,7 +85,7 @@ class TextEpisode:
         *,
         begin: Callable[[int], Stage] | None = None,
         view: View | None = State.text,
-        change: Change | None = None,
+        blind: bool = False,
     ) -> None:
         self._world = world
         self._player = world.players[0]
@@ -97,7 +93,7 @@ class TextEpisode:
         self._budget = budget
         self._begin = begin or (lambda _: PlainStage(world))
         self._view = view
-        self._change = change
+        self._blind = blind
         self._exchanges: list[Exchange] = []
         self._taken: list[Taken] = []
         self._trial = 1
@@ -133,8 +129,7 @@ class TextEpisode:
         seen = self._observe(state)
         while self._steps < limit:
             if state.busy_steps(self._player):
-                state = self._step(stage, state, "", "")
-                seen = self._observe(state)
+                state, seen = self._step(stage, "", "")
                 continue
             proposal = yield from self._strategy.propose(seen)
             for exchange in proposal.exchanges:
@@ -143,11 +138,9 @@ class TextEpisode:
             if proposal.whole and not self._possible(proposal.actions, state):
                 return Ended.PLAN_REFUSED
             for action in proposal.actions:
-                state = self._step(stage, state, action, proposal.reasoning)
+                state, seen = self._step(stage, action, proposal.reasoning)
                 if state.goal_reached:
                     return Ended.GOAL
-                seen = self._observe(state)
-                state = state if self._change is None else self._change(state)
                 if self._steps >= limit:
                     return Ended.STEP_LIMIT
             if proposal.done:
@@ -157,14 +150,12 @@ class TextEpisode:
     def _observe(self, state: State) -> Observation:
         return observe(state, self._player, self._view)
 
-    def _step(self, stage: Stage, state: State, action: str, reasoning: str) -> State:
+    def _step(self, stage: Stage, action: str, reasoning: str) -> tuple[State, Observation]:
         self._steps += 1
         self._taken.append(Taken(self._trial, self._steps, action, reasoning))
-        if self._change is not None:
-            return state.step(action or []).state
         moved = stage.step({self._player: Decision(action, reasoning)})
         self._strategy.observe(moved.did)
-        return moved.state
+        return moved.state, self._observe(moved.seen if self._blind else moved.state)
 
     def _possible(self, actions: tuple[str, ...], state: State) -> bool:
         """Whether each is valid when its turn comes, also behind the goal."""

@@ -1,12 +1,23 @@
-"""Variants of the benchmark: what happens to a state behind the agent's back."""
+"""Variants of the benchmark, and what happens in them behind the agent's back."""
 
 from __future__ import annotations
 
 import random
+from collections.abc import Iterator, Sequence
+from typing import Literal
 
-from robotouille import State
+from robotouille import State, World
+from robotouille.episode.episode_state import Undone, nothing_undone
+from robotouille.errors import RobotouilleError
+from robotouille.world.grounding.objects import Atom
 
-__all__ = ["PROBABILITY", "Reverting"]
+__all__ = ["PROBABILITY", "Reverting", "Variant", "chance"]
+
+Variant = Literal["", "stochastic", "delay-free"]
+"""As it is; a cut item reverts; nothing has to be waited for (`packs.delay_free`)."""
+
+CUT = "iscut"
+
 
 PROBABILITY = 0.1
 """That of the paper's stochastic environment, in each step."""
@@ -32,17 +43,31 @@ class Reverting:
         self._probability = probability
         self._done = False
 
-    def __call__(self, state: State) -> State:
-        """The state after what happens to it, or the same."""
+    def __call__(self, state: State) -> Sequence[Atom]:
+        """What is undone in a state, if anything is."""
         if self._done or self._rng.random() >= self._probability:
-            return state
-        after = self._undone(state)
-        self._done = after is not state
-        return after
+            return ()
+        found = next(self._holding(state), None)
+        self._done = found is not None
+        return () if found is None else (found,)
 
-    def _undone(self, state: State) -> State:
+    def _holding(self, state: State) -> Iterator[Atom]:
         for number, atom in enumerate(state.world.table.atoms):
             if atom[0] == self._predicate and state.facts >> number & 1:
-                facts = state.facts & ~(1 << number)
-                return state.world.restore(facts, state.timer_rows(), state.timers.busy)
-        return state
+                yield atom
+
+
+def chance(variant: Variant, world: World, seed: str) -> Undone:
+    """What chance takes back in an episode of a variant.
+
+    Args:
+        seed: Decides it; the same for all agents, so that they meet with the same.
+
+    Raises:
+        RobotouilleError: Nothing can be cut in this world.
+    """
+    if variant != "stochastic":
+        return nothing_undone
+    if CUT not in world.table.fluents:
+        raise RobotouilleError(f"{world.task.name}: its domain has no {CUT!r} that could revert")
+    return Reverting(CUT, random.Random(seed))

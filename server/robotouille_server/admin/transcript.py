@@ -85,6 +85,8 @@ class Transcript:
                 return self._line("say", note["name"], note["text"])
             case "roster":
                 return self._line("seat", note["player"], _seat(note))
+            case "noted":
+                return self._line("note", note["player"], f"notes something ({note['topic']})")
             case "announced":
                 return self._line("say", "operator", note["text"])
             case "moderated":

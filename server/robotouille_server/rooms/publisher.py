@@ -11,6 +11,7 @@ from robotouille.episode import (
     Episode,
     Event,
     Moderated,
+    Noted,
     Paused,
     QuotaReached,
     Rejected,
@@ -89,6 +90,8 @@ class Publisher:
             case Ended():
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()
                 self._broadcaster.send_all(self._broadcaster.ended(event.outcome))
+            case Noted():
+                pass  # It is for the recording.
             case Moderated():
                 pass  # Whom it concerns is told by what follows from it.
 

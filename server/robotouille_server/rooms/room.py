@@ -317,6 +317,16 @@ class Room:
         session.recorded_bytes += len(text.encode())
         self.flush()
 
+    def note(self, session: Session, request: messages.Note) -> None:
+        """Record what a player notes; nobody is told."""
+        self._write_ahead.check()
+        if session.player is None:
+            raise ProtocolError("seat/none", "spectators make no notes", "type")
+        topic, text = request.topic, request.text
+        self.episode.note(session.player, topic, text, self._now(), more=request.more)
+        session.recorded_bytes += len(text.encode())
+        self.flush()
+
     def ask_snapshot(self, session: Session) -> None:
         """The whole state, once for each turn of the event loop."""
         self.broadcaster.ask_snapshot(session)

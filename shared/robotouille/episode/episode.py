@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from robotouille.episode.episode_state import EpisodeState
+from robotouille.episode.episode_state import EpisodeState, Undone, nothing_undone
 from robotouille.episode.events import (
     ACTION_INVALID,
     ACTION_UNKNOWN,
@@ -50,12 +50,15 @@ class Episode(EpisodeState):
 
     Args:
         now: Seconds, here and in all methods, on one clock that the caller reads.
+        undone: What chance takes back after each step.
     """
 
     __slots__ = ("_arrivals", "_presence", "_reported", "pauses", "step_began")
 
-    def __init__(self, world: World, rules: Rules, now: float = 0.0) -> None:
-        super().__init__(world, rules)
+    def __init__(
+        self, world: World, rules: Rules, now: float = 0.0, *, undone: Undone = nothing_undone
+    ) -> None:
+        super().__init__(world, rules, undone)
         self.step_began = now
         self._presence = Presence(self.seats, rules)
         self.pauses = self._presence.pauses

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from robotouille.episode.clocks import clock_for
@@ -12,6 +13,7 @@ from robotouille.episode.events import (
     Moderated,
     Moderation,
     Move,
+    Noted,
     Outcome,
     QuotaReached,
     Reason,
@@ -20,13 +22,29 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.lifecycle import Phase, PhaseEvent, next_phase
-from robotouille.episode.quota import MAX_AUDIENCE_BYTES, NOTE_BYTES, Quota, take_or_refuse
+from robotouille.episode.quota import (
+    MAX_AUDIENCE_BYTES,
+    NOTE_BYTES,
+    Quota,
+    size_of_note,
+    take_or_refuse,
+)
 from robotouille.episode.rules import Rules
 from robotouille.episode.seats import ActionAnswer, Seat, tally
 from robotouille.errors import ProtocolError
+from robotouille.world.grounding.objects import Atom
 from robotouille.world.world import State, World
 
-__all__ = ["EpisodeState"]
+__all__ = ["EpisodeState", "Undone", "nothing_undone"]
+
+
+Undone = Callable[[State], Sequence[Atom]]
+"""What chance takes back of the facts of a state after a step's actions."""
+
+
+def nothing_undone(state: State) -> Sequence[Atom]:
+    """Nothing ever is: the world is deterministic."""
+    return ()
 
 
 class EpisodeState:
@@ -35,12 +53,16 @@ class EpisodeState:
     `said` counts chat messages; `used` says whether anybody ever took a seat; `banned` are the
     sessions and participants that may not come in, `muted` the participants that may not talk.
     `scheduled` says whether steps follow the wall clock, whoever has acted.
+
+    Args:
+        undone: What chance takes back after each step.
     """
 
     __slots__ = (
         "_clock",
         "_events",
         "_started",
+        "_undone",
         "audience_quota",
         "banned",
         "muted",
@@ -56,8 +78,9 @@ class EpisodeState:
         "world",
     )
 
-    def __init__(self, world: World, rules: Rules) -> None:
+    def __init__(self, world: World, rules: Rules, undone: Undone = nothing_undone) -> None:
         self.world = world
+        self._undone = undone
         self.rules = rules
         self.state: State = world.initial
         self.step = 0
@@ -136,7 +159,8 @@ class EpisodeState:
         result = before.step([move.action for move in moves])
         turn = self.on_turn
         self.step += 1
-        self.state = result.state
+        undone = () if result.goal_reached else self._undone(result.state)
+        self.state = result.state.without(undone) if undone else result.state
         applied = {}
         for move, attempt in zip(moves, result.attempts, strict=True):
             applied[move.player] = attempt.applied
@@ -145,8 +169,11 @@ class EpisodeState:
                 self.seats[move.player].answer = ActionAnswer(move.seq, self.step, reasons)
         tally(self.seats.values(), applied, turn)
         turn = self.on_turn
-        self._emit(Stepped(self.step, time, moves, result.attempts, before, self.state, turn, idle))
-        return result.goal_reached
+        step, after = self.step, self.state
+        self._emit(
+            Stepped(step, time, moves, result.attempts, before, after, turn, idle, tuple(undone))
+        )
+        return result.goal_reached or (bool(undone) and after.goal_reached)
 
     # Texts
 
@@ -169,6 +196,27 @@ class EpisodeState:
             self.seat(player).tally.said += 1
         self.said += 1
         self._emit(Said(name, player, text, self._elapsed(now), self.said))
+
+    def note(self, player: str, topic: str, text: str, now: float, *, more: bool = False) -> None:
+        """A text of a seat's own for the recording, which nobody is told.
+
+        Notes leave half of the seat's quota to its reasoning and chat.
+
+        Args:
+            topic: What it is about.
+            more: The next piece follows.
+
+        Raises:
+            ProtocolError: `episode/over`, `seat/unknown`, or `rate/words` where no more notes are
+                recorded of the seat.
+        """
+        self._check_open()
+        seat = self.seat(player)
+        size = size_of_note(topic, text)
+        if seat.quota.reached or not seat.quota.half_left(size):
+            raise ProtocolError("rate/words", "no more notes of this seat are recorded", "text")
+        seat.quota.take(size)
+        self._emit(Noted(player, topic, text, self._elapsed(now), more))
 
     def _take_quota(self, quota: Quota, size: int, player: str, now: float, instead: str) -> None:
         reached = quota.reached

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from robotouille.episode.pauses import PauseReason
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.objects import Atom
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import Attempt, State
 
@@ -23,6 +24,7 @@ __all__ = [
     "Moderated",
     "Moderation",
     "Move",
+    "Noted",
     "Outcome",
     "Paused",
     "QuotaReached",
@@ -251,6 +253,17 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
+class Noted:
+    """A seat's text for the recording, which nobody is told; the next piece follows if `more`."""
+
+    player: str
+    topic: str
+    text: str
+    time: float
+    more: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Announced:
     """Something the operator says to everybody in the episode."""
 
@@ -298,7 +311,8 @@ class Stepped(NamedTuple):
     """A step was taken: `moves` with their `attempts`, in the order in which they applied.
 
     `turn` is whose turn it is after it, with the turn clock; `idle` are the seats that decided to
-    do nothing, with the sequence numbers of these decisions.
+    do nothing, with the sequence numbers of these decisions. `undone` are facts that held after
+    the actions, and were then taken back by chance: `state` is without them.
     """
 
     step: int
@@ -309,6 +323,7 @@ class Stepped(NamedTuple):
     state: State
     turn: str | None = None
     idle: tuple[tuple[str, int], ...] = ()
+    undone: tuple[Atom, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +339,7 @@ Event = (
     | Rejected
     | QuotaReached
     | Said
+    | Noted
     | Announced
     | Moderated
     | Paused

@@ -12,11 +12,13 @@ from robotouille.errors import ProtocolError
 
 __all__ = [
     "MAX_AUDIENCE_BYTES",
+    "MAX_NOTE",
     "MAX_SEAT_BYTES",
     "NEWCOMER_BYTES",
     "NOTE_BYTES",
     "SEAT_QUOTA_BYTES",
     "Quota",
+    "size_of_note",
     "size_of_rejection",
     "take_or_refuse",
 ]
@@ -29,6 +31,8 @@ NEWCOMER_BYTES = 512 * 1024
 """That somebody who takes a seat may write at least, whatever was written there before…"""
 MAX_SEAT_BYTES = 11 * 1024 * 1024
 """… up to this, of all who have had the seat."""
+MAX_NOTE = 8000
+"""Characters of one note that a seat makes, as many as of reasoning."""
 NOTE_BYTES = 100
 """What a note takes beside its text."""
 
@@ -37,6 +41,11 @@ def size_of_rejection(texts: Iterable[str]) -> int:
     """Bytes of a rejected action in a recording: what it asked for, and the reasons; its reasoning
     was taken off before."""
     return NOTE_BYTES + sum(len(text.encode()) for text in texts)
+
+
+def size_of_note(topic: str, text: str) -> int:
+    """Bytes of a seat's note in a recording."""
+    return NOTE_BYTES + len(topic.encode()) + len(text.encode())
 
 
 class Quota:
@@ -59,6 +68,10 @@ class Quota:
             self.limit, self.reached = least, False
         elif self.used < self.limit - NOTE_BYTES:
             self.reached = False
+
+    def half_left(self, size: int) -> bool:
+        """Whether so much more would leave half of it to others."""
+        return self.used + size <= self.limit // 2
 
     def take(self, size: int) -> bool:
         """Whether so much more is recorded."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 from robotouille.episode.episode import Episode
+from robotouille.episode.episode_state import nothing_undone
 from robotouille.episode.events import Moderation, Move, Outcome, Restarted
 from robotouille.episode.lifecycle import PhaseEvent
 from robotouille.episode.pauses import PauseReason
 from robotouille.episode.seats import ActionAnswer
+from robotouille.world.grounding.objects import Atom
 
 __all__ = ["RecoveredEpisode"]
 
@@ -27,12 +29,18 @@ class RecoveredEpisode(Episode):
         """
         self._enter_phase(PhaseEvent.START)
 
-    def replay_step(self, moves: Iterable[Move], idle: Iterable[tuple[str, int]] = ()) -> None:
+    def replay_step(
+        self,
+        moves: Iterable[Move],
+        idle: Iterable[tuple[str, int]] = (),
+        undone: Sequence[Atom] = (),
+    ) -> None:
         """Take a recorded step again.
 
         Args:
             moves: In the order in which they applied.
             idle: The decisions to do nothing: the seats with their sequence numbers.
+            undone: What chance took back after it.
         """
         moves, idle = tuple(moves), tuple(idle)
         for player, seq in [*((move.player, move.seq) for move in moves), *idle]:
@@ -40,7 +48,9 @@ class RecoveredEpisode(Episode):
             seat.seq = max(seat.seq, seq)
         for player, seq in idle:
             self.seats[player].answer = ActionAnswer(seq, self.step + 1)
+        self._undone = lambda _: undone
         self._transition(moves, idle, 0.0)
+        self._undone = nothing_undone
         self._events.clear()
 
     def replay_moderation(self, what: Moderation, session: str, participant: str) -> None:

@@ -19,6 +19,7 @@ from robotouille.domain.task import Timing
 from robotouille.episode.events import Controller, Reason
 from robotouille.episode.lifecycle import Phase
 from robotouille.episode.pauses import PauseReason
+from robotouille.episode.quota import MAX_NOTE
 from robotouille.episode.rules import (
     Absence,
     Clock,
@@ -56,6 +57,7 @@ __all__ = [
     "Message",
     "Moved",
     "NamedAction",
+    "Note",
     "Notice",
     "Observation",
     "OutcomeRow",
@@ -225,6 +227,20 @@ class Say(Message):
 
     type: Literal["say"] = "say"
     text: Annotated[str, Field(min_length=1, max_length=500)]
+
+
+class Note(Message):
+    """A text for the recording, which nobody is told: what a model was sent and has answered, or
+    whatever else belongs to a seat's play.
+
+    `topic` says what it is about. One that is longer than a message comes in pieces, of which all
+    but the last have `more`.
+    """
+
+    type: Literal["note"] = "note"
+    topic: Identifier
+    text: Annotated[str, Field(min_length=1, max_length=MAX_NOTE)]
+    more: bool = False
 
 
 class Resync(Message):
@@ -574,7 +590,8 @@ class Bye(FromServer):
 
 
 ClientMessage = Annotated[
-    Hello | ListEpisodes | Create | Join | Leave | Act | Say | Resync, Field(discriminator="type")
+    Hello | ListEpisodes | Create | Join | Leave | Act | Say | Note | Resync,
+    Field(discriminator="type"),
 ]
 ServerMessage = Annotated[
     Welcome
@@ -596,7 +613,7 @@ ServerMessage = Annotated[
     Field(discriminator="type"),
 ]
 
-CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Join, Leave, Act, Say, Resync)
+CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Join, Leave, Act, Say, Note, Resync)
 SERVER_MESSAGES = (
     Welcome, Episodes, Created, Joined, Moved, Snapshot, Delta, Observation, Rejected, Said,
     Notice, Roster, Ended, Left, Error, Bye,

@@ -58,6 +58,8 @@ def _step(
         "removed": [list(atom) for atom in removed],
         "hash": state.digest,
     }
+    if "undone" in frame:
+        row["undone"] = frame["undone"]
     if texts:
         row["observations"] = {p: state.text_view(p) for p in state.world.players}
     return row

@@ -122,6 +122,15 @@ class SaidNote(Frame):
     text: str
 
 
+class NotedNote(Frame):
+    note: Literal["noted"]
+    t: int
+    player: str
+    topic: str
+    text: str
+    more: bool = False
+
+
 class StartedNote(Frame):
     note: Literal["started"]
     t: int
@@ -162,6 +171,7 @@ Note = Annotated[
     RosterNote
     | RejectedNote
     | SaidNote
+    | NotedNote
     | QuotaNote
     | AnnouncedNote
     | ModeratedNote
@@ -179,6 +189,7 @@ class StepFrame(Frame):
     t: int
     moves: list[RecordedMove]
     idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = []
+    undone: list[Annotated[list[str], Field(min_length=1)]] = []
     unmet: dict[str, list[str]] = {}
     add: list[Index] = []
     remove: list[Index] = []

@@ -18,6 +18,7 @@ from robotouille.episode.events import (
     Event,
     Moderated,
     Move,
+    Noted,
     Paused,
     QuotaReached,
     Rejected,
@@ -133,6 +134,8 @@ class Recorder:
         rows: dict[str, Any] = {"t": _ms(event.time), "moves": [_move(m) for m in event.moves]}
         if event.idle:
             rows["idle"] = [[player, seq] for player, seq in event.idle]
+        if event.undone:
+            rows["undone"] = [list(atom) for atom in event.undone]
         before, after = event.before, event.state
         return step_frames(
             self.writer, event.step, rows, event.attempts, before, after, self.version
@@ -172,7 +175,7 @@ def step_frames(
 ) -> bytes:
     """The frame of a step, and the keyframe after it where one is due.
 
-    `rows` holds what re-simulation cannot know: `t`, `moves` and `idle`.
+    `rows` holds what re-simulation cannot know: `t`, `moves`, `idle` and `undone`.
     """
     frame = {"kind": "step", "step": step, **rows}
     if unmet := unmet_rows(attempts):
@@ -229,6 +232,15 @@ def _note(event: Event) -> dict[str, Any]:
                 "name": event.name,
                 "player": event.player,
                 "text": event.text,
+            }
+        case Noted():
+            return {
+                "note": "noted",
+                "t": _ms(event.time),
+                "player": event.player,
+                "topic": event.topic,
+                "text": event.text,
+                **({"more": True} if event.more else {}),
             }
         case RosterChanged():
             return {

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from robotouille.domain.task import Task
-from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError
 from robotouille.protocol.states import StateReader, StateWriter
 from robotouille.replay.container import (
     MAGIC,
@@ -27,12 +27,12 @@ from robotouille.replay.frame_schema import check_frame
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
-from robotouille.world.world import State, World
+from robotouille.world.world import State, Step, World
 
 __all__ = ["Comparison", "Recording", "Verification", "read_recording", "recording_of"]
 
 
-GIVEN = ("t", "moves", "idle")
+GIVEN = ("t", "moves", "idle", "undone")
 """The fields of a step that re-simulation cannot know."""
 
 
@@ -214,6 +214,21 @@ class Recording:
             step = frame.get("step")
             raise RecordingError(f"{self.source}: step {step}: {error}") from None
 
+    def take(self, state: State, frame: dict[str, Any]) -> Step:
+        """Take a recorded step in a state: its actions, then what chance undid.
+
+        Raises:
+            RecordingError: It has an action or a fact that the task has not.
+        """
+        result = state.step(self.actions(frame))
+        if not (undone := frame.get("undone")):
+            return result
+        try:
+            after = result.state.without(tuple(atom) for atom in undone)
+        except UnknownNameError as error:
+            raise RecordingError(f"{self.source}: step {frame.get('step')}: {error}") from None
+        return result._replace(state=after, goal_reached=after.goal_reached)
+
     def states(self) -> Iterator[tuple[int, State]]:
         """The state at step 0 and after each step, by re-simulation.
 
@@ -223,7 +238,7 @@ class Recording:
         state = self.world.initial
         yield 0, state
         for frame in self._each_step():
-            state = state.step(self.actions(frame)).state
+            state = self.take(state, frame).state
             yield frame["step"], state
 
     def recorded_facts(self) -> Iterator[tuple[int, frozenset[str]]]:
@@ -319,7 +334,7 @@ class Recording:
                 head = pack_frame({**frame, "tables": writer.tables(state)}, version)
                 written = magic(version) + head + keyframe(writer, 0, state, version)
             elif frame["kind"] == "step":
-                before, result = state, state.step(self.actions(frame))
+                before, result = state, self.take(state, frame)
                 state = result.state
                 rows = {key: value for key, value in frame.items() if key in GIVEN}
                 attempts, step = result.attempts, frame["step"]

@@ -23,7 +23,7 @@ from robotouille.episode import (
     Seat,
 )
 from robotouille.episode.events import ACTION_INVALID
-from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_rejection
+from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Comparison, Recording
 from robotouille.replay.rejection_notes import rejection_kind
@@ -147,7 +147,7 @@ class _Replayer:
             for move in moves:
                 self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
             idle = [(str(player), int(seq)) for player, seq in frame.get("idle", ())]
-            self.episode.replay_step(moves, idle)
+            self.episode.replay_step(moves, idle, [tuple(atom) for atom in frame.get("undone", ())])
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])
@@ -169,6 +169,8 @@ class _Replayer:
                 self._quota(note).take(size)
                 if note["player"]:
                     self._seat(note).tally.said += 1
+            case "noted":
+                self._seat(note).quota.take(size_of_note(note["topic"], note["text"]))
             case "quota":
                 self._quota(note).reached = True
             case "moderated":

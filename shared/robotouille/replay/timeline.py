@@ -11,6 +11,8 @@ from robotouille.replay.recording import Recording
 
 __all__ = ["Stillness", "course", "course_text", "interludes", "note_lines", "pauses"]
 
+MAX_SHOWN = 200
+"""Characters of a seat's note that are shown in a list."""
 HOLDS = {
     "operator": "by the operator",
     "storage": "the recording could not be written",
@@ -169,6 +171,9 @@ def _note_words(note: Mapping[str, Any]) -> str:
             return f"{note['player']}: {note['action']} is rejected: {'; '.join(note['reasons'])}"
         case "said":
             return f"{note['name']}: {note['text']}"
+        case "noted":
+            dots = "…" if note.get("more") or len(note["text"]) > MAX_SHOWN else ""
+            return f"{note['player']} notes ({note['topic']}): {note['text'][:MAX_SHOWN]}{dots}"
         case "announced":
             return f"the operator: {note['text']}"
         case "moderated":

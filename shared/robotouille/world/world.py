@@ -31,7 +31,7 @@ from robotouille.errors import (
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_task import GroundTask
-from robotouille.world.grounding.objects import Atom, Object, bound
+from robotouille.world.grounding.objects import Atom, Object, atom_name, bound
 from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
 from robotouille.world.sentences import known, no_valid_action, said, said_exactly
 from robotouille.world.successors import SuccessorTree
@@ -176,6 +176,22 @@ class State:
             MissingExtraError: NumPy is not installed.
         """
         return self.world.encoding.vector(self.facts, self.timers)
+
+    def without(self, atoms: Iterable[Atom]) -> State:
+        """The same state in which some facts do not hold any more. What runs goes on.
+
+        Args:
+            atoms: As `atoms` gives them; those that do not hold anyway do not matter.
+
+        Raises:
+            UnknownNameError: An atom is none of this world.
+        """
+        facts, bits = self.facts, self.world.table.bit
+        for atom in atoms:
+            if atom not in bits:
+                raise UnknownNameError(f"there is no fact {atom_name(atom)}")
+            facts &= ~bits[atom]
+        return State(self.world, facts, self.timers)
 
     def busy_steps(self, player: str) -> int:
         """For how many more steps a player is walking or working and cannot act."""

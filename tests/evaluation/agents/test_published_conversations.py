@@ -16,12 +16,14 @@ from typing import Any
 import pytest
 
 from robotouille import World
+from robotouille.episode.episode_state import Undone, nothing_undone
 from robotouille_evaluation.agents.making import published_strategy
 from robotouille_evaluation.agents.proposal import ContextOverflow
 from robotouille_evaluation.models import Completion, ModelRequest
 from robotouille_evaluation.packs.pack import Experiment, Pack
 from robotouille_evaluation.packs.published.checkout import read_checkout
 from robotouille_evaluation.packs.published.layouts import generate_layout
+from robotouille_evaluation.runs.stage import PlainStage
 from robotouille_evaluation.runs.text_episode import TextEpisode, TextResult
 from robotouille_evaluation.runs.variants import Reverting
 from tests.support.samples import first_quickly
@@ -48,10 +50,10 @@ def world_of(recorded: dict[str, Any]) -> World:
     return World(pack(seed).load(found[0], seats=1))
 
 
-def change_of(recorded: dict[str, Any]) -> Reverting | None:
+def undone_of(recorded: dict[str, Any]) -> Undone:
     """The stochastic environment goes on drawing where the generator and the examples stopped."""
     if not recorded["settings"]["game"]["stochastic"]:
-        return None
+        return nothing_undone
     file = PUBLISHED / "checkout" / recorded["problem_file"]
     rng = generate_layout(json.loads(file.read_text()), recorded["seed"]).rng()
     rng.sample([0], 1)
@@ -87,8 +89,13 @@ class TooLongError(Exception):
 def converse(recorded: dict[str, Any]) -> TextResult:
     """Give the recorded answers, and compare what is asked for them."""
     strategy = published_strategy(pack(None), as_run(recorded))
+    world, undone = world_of(recorded), undone_of(recorded)
     episode = TextEpisode(
-        world_of(recorded), strategy, recorded["max_steps"], change=change_of(recorded)
+        world,
+        strategy,
+        recorded["max_steps"],
+        begin=lambda _: PlainStage(world, undone),
+        blind=True,
     )
     playing, request = episode.play(), ModelRequest(())
     asked = requests_of(recorded)

@@ -70,6 +70,7 @@ def test_a_mistake_is_told_before_anything_is_begun(
 
 
 @pytest.mark.slow
+@pytest.mark.process  # The SDK asks `uname` where it runs.
 def test_what_ended_with_an_error_is_played_again(tmp_path: Path) -> None:
     """The endpoint is that of the run, without being named again."""
     run = tmp_path / "run"
@@ -98,3 +99,30 @@ def test_two_agents_are_compared(tmp_path: Path) -> None:
     other = called("compare", "react-none (mock)", "planner", *folders)
     assert other.exit_code == 1
     assert "react-full (mock)" in other.output
+
+
+@pytest.mark.slow
+@pytest.mark.process
+def test_variants_are_played_named_and_never_mixed(tmp_path: Path) -> None:
+    soup = "asynchronous/06_potato_soup"
+    words = ["--tasks", soup, "--kinds", "default", "--agents", "planner,scripted"]
+    rows = {}
+    for variant in ("", "stochastic", "delay-free"):
+        chosen = ["--variant", variant] if variant else []
+        result = called("run", tmp_path / f"r{variant}", *words, *chosen, "--processes", "1")
+        assert result.exit_code == 0, result.output
+        rows[variant] = RunFolder(tmp_path / f"r{variant}").rows()
+        assert {row.variant for row in rows[variant]} == {variant}
+        assert all(row.outcome.success for row in rows[variant])
+        assert called("resume", tmp_path / f"r{variant}").exit_code == 0
+    plain, free = rows[""][0], rows["delay-free"][0]
+    assert free.pack.name == "ours-delay-free" and free.pack.digest != plain.pack.digest
+    assert free.optimum.steps is not None and plain.optimum.steps is not None
+    assert free.optimum.steps < plain.optimum.steps
+    assert free.budget.steps == -(-free.optimum.steps * 3 // 2)
+    both = ["planner", "scripted", tmp_path / "r", tmp_path / "rstochastic"]
+    mixed = called("compare", *both)
+    assert mixed.exit_code == 1 and "several variants" in mixed.output
+    for variant in ("none", "stochastic"):
+        one = called("compare", *both, "--variant", variant, "--json")
+        assert json.loads(one.output)["episodes"] == 1

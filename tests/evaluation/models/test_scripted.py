@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 
 import pytest
 
+from robotouille import World
+from robotouille_evaluation.agents import Observation
+from robotouille_evaluation.agents.making import OWN_STRATEGIES, own_strategy
 from robotouille_evaluation.models import (
+    AnswerForm,
     AnswerKind,
     Completion,
     Message,
@@ -17,8 +22,15 @@ from robotouille_evaluation.models import (
     SeededAnswers,
     Usage,
 )
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import Pack
 
 ACTIONS = ("Move robot1 from table1 to stove1", "Pick up patty1 from table1 using robot1")
+
+
+@cache
+def own_pack() -> Pack:
+    return build_own_pack()
 
 
 def request(words: str = "") -> ModelRequest:
@@ -81,3 +93,43 @@ def test_a_plan() -> None:
     seeded = SeededAnswers(1, {AnswerKind.PLAN: 1}, plan=lambda _: ACTIONS[1])
     assert str(seeded(request())).endswith(f"\nAction: {ACTIONS[1]}")
     assert str(seeded(ModelRequest((), "reflect"))).startswith("Reflection: ")
+
+
+@pytest.mark.parametrize(
+    ("instructions", "form"),
+    [
+        ("Answer so:\nReasoning: why\nAction: what", AnswerForm.STEP),
+        ("Answer so:\nPlan:\nall of it", AnswerForm.PLAN),
+        ("Answer so:\nAction: what\nThen: what changes", AnswerForm.CHAIN),
+        ("Do as you like", AnswerForm.STEP),
+    ],
+)
+def test_it_answers_in_the_form_that_is_asked_for(instructions: str, form: AnswerForm) -> None:
+    observation = "Valid Actions:\n" + "\n".join(ACTIONS) + "\n\nGoal: x"
+    asked = ModelRequest((Message("user", instructions), Message("user", observation)))
+    assert AnswerForm.asked_for(asked) is form
+    said = SeededAnswers(1, {AnswerKind.RANDOM: 1})(asked)
+    assert isinstance(said, str)
+    heads = {
+        AnswerForm.STEP: "Reasoning: ",
+        AnswerForm.PLAN: "Plan:\n",
+        AnswerForm.CHAIN: "Action: ",
+    }
+    assert said.startswith(heads[form])
+    assert any(action in said for action in ACTIONS)
+
+
+@pytest.mark.parametrize("name", OWN_STRATEGIES)
+def test_no_strategy_finds_it_malformed(name: str) -> None:
+    state = World("asynchronous/01").initial
+    valid = tuple(action.sentence for action in state.actions("robot1"))
+    observation = Observation(state.text_view("robot1"), valid, "robot1", state)
+    asking = own_strategy(own_pack(), name, "asynchronous").propose(observation)
+    answers = SeededAnswers(2, {AnswerKind.RANDOM: 1})
+    said = answers(next(asking))
+    assert isinstance(said, str)
+    with pytest.raises(StopIteration) as stop:
+        asking.send(Completion(said))
+    proposal = stop.value.value
+    assert proposal.actions and set(proposal.actions) <= set(valid)
+    assert not any(exchange.verdict.rejected for exchange in proposal.exchanges)

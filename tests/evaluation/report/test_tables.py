@@ -16,6 +16,7 @@ from robotouille_evaluation.report.tables import (
     csv_text,
     success_by_dataset,
     success_by_task,
+    variants,
 )
 from tests.support.episode_rows import made_up_rows, row
 
@@ -48,6 +49,21 @@ def test_what_may_not_be_averaged_is_listed_apart() -> None:
         "planner · published": 2,
     }
     assert list(named([row()])) == ["planner"]
+
+
+def test_variants_stand_side_by_side_and_are_never_averaged() -> None:
+    rows = [row(), row(variant="stochastic", outcome=LOST), row(variant="delay-free")]
+    assert list(named(rows)) == ["planner", "planner · delay-free", "planner · stochastic"]
+    assert not comparisons(rows).lines
+    own, *theirs = variants(rows).lines
+    assert own.cells[:4] == ("planner", "", "synchronous", "01_cheese_sandwich")
+    assert [cell.partition(" (")[0] for cell in own.cells[4:]] == ["100 %", "0 %", "100 %"]
+    assert Line(("gpt-4o, ReAct", "–", "synchronous", "2", "80 %", "10 %", "–"), True) in theirs
+    assert not variants([row()]).lines
+    delayed = variants([row(dataset="asynchronous", variant="delay-free")]).lines
+    assert ("gpt-4o, ReAct", "–", "asynchronous", "1", "20 %", "–", "50 %") in [
+        line.cells for line in delayed
+    ]
 
 
 def test_players_are_compared_on_common_episodes() -> None:

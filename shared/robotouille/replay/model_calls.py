@@ -1,0 +1,154 @@
+"""What language models were sent and have answered, in the notes of the seats that they play.
+
+A note of the topic `model-call` is a JSON object: `number` from 1 on, `new` with the messages that
+this seat has not been sent before, `sent` with the numbers of all that were sent now, and whatever
+else belongs to the call (`answer`, `verdict`, …). So a conversation that is sent again and again is
+recorded once. `known` is how many messages there were before; they are numbered from 0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from textwrap import indent
+from typing import Any
+
+from robotouille.replay.recording import Recording
+
+__all__ = ["MAX_TEXT", "TOPIC", "CallNotes", "RecordedCall", "call_texts", "model_calls"]
+
+TOPIC = "model-call"
+MAX_TEXT = 50_000
+"""Characters of a message or an answer that are noted; what was left out is counted."""
+
+MAX_LOST = 10_000
+"""Messages of lost notes that room is made for."""
+
+
+class CallNotes:
+    """Writes the notes of one seat."""
+
+    def __init__(self) -> None:
+        self._number = 0
+        self._known: dict[tuple[str, str], int] = {}
+
+    def note(self, messages: Sequence[tuple[str, str]], **rest: object) -> str:
+        """The text of the note of one call.
+
+        Args:
+            messages: Role and content of all that was sent.
+            rest: What else is said of it, as JSON has it.
+        """
+        self._number += 1
+        known = len(self._known)
+        sent = [self._known.setdefault(each, len(self._known)) for each in messages]
+        row = {
+            "number": self._number,
+            "known": known,
+            "new": [[role, _short(content)] for role, content in list(self._known)[known:]],
+            "sent": sent,
+            **{key: _short(each) if isinstance(each, str) else each for key, each in rest.items()},
+        }
+        return json.dumps(row, ensure_ascii=False, separators=(",", ":"))
+
+
+def _short(text: str) -> str:
+    left_out = len(text) - MAX_TEXT
+    return f"{text[:MAX_TEXT]}… [{left_out:,} more characters]" if left_out > 0 else text
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedCall:
+    """One call of a seat's model: after which step, the messages sent, and the rest of its note.
+
+    Messages whose note is not in the recording (the line was lost, or the seat's quota was used up)
+    have neither role nor content; `missed` calls before this one are not recorded at all.
+    """
+
+    step: int
+    player: str
+    messages: tuple[Mapping[str, str], ...]
+    rest: Mapping[str, Any]
+    missed: int = 0
+
+    def row(self) -> dict[str, Any]:
+        """The same as a line of a transcript: `purpose`, `messages`, and the rest."""
+        rest = dict(self.rest)
+        begin = {"purpose": rest.pop("purpose")} if "purpose" in rest else {}
+        return {**begin, "messages": [dict(message) for message in self.messages], **rest}
+
+
+class _Seat:
+    """What is known of a seat's calls so far."""
+
+    def __init__(self) -> None:
+        self.pieces: list[str] = []
+        self.number = 0
+        self.known: list[Mapping[str, str]] = []
+
+
+def model_calls(recording: Recording, player: str | None = None) -> Iterator[RecordedCall]:
+    """The calls of all models in a recording, or of that of one player, in order."""
+    seats: dict[str, _Seat] = {}
+    for note in recording.notes():
+        wanted = note["note"] == "noted" and note["topic"] == TOPIC
+        if not wanted or player not in (None, note["player"]):
+            continue
+        seat = seats.setdefault(note["player"], _Seat())
+        seat.pieces.append(note["text"])
+        if not note.get("more"):
+            text = "".join(seat.pieces)
+            seat.pieces.clear()
+            if (found := _read(text, seat, note["step"], note["player"])) is not None:
+                yield found
+
+
+def _read(text: str, seat: _Seat, step: int, player: str) -> RecordedCall | None:
+    """The call of a note; None where pieces of it are missing, or it is somebody else's."""
+    try:
+        row = json.loads(text)
+        number, known = int(row.pop("number")), int(row.pop("known"))
+        new, sent = row.pop("new"), row.pop("sent")
+        if number == 1:
+            seat.known, seat.number = [], 0
+        lost = {"role": "", "content": ""}
+        seat.known += [lost] * min(known - len(seat.known), MAX_LOST)
+        seat.known += [{"role": str(role), "content": str(content)} for role, content in new]
+        messages = tuple(seat.known[i] if 0 <= i < len(seat.known) else lost for i in sent)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return None
+    missed, seat.number = max(0, number - seat.number - 1), number
+    return RecordedCall(step, player, messages, row, missed)
+
+
+def call_texts(
+    recording: Recording, player: str | None = None, *, as_json: bool = False
+) -> Iterator[str]:
+    """Each call for people, or as JSON: the line that a transcript has."""
+    before: dict[str, tuple[Mapping[str, str], ...]] = {}
+    for call in model_calls(recording, player):
+        if as_json:
+            yield json.dumps(call.row(), ensure_ascii=False)
+        else:
+            yield "\n".join(_lines(call, before.get(call.player, ())))
+        before[call.player] = call.messages
+
+
+def _lines(call: RecordedCall, before: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    if call.missed:
+        yield f"({call.missed} calls before this one are not recorded)"
+    same = 0
+    for one, other in zip(call.messages, before, strict=False):
+        if one != other:
+            break
+        same += 1
+    known = f", {same} of them as before" if same else ""
+    yield f"=== step {call.step}: {call.player} was sent {len(call.messages)} messages{known}"
+    for message in call.messages[same:]:
+        yield f"--- {message['role'] or 'not recorded'}"
+        yield indent(message["content"], "    ")
+    verdict = call.rest.get("verdict")
+    answer = call.rest.get("answer")
+    yield f"--- said{f' ({verdict})' if verdict else ''}"
+    yield indent(str(answer or ""), "    ") + "\n"
