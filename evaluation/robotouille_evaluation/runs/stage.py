@@ -16,7 +16,7 @@ from robotouille_evaluation.agents.proposal import MAX_REASONING, Exchange
 
 ACTION_INVALID, ACTION_UNKNOWN = "action/invalid", "action/unknown"
 
-__all__ = ["Decision", "Moved", "PlainStage", "RecordedStage", "Stage"]
+__all__ = ["Decision", "Moved", "PlainStage", "RecordedStage", "Stage", "Watch"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,10 @@ class Stage(Protocol):
     def answered(self, player: str, exchange: Exchange) -> None:
         """A model was asked and has answered."""
         ...
+
+
+Watch = Callable[[Stage], Stage]
+"""Puts something before the stage of each trial that sees what happens on it."""
 
 
 class PlainStage:
