@@ -40,7 +40,7 @@ def play(
     steps_to_go: bool = False,
     out: str = OUT,
 ) -> Solver:
-    """Play the episode of a sample, as `robotouille benchmark run` does, and keep row and recording.
+    """Play a sample's episode as `robotouille benchmark run` does, and keep row and recording.
 
     Args:
         strategy: One of ours, or the id of an experiment of the pack.
@@ -60,7 +60,7 @@ def play(
         model = _SampleModel(InspectModel(get_model()))
         job = _job(state, strategy, model.name)
         folder = _SampleFolder(Path(out) / run, state.uuid)
-        telling = EpisodeTelling(state.metadata["budget"]["steps"], pictures=pictures)
+        telling = EpisodeTelling(pictures=pictures)
         row = await play_job(
             job,
             run,

@@ -74,7 +74,9 @@ def _values(row: EpisodeRow) -> dict[str, str | int | float | bool | None]:
 
 def _explanation(row: EpisodeRow) -> str:
     best = row.optimum.steps
-    optimum = "" if best is None else f", {'optimum' if row.optimum.proven else 'best known'} {best}"
+    optimum = (
+        "" if best is None else f", {'optimum' if row.optimum.proven else 'best known'} {best}"
+    )
     lines = [
         f"{row.outcome.ended_by} after {row.outcome.steps} of {row.budget.steps} steps{optimum}",
         f"{row.counts.calls} calls, {row.counts.invalid} invalid and "

@@ -26,25 +26,24 @@ class EpisodeTelling:
     The models are sent nothing of it. Calls of models Inspect tells by itself.
 
     Args:
-        max_steps: Of a trial, for the pictures.
         pictures: Whether there are any; without pygame there are none, and that is told.
     """
 
-    def __init__(self, max_steps: int, *, pictures: bool) -> None:
+    def __init__(self, *, pictures: bool) -> None:
         self.exchanges: list[tuple[str, Exchange]] = []
-        self._pictures = _pictures(max_steps) if pictures else None
+        self._pictures = _pictures() if pictures else None
         self._trials = 0
 
     def watch(self, stage: Stage) -> Stage:
         """A stage of which is told what happens on it: a `Watch`."""
         self._trials += 1
-        self.show(stage.state, 0, f"Trial {self._trials}")
+        self.show(stage.state, f"Trial {self._trials}")
         return _ToldStage(stage, self)
 
-    def show(self, state: State, step: int, what: str) -> None:
-        """Tell of a state; `what` is Markdown."""
+    def show(self, state: State, what: str) -> None:
+        """Tell of a state, in Markdown."""
         if self._pictures is not None:
-            what += f"\n\n![step {step}]({self._pictures.data_uri(state, step)})"
+            what = f"![{what}]({self._pictures.data_uri(state)}) {what}"
         transcript().info(what, source=SOURCE)
 
     def answered(self, player: str, exchange: Exchange) -> None:
@@ -91,7 +90,7 @@ class _ToldStage:
         """Take a step, and show what came of it."""
         moved = self._stage.step(decisions)
         self._steps += 1
-        self._telling.show(moved.state, self._steps, _step_text(self._steps, moved))
+        self._telling.show(moved.state, _step_text(self._steps, moved))
         return moved
 
     def answered(self, player: str, exchange: Exchange) -> None:
@@ -102,18 +101,18 @@ class _ToldStage:
 
 def _step_text(step: int, moved: Moved) -> str:
     """Who did what; the names in it are those of the task, and no model's words."""
-    lines = [
-        f"- {action.sentence if action is not None else f'{player} does nothing'}"
-        f"{'' if applied else ' (had no effect)'}"
+    did = [
+        f"{action.sentence if action is not None else f'{player} does nothing'}"
+        f"{'' if applied else ' (no effect)'}"
         for player, action, applied in moved.did
     ]
-    goal = ["", "The goal is reached."] if moved.state.goal_reached else []
-    return "\n".join([f"**Step {step}**", "", *lines, *goal])
+    goal = "; the goal is reached" if moved.state.goal_reached else ""
+    return f"Step {step}: {'; '.join(did)}{goal}."
 
 
-def _pictures(max_steps: int) -> Pictures | None:
+def _pictures() -> Pictures | None:
     try:
-        return Pictures(max_steps)
+        return Pictures()
     except MissingExtraError as missing:
         transcript().info(f"There are no pictures: {missing}", source=SOURCE)
         return None

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from inspect_ai.log import EvalLog
     from inspect_ai.model import ChatMessage
 
-pytest.importorskip("inspect_ai")
-
 Answer = Callable[[list["ChatMessage"]], Any]
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from tests.evaluation.inspect_tasks.conftest import Evaluate
 
+pytest.importorskip("inspect_ai")
+
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 KEY = "sk-abcdefghijklmnop"
 
