@@ -71,7 +71,7 @@ def play(
             steps_to_go=steps_to_go,
             watch=telling.watch,
         )
-        folder.add(job, row)
+        folder.add(row)
         keep_row(state, row)
         if row.recording is not None:
             state.metadata["recording"] = str(folder.path / row.recording)

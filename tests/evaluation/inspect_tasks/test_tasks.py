@@ -18,6 +18,7 @@ from robotouille.replay.recording import read_recording
 from robotouille_evaluation.models import ModelRequest, ScriptedModel, SeededAnswers
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import AgentSpec, RunFolder, jobs, play_job
+from tests.support.samples import first_quickly
 
 if TYPE_CHECKING:
     from inspect_ai import Task
@@ -99,13 +100,15 @@ def by_player(requests: list[list[tuple[str, str]]]) -> dict[str, list[list[tupl
 
 @pytest.mark.parametrize(
     ("name", "strategy"),
-    [
-        (ALONE, "react-last-reasoning-action"),
-        (ALONE, "react-full"),
-        (ALONE, "io-cot"),
-        (ALONE, "reflexion"),
-        (TEAM, "react-last-reasoning-action"),
-    ],
+    first_quickly(
+        [
+            (ALONE, "react-last-reasoning-action"),
+            (ALONE, "react-full"),
+            (ALONE, "io-cot"),
+            (ALONE, "reflexion"),
+            (TEAM, "react-last-reasoning-action"),
+        ]
+    ),
 )
 def test_the_model_is_sent_what_our_own_runs_send(
     tmp_path: Path, evaluate: Evaluate, name: str, strategy: str
@@ -214,6 +217,7 @@ def test_states_are_shown_and_not_sent(tmp_path: Path, evaluate: Evaluate) -> No
     assert "data:image" not in "".join(sent)
 
 
+@pytest.mark.slow
 def test_without_pygame_that_is_said(
     tmp_path: Path, evaluate: Evaluate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,6 +231,7 @@ def test_without_pygame_that_is_said(
     assert value(sample)["success"] == 1
 
 
+@pytest.mark.slow
 def test_refused_answers_are_told(tmp_path: Path, evaluate: Evaluate) -> None:
     answer = of_plan()
     first = iter(["Reasoning: up!\nAction: Fly away", "no"])
@@ -236,6 +241,7 @@ def test_refused_answers_are_told(tmp_path: Path, evaluate: Evaluate) -> None:
     assert [data["refused"] for data in refused] == ["invalid", "no-action"]
 
 
+@pytest.mark.slow
 def test_the_conversation_can_be_read(tmp_path: Path, evaluate: Evaluate) -> None:
     answers: list[str] = []
     coming = plan()
@@ -252,6 +258,7 @@ def test_the_conversation_can_be_read(tmp_path: Path, evaluate: Evaluate) -> Non
     assert len(set(ids)) == len(ids)
 
 
+@pytest.mark.slow
 def test_a_limit_of_inspect_ends_an_episode_and_is_scored(
     tmp_path: Path, evaluate: Evaluate
 ) -> None:
@@ -262,6 +269,7 @@ def test_a_limit_of_inspect_ends_an_episode_and_is_scored(
     assert read_recording(recording(sample)).verify().identical
 
 
+@pytest.mark.slow
 def test_a_provider_that_fails_is_an_error_of_one_sample(
     tmp_path: Path, evaluate: Evaluate
 ) -> None:
@@ -283,6 +291,7 @@ def test_a_provider_that_fails_is_an_error_of_one_sample(
     assert value(played)["success"] == 1
 
 
+@pytest.mark.slow
 def test_a_conversation_that_is_too_long_is_a_failure(tmp_path: Path, evaluate: Evaluate) -> None:
     from inspect_ai.model import ModelOutput, ModelUsage
 
@@ -294,6 +303,7 @@ def test_a_conversation_that_is_too_long_is_a_failure(tmp_path: Path, evaluate: 
     assert "takes no request" in sample.scores["outcome"].explanation  # type: ignore[index,operator]
 
 
+@pytest.mark.slow
 def test_what_was_answered_before_is_asked_again(tmp_path: Path, evaluate: Evaluate) -> None:
     made = task(tmp_path)
     assert value(only(evaluate(made, of_plan())))["success"] == 1
