@@ -17,8 +17,8 @@ from robotouille_evaluation.runs.jobs import AgentSpec, Job, jobs
 
 __all__ = ["Words", "as_words", "load_pack", "samples"]
 
-Words = str | Sequence[str]
-"""Several words: a list, or one text with commas."""
+Words = str | int | Sequence[str | int]
+"""Several words: a list, or one text with commas. Inspect's command reads `01` as a number."""
 
 
 @lru_cache(maxsize=2)
@@ -30,7 +30,8 @@ def load_pack(folder: str) -> Pack:
 def as_words(words: Words) -> tuple[str, ...]:
     """Each word by itself."""
     parts = words.split(",") if isinstance(words, str) else words
-    return tuple(part.strip() for part in parts if part.strip())
+    listed = [parts] if isinstance(parts, int) else parts
+    return tuple(word for word in (str(part).strip() for part in listed) if word)
 
 
 def samples(
@@ -45,7 +46,7 @@ def samples(
     """The instances of a data set, each with all that tells it from others in its metadata.
 
     Args:
-        tasks: Which; all if empty.
+        tasks: Which, by name, number or dish; all if empty.
         kinds: Which of `default`, `free`, `noisy`; all if empty.
         budget: As for `runs.jobs`.
         seats: How many players, where a task leaves it open.
@@ -59,9 +60,10 @@ def samples(
         for name in names:
             if name not in of:
                 raise UnknownNameError(f"no {what} {name!r}{did_you_mean(name, of)}")
+    meant = [word if "/" in word else f"{dataset}/{word}" for word in as_words(tasks)]
     chosen = [
         instance
-        for instance in pack.instances_of(as_words(tasks) or None)
+        for instance in pack.instances_of(meant or None)
         if instance.kind in wanted and pack.task(instance.task).dataset == dataset
     ]
     if not chosen:

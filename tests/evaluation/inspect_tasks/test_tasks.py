@@ -181,6 +181,11 @@ def test_a_sample_says_what_it_is(tmp_path: Path) -> None:
     assert "sandwich" in str(sample.input)
 
 
+@pytest.mark.parametrize("tasks", [1, "01", "cheese_sandwich", ["01", 1], "synchronous/01"])
+def test_tasks_are_named_as_elsewhere(tmp_path: Path, tasks: object) -> None:
+    assert [sample.id for sample in task(tmp_path, tasks=tasks).dataset] == [f"{ALONE}/default"]
+
+
 def test_a_team_has_as_many_seats_as_one_says(tmp_path: Path) -> None:
     (sample,) = task(tmp_path, "multi_agent/07_onion_potato_tomato_soup", seats=3).dataset
     assert sample.metadata is not None
