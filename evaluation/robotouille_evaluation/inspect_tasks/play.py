@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from uuid import uuid4
 
@@ -11,6 +13,7 @@ from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.util import LimitExceededError
 
 from robotouille.errors import RobotouilleError
+from robotouille.replay.container import compress
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.inspect_tasks.naming import of_distribution
 from robotouille_evaluation.inspect_tasks.samples import load_pack
@@ -23,7 +26,7 @@ from robotouille_evaluation.models import (
     ModelErrorKind,
     ModelRequest,
 )
-from robotouille_evaluation.runs import AgentSpec, Job, RunFolder, play_job
+from robotouille_evaluation.runs import AgentSpec, Job, RecordedStage, RunFolder, play_job
 
 __all__ = ["OUT", "STRATEGY", "play"]
 
@@ -61,23 +64,24 @@ def play(
         job = _job(state, strategy, model.name)
         folder = _SampleFolder(Path(out) / run, state.uuid)
         telling = EpisodeTelling(pictures=pictures)
-        row = await play_job(
-            job,
-            run,
-            loaded,
-            folder,
-            model,
-            time.perf_counter,
-            steps_to_go=steps_to_go,
-            watch=telling.watch,
-        )
+        try:
+            row = await play_job(
+                job,
+                run,
+                loaded,
+                folder,
+                model,
+                time.perf_counter,
+                steps_to_go=steps_to_go,
+                watch=telling.watch,
+            )
+        except asyncio.CancelledError:  # The time is over, or somebody has stopped it.
+            recording = folder.keep(job, telling.stages, "broken off")
+            _tell(state, telling, model.name, recording)
+            raise
         folder.add(row)
         keep_row(state, row)
-        if row.recording is not None:
-            state.metadata["recording"] = str(folder.path / row.recording)
-        if telling.exchanges:
-            state.messages = telling.messages()
-            state.output = ModelOutput.from_content(model.name, state.messages[-1].text)
+        _tell(state, telling, model.name, row.recording and folder.path / row.recording)
         model.raise_fault()
         if row.outcome.ended_by == "error" and not model.overflowed:
             raise RobotouilleError(row.error)
@@ -98,6 +102,17 @@ def _job(state: TaskState, strategy: str, model: str) -> Job:
     )
 
 
+def _tell(
+    state: TaskState, telling: EpisodeTelling, model: str, recording: Path | str | None
+) -> None:
+    """What was played, in what Inspect keeps of a sample."""
+    if recording:
+        state.metadata["recording"] = str(recording)
+    if telling.exchanges:
+        state.messages = telling.messages()
+        state.output = ModelOutput.from_content(model, state.messages[-1].text)
+
+
 class _SampleFolder(RunFolder):
     """A run's folder in which files are called as Inspect calls the sample, once for each time it
     is played: what was answered then is no answer now."""
@@ -114,6 +129,14 @@ class _SampleFolder(RunFolder):
         """The file of a trial's recording."""
         suffix = "" if trial == 1 else f"-trial{trial}"
         return self.path / "recordings" / f"{self._sample}{suffix}.rbt"
+
+    def keep(self, job: Job, stages: Sequence[RecordedStage], why: str) -> Path | None:
+        """Write the recordings of an episode that has no row; the path of the last."""
+        path = None
+        for trial, stage in enumerate(stages, start=1):
+            path = self.recording(job, trial)
+            self.write(path, compress(stage.recording(why)))
+        return path
 
 
 class _SampleModel:

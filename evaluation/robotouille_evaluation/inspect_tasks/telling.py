@@ -13,7 +13,7 @@ from robotouille_evaluation.agents.proposal import Exchange
 from robotouille_evaluation.inspect_tasks.pictures import Pictures
 from robotouille_evaluation.models.inspect_provider import as_chat
 from robotouille_evaluation.models.model import Message
-from robotouille_evaluation.runs.stage import Decision, Moved, Stage
+from robotouille_evaluation.runs.stage import Decision, Moved, RecordedStage, Stage
 
 __all__ = ["EpisodeTelling"]
 
@@ -31,13 +31,14 @@ class EpisodeTelling:
 
     def __init__(self, *, pictures: bool) -> None:
         self.exchanges: list[tuple[str, Exchange]] = []
+        self.stages: list[RecordedStage] = []
+        """Of all trials."""
         self._pictures = _pictures() if pictures else None
-        self._trials = 0
 
-    def watch(self, stage: Stage) -> Stage:
+    def watch(self, stage: RecordedStage) -> Stage:
         """A stage of which is told what happens on it: a `Watch`."""
-        self._trials += 1
-        self.show(stage.state, f"Trial {self._trials}")
+        self.stages.append(stage)
+        self.show(stage.state, f"Trial {len(self.stages)}")
         return _ToldStage(stage, self)
 
     def show(self, state: State, what: str) -> None:

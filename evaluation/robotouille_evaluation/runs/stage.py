@@ -52,10 +52,6 @@ class Stage(Protocol):
         ...
 
 
-Watch = Callable[[Stage], Stage]
-"""Puts something before the stage of each trial that sees what happens on it."""
-
-
 class PlainStage:
     """A world, and nothing else."""
 
@@ -171,3 +167,7 @@ class RecordedStage:
             self._episode.abort(self._now, why)
         self._bytes += self._recorder.record(self._episode.events())
         return self._bytes
+
+
+Watch = Callable[[RecordedStage], Stage]
+"""Puts something before the stage of each trial that sees what happens on it."""

@@ -274,6 +274,39 @@ def test_a_limit_of_inspect_ends_an_episode_and_is_scored(
     assert read_recording(recording(sample)).verify().identical
 
 
+@pytest.mark.filterwarnings("ignore:The 'initial' parameter:DeprecationWarning")
+async def test_what_was_played_when_it_is_broken_off_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from inspect_ai.model import ModelName, ModelOutput, ModelUsage, get_model
+    from inspect_ai.solver import TaskState, generate
+
+    made = task(tmp_path)
+    answer, asked, silent = of_plan(), itertools.count(1), asyncio.Event()
+
+    async def answer_thrice(*_: object) -> ModelOutput:
+        if next(asked) > 3:
+            silent.set()
+            await asyncio.Event().wait()
+        said = ModelOutput.from_content("mockllm", answer(None))
+        said.usage = ModelUsage()
+        return said
+
+    model = get_model("mockllm/model", custom_outputs=answer_thrice)
+    monkeypatch.setattr("robotouille_evaluation.inspect_tasks.play.get_model", lambda: model)
+    metadata = dict(made.dataset[0].metadata or {})
+    state = TaskState(ModelName(model), f"{ALONE}/default", 1, "", [], metadata=metadata)
+    playing = asyncio.ensure_future(made.solver(state, generate()))  # type: ignore[arg-type,operator]
+    await silent.wait()
+    playing.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await playing
+    found = read_recording(Path(state.metadata["recording"]))
+    assert found.verify().identical
+    assert found.length == 3
+    assert state.output.completion == state.messages[-1].text
+
+
 @pytest.mark.slow
 def test_a_provider_that_fails_is_an_error_of_one_sample(
     tmp_path: Path, evaluate: Evaluate
