@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -12,7 +13,7 @@ from inspect_ai.model import ModelOutput, get_model
 from inspect_ai.solver import Generate, Solver, TaskState, solver
 from inspect_ai.util import LimitExceededError
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import FileError, RobotouilleError
 from robotouille.replay.container import compress
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.inspect_tasks.naming import of_distribution
@@ -76,8 +77,9 @@ def play(
                 watch=telling.watch,
             )
         except asyncio.CancelledError:  # The time is over, or somebody has stopped it.
-            recording = folder.keep(job, telling.stages, "broken off")
-            _tell(state, telling, model.name, recording)
+            with suppress(FileError):
+                recording = folder.keep(job, telling.stages, "broken off")
+                _tell(state, telling, model.name, recording)
             raise
         folder.add(row)
         keep_row(state, row)
@@ -156,7 +158,7 @@ class _SampleModel:
     async def complete(self, request: ModelRequest) -> Completion:
         """The model's answer. Raises ModelError, or RobotouilleError where a limit is used up."""
         try:
-            return await self._model.complete(request)
+            completion = await self._model.complete(request)
         except LimitExceededError as limit:
             self._fault = limit
             raise RobotouilleError(limit.message) from None
@@ -166,6 +168,8 @@ class _SampleModel:
             elif error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
                 self._fault = error
             raise
+        self.overflowed = False  # A shorter request was not too long.
+        return completion
 
     def raise_fault(self) -> None:
         """Raise what ended the episode, if something did; without what the provider has said, in
