@@ -18,8 +18,8 @@ FRAME = 12
 class Pictures:
     """Draws the kitchens of one episode.
 
-    They are JPEG of about 20 kB, made in a few milliseconds: PNG of the same size takes ten times
-    as long, and all other episodes of the process would have to wait.
+    They are JPEG of about 12 kB, made in a millisecond: PNG takes some tens of them, and all other
+    episodes of the process would have to wait.
 
     Raises:
         MissingExtraError: pygame is not installed.
