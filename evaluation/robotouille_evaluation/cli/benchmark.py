@@ -86,7 +86,10 @@ def run(
     ] = "planner,random,scripted",
     model: Annotated[
         str,
-        typer.Option(help="The language model's name; `local` for a small one, `mock` for none."),
+        typer.Option(
+            help="The language model's name; `local` for a small one, `mock` for none, "
+            "`inspect:PROVIDER/NAME` by a provider of Inspect."
+        ),
     ] = "mock",
     base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
     pack: PackOption = None,

@@ -13,15 +13,18 @@ from robotouille_evaluation.models import (
     Prices,
     ScriptedModel,
     SeededAnswers,
+    open_inspect_model,
 )
 from robotouille_evaluation.models.openai_compatible import OPENAI_URL
 
-__all__ = ["LOCAL", "MOCK", "ModelChoice", "open_model"]
+__all__ = ["INSPECT", "LOCAL", "MOCK", "ModelChoice", "open_model"]
 
 MOCK = "mock"
 """Answers by a seed, mostly well: for trying things out."""
 LOCAL = "local"
 """A small model in this process, whose answers are valid actions."""
+INSPECT = "inspect:"
+"""Before the name of a model that one of Inspect's providers asks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,7 @@ class ModelChoice:
     """A model and how it is asked.
 
     Args:
-        name: `mock`, `local`, or what an endpoint calls it.
+        name: `mock`, `local`, `inspect:PROVIDER/MODEL`, or what an endpoint calls it.
         base_url: Of the endpoint; OpenAI's if empty.
         parameters: Sent with each request.
         prices: Of a million tokens sent and received (`0.40/1.20`); unknown if empty.
@@ -71,7 +74,7 @@ async def open_model(choice: ModelChoice, seed: int, opened: AsyncExitStack) -> 
 
     Raises:
         MissingExtraError: What it takes is not installed.
-        ModelError: There is no key.
+        ModelError: There is no key, or no such provider.
     """
     if choice.name == MOCK:
         return ScriptedModel(SeededAnswers(seed), MOCK)
@@ -80,4 +83,8 @@ async def open_model(choice: ModelChoice, seed: int, opened: AsyncExitStack) -> 
 
         parameters = {"seed": seed, **choice.parameters}
         return opened.enter_context(LocalModel(parameters=parameters))
+    if choice.name.startswith(INSPECT):
+        wanted = choice.name.removeprefix(INSPECT)
+        provider = open_inspect_model(wanted, choice.base_url, choice.parameters)
+        return await opened.enter_async_context(provider)
     return await opened.enter_async_context(OpenAICompatibleModel(choice.endpoint()))

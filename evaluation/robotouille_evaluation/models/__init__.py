@@ -1,10 +1,11 @@
 """Language models: what they are asked and answer, and where they are.
 
-Importing this imports neither the SDK of endpoints nor llama.cpp; making a model does.
+Importing this imports neither the SDK of endpoints nor llama.cpp nor Inspect; making a model does.
 """
 
 from __future__ import annotations
 
+from robotouille_evaluation.models.inspect_provider import InspectModel, open_inspect_model
 from robotouille_evaluation.models.local import LocalModel
 from robotouille_evaluation.models.model import (
     Completion,
@@ -30,6 +31,7 @@ __all__ = [
     "AnswerKind",
     "Completion",
     "Endpoint",
+    "InspectModel",
     "LocalModel",
     "Message",
     "Model",
@@ -42,4 +44,5 @@ __all__ = [
     "ScriptedModel",
     "SeededAnswers",
     "Usage",
+    "open_inspect_model",
 ]

@@ -10,7 +10,7 @@ from email.utils import parsedate_to_datetime
 
 from robotouille_evaluation.models.model import ModelError, ModelErrorKind
 
-__all__ = ["refusal", "without_key"]
+__all__ = ["MAX_SHOWN", "refusal", "without_key"]
 
 MAX_SHOWN = 300
 """Characters of an endpoint's words that are shown."""

@@ -4,7 +4,7 @@ from robotouille_evaluation.runs.execute import play_job
 from robotouille_evaluation.runs.folder import RunFolder, RunPlan
 from robotouille_evaluation.runs.jobs import AgentSpec, Job, jobs
 from robotouille_evaluation.runs.runner import Workers, run_jobs
-from robotouille_evaluation.runs.stage import Decision, PlainStage, RecordedStage, Stage
+from robotouille_evaluation.runs.stage import Decision, PlainStage, RecordedStage, Stage, Watch
 from robotouille_evaluation.runs.team_episode import play_team
 from robotouille_evaluation.runs.text_episode import TextEpisode, TextResult
 
@@ -19,6 +19,7 @@ __all__ = [
     "Stage",
     "TextEpisode",
     "TextResult",
+    "Watch",
     "Workers",
     "jobs",
     "play_job",

@@ -46,7 +46,7 @@ from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.runs.folder import RunFolder
 from robotouille_evaluation.runs.jobs import Job
 from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
-from robotouille_evaluation.runs.stage import RecordedStage
+from robotouille_evaluation.runs.stage import RecordedStage, Stage, Watch
 from robotouille_evaluation.runs.team_episode import play_team
 from robotouille_evaluation.runs.text_episode import TextEpisode, View
 from robotouille_evaluation.runs.variants import chance
@@ -65,6 +65,7 @@ async def play_job(
     clock: Clock,
     *,
     steps_to_go: bool = False,
+    watch: Watch | None = None,
 ) -> EpisodeRow:
     """Play a job. A fault of the model or of the disk ends the episode, not the run.
 
@@ -73,6 +74,7 @@ async def play_job(
         model: Who is asked, where the agent is one that asks.
         clock: Seconds, for the row's `seconds`.
         steps_to_go: Whether it is measured how far the goal was in the end: takes searches.
+        watch: Sees what happens, trial by trial.
 
     Raises:
         RobotouilleError: The job is none of this pack.
@@ -81,7 +83,7 @@ async def play_job(
     instance = pack.instance(job.instance)
     world = World(pack.load(instance, seats=job.seats))
     budget = pack.budget(instance, job.budget, seats=job.seats)
-    episode = _Episode(job, pack, folder, world, budget.steps)
+    episode = _Episode(job, pack, folder, world, budget.steps, watch)
     with ExitStack() as journals:
         complete = episode.completes(model, journals)
         error = None
@@ -145,7 +147,13 @@ class _Episode:
     """A job under way."""
 
     def __init__(
-        self, job: Job, pack: Pack, folder: RunFolder, world: World, budget: float
+        self,
+        job: Job,
+        pack: Pack,
+        folder: RunFolder,
+        world: World,
+        budget: float,
+        watch: Watch | None,
     ) -> None:
         self._job = job
         self._folder = folder
@@ -154,6 +162,7 @@ class _Episode:
         self._published = any(found.id == job.agent.strategy for found in pack.experiments)
         self._view = _view(job, published=self._published)
         self._undone = chance(job.variant, world, f"{job.instance}:{job.seed}")
+        self._watch = watch
         self._strategies = {p: _strategy(job, pack, world, p) for p in world.players}
         self.stages: list[RecordedStage] = []
         self.exchanges: list[Exchange] = []
@@ -198,7 +207,7 @@ class _Episode:
         steps = self.stages[-1].steps if self.stages else 0
         return Result(success=False, steps=steps, ended_by="error")
 
-    def _begin(self, limit: int) -> RecordedStage:
+    def _begin(self, limit: int) -> Stage:
         names = dict.fromkeys(self._world.players, self._job.agent.name)
         stage = RecordedStage(
             self._world,
@@ -209,7 +218,7 @@ class _Episode:
             undone=self._undone,
         )
         self.stages.append(stage)
-        return stage
+        return stage if self._watch is None else self._watch(stage)
 
     def _answered(self, player: str, exchange: Exchange) -> None:
         self.exchanges.append(exchange)

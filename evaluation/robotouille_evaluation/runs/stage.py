@@ -21,7 +21,7 @@ from robotouille_evaluation.agents.proposal import MAX_REASONING, Exchange
 
 ACTION_INVALID, ACTION_UNKNOWN = "action/invalid", "action/unknown"
 
-__all__ = ["Decision", "Moved", "PlainStage", "RecordedStage", "Stage"]
+__all__ = ["Decision", "Moved", "PlainStage", "RecordedStage", "Stage", "Watch"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +210,10 @@ class RecordedStage:
             self._episode.abort(self._now, why)
         self._bytes += self._recorder.record(self._episode.events())
         return self._bytes
+
+
+Watch = Callable[[RecordedStage], Stage]
+"""Puts something before the stage of each trial that sees what happens on it."""
 
 
 def _unchanged(stepped: Sequence[Stepped], state: State) -> State:
