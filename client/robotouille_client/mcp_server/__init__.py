@@ -1,0 +1,1 @@
+"""`robotouille-mcp`: episodes for agents that speak the Model Context Protocol."""

@@ -1,0 +1,135 @@
+"""Streamable HTTP: who may reach the port, and how it is served."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from mcp.server.transport_security import TransportSecuritySettings
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from robotouille_client.mcp_server.callers import SESSION_HEADER, bearer
+
+if TYPE_CHECKING:
+    from mcp.server.mcpserver import MCPServer
+
+    from robotouille_client.mcp_server.open_games import OpenGames
+
+__all__ = ["PATH", "http_app", "is_loopback", "listening_socket", "serve_http"]
+
+PATH = "/mcp"
+MAX_BODY_BYTES = 65_536
+MAX_SESSIONS = 256
+MAX_CONNECTIONS = 512
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a name or address is that of this machine only."""
+    return host in LOOPBACK
+
+
+def http_app(
+    server: MCPServer[OpenGames],
+    games: OpenGames,
+    *,
+    allowed_hosts: Sequence[str] = (),
+    token_required: bool = False,
+    idle_seconds: float,
+) -> ASGIApp:
+    """The ASGI application.
+
+    Args:
+        games: Those of the server.
+        allowed_hosts: Names by which clients reach it, besides those of loopback.
+        token_required: Refuse requests without a bearer token.
+        idle_seconds: After which a session of the protocol is closed that nobody uses.
+    """
+    app = server.streamable_http_app(
+        streamable_http_path=PATH,
+        max_request_body_size=MAX_BODY_BYTES,
+        max_sessions=MAX_SESSIONS,
+        session_idle_timeout=idle_seconds,
+        transport_security=_guard(allowed_hosts),
+    )
+    leaving = _SessionsLeave(app, games)
+    return _TokenRequired(leaving) if token_required else leaving
+
+
+def _guard(allowed_hosts: Sequence[str]) -> TransportSecuritySettings:
+    """`Host` and `Origin` have to be ours: a web page's name that leads to this machine is not."""
+    local = [f"[{host}]" if ":" in host else host for host in LOOPBACK]
+    names = [*local, *allowed_hosts]
+    return TransportSecuritySettings(
+        enable_dns_rebinding_protection=True,
+        allowed_hosts=[form for name in names for form in (name, f"{name}:*")],
+        allowed_origins=[
+            *(form for name in local for form in (f"http://{name}", f"http://{name}:*")),
+            *(form for name in allowed_hosts for form in (f"https://{name}", f"https://{name}:*")),
+        ],
+    )
+
+
+class _SessionsLeave:
+    """Leaves the games of a session of the protocol that its client ends (DELETE)."""
+
+    def __init__(self, app: ASGIApp, games: OpenGames) -> None:
+        self._app = app
+        self._games = games
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        ended = scope["type"] == "http" and scope["method"] == "DELETE"
+        session = Headers(scope=scope).get(SESSION_HEADER) if ended else None
+
+        status = 500
+
+        async def sent(message: Message) -> None:
+            nonlocal status
+            status = message.get("status", status)
+            await send(message)
+
+        await self._app(scope, receive, sent)
+        if session and status < 300:
+            await self._games.end_session(session)
+
+
+class _TokenRequired:
+    """Refuses requests without a bearer token. Whether a token is good, the game server says."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and not bearer(Headers(scope=scope).get("authorization")):
+            refusal = JSONResponse(
+                {"error": "invalid_token", "error_description": "give a role token as bearer"},
+                status_code=401,
+                headers={"www-authenticate": 'Bearer error="invalid_token"'},
+            )
+            await refusal(scope, receive, send)
+            return
+        await self._app(scope, receive, send)
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """A socket that listens; OSError if it cannot."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    return socket.create_server((host, port), family=family, backlog=128)
+
+
+def serve_http(app: ASGIApp, listening: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM."""
+    import uvicorn
+
+    config = uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        limit_concurrency=MAX_CONNECTIONS,
+        timeout_graceful_shutdown=3,
+    )
+    uvicorn.Server(config).run(sockets=[listening])
