@@ -19,6 +19,8 @@ __all__ = ["OpenGame", "Until"]
 Until = Literal["change", "my_move"]
 
 LEAVE_SECONDS = 2.0
+END_SECONDS = 2.0
+"""What the outcome may take after the last step."""
 
 
 class OpenGame:
@@ -54,15 +56,15 @@ class OpenGame:
         future = self.game.submit(action, reasoning=reasoning)
         self._asked = (action, future)
         await asyncio.wait({future}, timeout=timeout)
+        if self._at_its_end:
+            await self._wait_for(lambda: False, END_SECONDS)
         return self.view()
 
     async def wait(self, until: Until, timeout: float) -> GameView:
         """Wait until something changes, or until it is one's move, but not for ever."""
         self._listen()
         done = self._something_new if until == "change" else lambda: self.your_move
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(timeout):
-                await self._heed_until(done)
+        await self._wait_for(done, timeout)
         return self.view()
 
     async def close(self) -> None:
@@ -182,6 +184,15 @@ class OpenGame:
         for event in self.game.poll():
             self._journal.take(event)
 
-    async def _heed_until(self, done: Callable[[], bool]) -> None:
-        while not (done() or self.game.ended):
-            self._journal.take(await self.game.next_event())
+    @property
+    def _at_its_end(self) -> bool:
+        """Whether the step was the last: the outcome is on its way."""
+        game = self.game
+        return game.state.goal_reached or game.step >= game.clock["max_steps"]
+
+    async def _wait_for(self, done: Callable[[], bool], timeout: float) -> None:
+        """Take in what comes until something is so, the game is over, or time is up."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout):
+                while not (done() or self.game.ended):
+                    self._journal.take(await self.game.next_event())

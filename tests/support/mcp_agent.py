@@ -1,0 +1,101 @@
+"""An agent that speaks the Model Context Protocol, with the official SDK's client."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any
+
+from mcp import Client, StdioServerParameters
+from mcp.types import CallToolResult, TextContent
+
+from robotouille import load_task
+from robotouille.planning import solve
+from robotouille.world.world import World
+from robotouille_client.mcp_server.open_games import OpenGames
+from robotouille_client.mcp_server.server import mcp_server
+
+__all__ = ["Agent", "agent", "http_server", "over", "over_stdio", "shortest_plan", "words"]
+
+COMMAND = [
+    sys.executable,
+    "-c",
+    "from robotouille_client.mcp_server.cli import main; main()",
+]
+
+
+def words(result: CallToolResult) -> str:
+    """All text of a result; its blocks are set apart."""
+    return "\n---\n".join(b.text for b in result.content if isinstance(b, TextContent))
+
+
+class Agent:
+    """Calls tools, and takes no error for an answer unless one is expected."""
+
+    def __init__(self, client: Client) -> None:
+        self.client = client
+        self.read = ""
+
+    async def call(self, tool: str, **arguments: Any) -> dict[str, Any]:
+        """The structured content of a result; its words are in `read`."""
+        result = await self.client.call_tool(tool, arguments)
+        self.read = words(result)
+        assert not result.is_error, self.read
+        assert result.structured_content is not None
+        return result.structured_content
+
+    async def refused(self, tool: str, **arguments: Any) -> str:
+        """The words of an error."""
+        result = await self.client.call_tool(tool, arguments)
+        assert result.is_error, words(result)
+        return words(result)
+
+    async def opened(self, task: str, **options: Any) -> str:
+        """The code of a new episode."""
+        created = await self.call("create_episode", task=task, **options)
+        return str(created["code"])
+
+
+@asynccontextmanager
+async def over(target: Any, mode: str = "auto") -> AsyncIterator[Agent]:
+    """An agent over a transport, a URL, or a server in this process."""
+    async with Client(target, mode=mode) as client:
+        yield Agent(client)
+
+
+@asynccontextmanager
+async def agent(url: str, *, mode: str = "auto", **options: Any) -> AsyncIterator[Agent]:
+    """An agent that talks to an MCP server in this process, for a game server's URL."""
+    async with over(mcp_server(lambda: OpenGames(url, **options)), mode) as connected:
+        yield connected
+
+
+def over_stdio(url: str, *flags: str) -> StdioServerParameters:
+    """How to start `robotouille-mcp` on standard input and output."""
+    return StdioServerParameters(
+        command=COMMAND[0], args=[*COMMAND[1:], "--url", url, *flags], env=dict(os.environ)
+    )
+
+
+@contextmanager
+def http_server(url: str, *flags: str) -> Iterator[str]:
+    """A `robotouille-mcp` process that serves HTTP; its URL."""
+    command = [*COMMAND, "--url", url, "--listen", "127.0.0.1:0", *flags]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().split()[1]
+            process.terminate()
+            process.wait(10)
+        finally:
+            process.kill()
+
+
+def shortest_plan(task: str) -> list[str]:
+    """The sentences of a shortest plan for one player."""
+    found = solve(World(load_task(task))).plan
+    assert found is not None
+    return [action.sentence for step in found for action in step]
