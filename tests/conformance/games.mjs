@@ -1,7 +1,7 @@
 // Whole games, and a game that goes on after the connection was cut.
 
 import { Facts } from "./facts.mjs";
-import { Session } from "./session.mjs";
+import { JSON_PROTOCOL, Session } from "./session.mjs";
 
 /**
  * A conversation in which every type of message occurs, in the same order whatever the encoding:
@@ -118,4 +118,20 @@ async function catchUp(session, facts, step) {
     if (message.type === "delta" && message.step > facts.step) facts.apply(message);
     if (message.type === "snapshot") Object.assign(facts, new Facts(message));
   }
+}
+
+/** Takes a free seat beside somebody else and plays its share of a plan, one action a step. */
+export async function partner({ url, name, code, actions }) {
+  const session = await Session.open(url, [JSON_PROTOCOL]);
+  await session.hello(name);
+  const joined = await session.ask({ type: "join", episode: code }, "joined");
+  if (joined.type !== "joined") throw new Error(JSON.stringify(joined));
+  while ((await session.expect("roster")).phase !== "running");
+  for (const [step, action] of actions.entries()) {
+    session.send({ type: "act", seq: step + 1, action, basis: step });
+    await session.expect("delta");
+  }
+  const { outcome } = await session.expect("ended");
+  await session.close();
+  return { seat: joined.seat, outcome };
 }

@@ -123,3 +123,22 @@ def test_leaving_ends_a_wait_and_the_handle(tmp_path: Path) -> None:
             assert "in no game" in await ada.refused("observe")
 
     run(main())
+
+
+def test_a_call_that_is_cancelled_changes_nothing(tmp_path: Path) -> None:
+    """The client's line broke in the middle of a wait: the game is there, and counts as idle."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, agent(server.url, idle_seconds=100.0) as ada:
+            code = await ada.opened(TEAM)
+            await ada.call("join", episode=code)
+            await ada.call("observe")
+            waiting = asyncio.create_task(ada.call("wait", timeout_seconds=60))
+            await asyncio.sleep(1)
+            waiting.cancel()
+            await asyncio.gather(waiting, return_exceptions=True)
+            assert (await ada.call("observe"))["seat"] == "robot1"
+            await asyncio.sleep(201)
+            assert await free_seats(server.url) == ["robot1", "robot2"]
+
+    run(main())

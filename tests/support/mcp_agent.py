@@ -10,6 +10,8 @@ from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
 from mcp import Client, StdioServerParameters
+from mcp.client.streamable_http import streamable_http_client
+from mcp.shared._httpx_utils import create_mcp_http_client
 from mcp.types import CallToolResult, TextContent
 
 from robotouille import load_task
@@ -18,7 +20,17 @@ from robotouille.world.world import World
 from robotouille_client.mcp_server.open_games import OpenGames
 from robotouille_client.mcp_server.server import mcp_server
 
-__all__ = ["Agent", "agent", "http_server", "over", "over_stdio", "shortest_plan", "words"]
+__all__ = [
+    "COMMAND",
+    "Agent",
+    "agent",
+    "http_server",
+    "over",
+    "over_stdio",
+    "shortest_plan",
+    "with_bearer",
+    "words",
+]
 
 COMMAND = [
     sys.executable,
@@ -71,6 +83,15 @@ async def agent(url: str, *, mode: str = "auto", **options: Any) -> AsyncIterato
     """An agent that talks to an MCP server in this process, for a game server's URL."""
     async with over(mcp_server(lambda: OpenGames(url, **options)), mode) as connected:
         yield connected
+
+
+@asynccontextmanager
+async def with_bearer(url: str, token: str, **headers: str) -> AsyncIterator[Agent]:
+    """An agent that sends a bearer token, and other headers, to a URL."""
+    sent = {"authorization": f"Bearer {token}", **headers}
+    async with create_mcp_http_client(headers=sent) as http:
+        async with over(streamable_http_client(url, http_client=http)) as connected:
+            yield connected
 
 
 def over_stdio(url: str, *flags: str) -> StdioServerParameters:
