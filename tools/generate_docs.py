@@ -276,6 +276,7 @@ def commands() -> dict[str, typer.Typer]:
             ("robotouille-client", "window"),
             ("robotouille-bot", "bots"),
             ("robotouille-loadtest", "loadtest"),
+            ("robotouille-mcp", "mcp_server"),
         ]
     }
     applications = {

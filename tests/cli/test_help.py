@@ -17,6 +17,7 @@ HEAVY = [
     "asyncio",
     "av",
     "matplotlib",
+    "mcp",
     "msgpack",
     "numba",
     "numpy",
@@ -33,6 +34,7 @@ PROGRAMS = {
     "robotouille-bot": "robotouille_client.bots.cli",
     "robotouille-client": "robotouille_client.window.cli",
     "robotouille-loadtest": "robotouille_client.loadtest.cli",
+    "robotouille-mcp": "robotouille_client.mcp_server.cli",
 }
 
 
