@@ -139,6 +139,18 @@ def test_a_server_that_dies_and_comes_back_loses_no_action(tmp_path: Path) -> No
     run(main())
 
 
+def test_one_who_is_muted_is_told(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, agent(server.url) as ada:
+            await ada.call("join", episode=await ada.opened(ALONE))
+            assert await ada.call("say", text="hello") == {"text": "hello"}
+            (room,) = server.lobby.rooms.values()
+            room.mute(next(iter(room.members)))
+            assert "not heard" in await ada.refused("say", text="hello")
+
+    run(main())
+
+
 def test_one_who_is_sent_out_is_told(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, agent(server.url) as ada:

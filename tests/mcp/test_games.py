@@ -98,12 +98,32 @@ def test_real_time_passes_while_an_agent_thinks(tmp_path: Path) -> None:
             code = await ada.opened(ALONE, clock="realtime", step_rate=5)
             view = await ada.call("join", episode=code)
             await asyncio.sleep(4)
-            assert (await ada.call("wait", timeout_seconds=0))["step"] >= 18
+            late = await ada.call("wait", timeout_seconds=0)
+            assert late["step"] > view["step"]
             moved = await ada.call("act", action=view["actions"][0])
             assert moved["action"]["status"] == "applied"
-            if not moved["your_move"]:
+            assert (await ada.call("wait", until="my_move"))["your_move"]
+
+    run(main())
+
+
+def test_one_who_is_busy_is_told_so_and_shown_the_kitchen_after_that(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, agent(server.url) as ada:
+            async with connect(server.url, name="bob") as bob:
+                code = (await bob.create(TEAM, clock="lockstep", timing="people")).code
+                view = await ada.call("join", episode=code, seat="robot1")
+                game = await bob.join(code)
+                acting = asyncio.create_task(ada.call("act", action=view["actions"][0]))
+                await game.act(None)
+                moved = await acting
                 assert "busy" in moved["next"]
-                assert (await ada.call("wait", until="my_move"))["your_move"]
+                assert (moved["your_move"], moved["observation"]) == (False, None)
+                waiting = asyncio.create_task(ada.call("wait", until="my_move"))
+                while game.state.busy_steps("robot1"):
+                    await game.act(None)
+                view = await waiting
+                assert view["your_move"] and view["observation"]
 
     run(main())
 

@@ -87,9 +87,19 @@ def test_a_process_serves_both_eras_over_http_and_keeps_clients_apart(
         async with over(url) as ada:
             assert await free_seats(ada, code) == ["robot1"]  # bob has ended his session
             assert "no game" in await ada.refused("observe", game=game)
+            await ada.call("join", episode=code)
+        codes.append(code)
 
+    codes: list[str] = []
     with http_server(server.url) as url:
         asyncio.run(main(url))
+    with http_server(server.url) as url:  # the first was told to stop, and has left
+        asyncio.run(nobody_is_in(url, *codes))
+
+
+async def nobody_is_in(url: str, code: str) -> None:
+    async with over(url) as ada:
+        assert await free_seats(ada, code) == ["robot1"]
 
 
 def test_web_pages_and_large_requests_are_refused(server: ServerProcess) -> None:

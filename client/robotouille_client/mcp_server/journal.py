@@ -53,11 +53,12 @@ class Journal:
     """Turns the events of a game into lines, and keeps those that were not read.
 
     `unread` says whether there is anything that its reader waits for: what others do and say, and
-    what becomes of the kitchen, but not one's own words.
+    what becomes of the kitchen, but not one's own words. These are counted as they come back.
     """
 
     def __init__(self, game: Game) -> None:
         self.unread = False
+        self.own_words = 0
         self._game = game
         self._phase = game.phase
         self._seats = game.seats
@@ -114,7 +115,9 @@ class Journal:
         own = event.name == self._game.name and event.seat == (self._game.seat or "")
         self._taken += 1
         self._chat.append(ChatLine(event.name, event.seat, event.text, own))
-        if not own:
+        if own:
+            self.own_words += 1
+        else:
             self.unread = True
 
     def _phase_lines(self, event: RosterChanged) -> Iterator[str]:

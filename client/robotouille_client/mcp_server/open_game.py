@@ -19,6 +19,8 @@ __all__ = ["OpenGame", "Until"]
 Until = Literal["change", "my_move"]
 
 LEAVE_SECONDS = 2.0
+ECHO_SECONDS = 3.0
+"""Within which one hears one's own words."""
 END_SECONDS = 2.0
 """What the outcome may take after the last step."""
 
@@ -67,12 +69,25 @@ class OpenGame:
         await self._wait_for(done, timeout)
         return self.view()
 
+    async def say(self, text: str) -> bool:
+        """Say something to everybody; whether it was heard.
+
+        Raises:
+            ValueError: The text has not 1 to 500 characters.
+        """
+        before = self._journal.own_words
+        self.game.say(text)
+        await self._wait_for(lambda: self._journal.own_words > before, ECHO_SECONDS)
+        return self._journal.own_words > before
+
     async def close(self) -> None:
         """Leave the episode, so that the seat is free at once, and close the connection."""
-        with contextlib.suppress(RobotouilleError, TimeoutError):
-            async with asyncio.timeout(LEAVE_SECONDS):
-                await self._client.leave()
-        await self._client.close()
+        try:
+            with contextlib.suppress(RobotouilleError, TimeoutError):
+                async with asyncio.timeout(LEAVE_SECONDS):
+                    await self._client.leave()
+        finally:
+            await self._client.close()
 
     # What its player sees
 
@@ -88,10 +103,8 @@ class OpenGame:
 
     def view(self, *, whole: bool = False) -> GameView:
         """The game now, and what its player was not told before; with `whole` also a kitchen
-        that is as it was."""
+        that is as it was, or in which the player cannot act yet."""
         self._listen()
-        text = self.game.state.text_view(self.game.seat)
-        shown, self._shown = self._shown, text
         news = self._journal.read()
         game = self.game
         return GameView(
@@ -107,11 +120,23 @@ class OpenGame:
             happened=list(news.happened),
             left_out=news.left_out,
             chat=[Chat(name=c.name, seat=c.seat, text=c.text, own=c.own) for c in news.chat],
-            observation=None if text == shown and not whole else text,
+            observation=self._observation(whole),
             actions=self.actions,
             connected=self._client.connected.is_set(),
             outcome=self._outcome(),
         )
+
+    def _observation(self, whole: bool) -> str | None:
+        text = self.game.state.text_view(self.game.seat)
+        if not whole and (text == self._shown or self._busy_steps):
+            return None
+        self._shown = text
+        return text
+
+    @property
+    def _busy_steps(self) -> int:
+        game = self.game
+        return 0 if game.seat is None or game.ended else game.state.busy_steps(game.seat)
 
     def _outcome(self) -> Outcome | None:
         row = self.game.outcome
@@ -162,8 +187,10 @@ class OpenGame:
             return f"Your action waits for {self._waited_for()}. Call wait, or act to replace it."
         if game.turn not in (None, game.seat):
             return f"It is {game.turn}'s turn. Call wait until my_move."
-        if busy := game.state.busy_steps(game.seat):
-            return f"{game.seat} is busy for {busy} more steps. Call wait until my_move."
+        if self._busy_steps:
+            return (
+                f"{game.seat} is busy for {self._busy_steps} more steps. Call wait until my_move."
+            )
         return "It is your move: call act with one of the valid actions."
 
     def _waited_for(self) -> str:

@@ -9,7 +9,7 @@ import secrets
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from robotouille.errors import RobotouilleError
@@ -30,7 +30,7 @@ class Caller:
     Context Protocol, in those of its versions that have any.
     """
 
-    token: str | None = None
+    token: str | None = field(default=None, repr=False)
     name: str = "mcp-agent"
     alone: bool = True
     mcp_session: str | None = None

@@ -107,7 +107,7 @@ class GameView(BaseModel):
         str | None,
         Field(
             description="The kitchen and the goal in words; null where it is what you were shown "
-            "last. observe always gives it."
+            "last, and while your player is busy. observe always gives it."
         ),
     ]
     actions: Annotated[list[str], Field(description="Your valid actions, as `act` takes them.")]

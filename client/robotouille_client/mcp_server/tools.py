@@ -197,7 +197,11 @@ async def say(
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
         if opened.game.ended:
             raise ToolError("The episode is over: nobody would hear it. Call leave.")
-        opened.game.say(text)
+        if not await opened.say(text):
+            raise ToolError(
+                "It was not heard: you may not talk here, or talk too much, or the game server "
+                "does not answer. Go on playing; observe tells whether it answers."
+            )
         return _result(Said(text=text), "Said.")
 
 

@@ -35,6 +35,8 @@ def view_words(view: GameView) -> str:
 
 
 def _unchanged(view: GameView) -> str:
+    if not view.actions:
+        return "Nothing that you can do at present. Call observe to see the kitchen."
     return "\n".join(["The kitchen is as you last saw it. Valid actions:", *view.actions])
 
 
