@@ -102,8 +102,7 @@ def _serve_http(
     from robotouille_client.mcp_server.server import mcp_server
 
     host, port = _address(listen)
-    exposed = not is_loopback(host)
-    if exposed and not allowed_hosts:
+    if not is_loopback(host) and not allowed_hosts:
         raise RobotouilleError(
             f"{host} can be reached from elsewhere: name the hosts that clients say, "
             "e.g. --allow-host kitchen.example.org"
@@ -113,7 +112,6 @@ def _serve_http(
         mcp_server(lambda: games),
         games,
         allowed_hosts=allowed_hosts,
-        token_required=bool(allowed_hosts),
         idle_seconds=idle_seconds,
     )
     with listening_socket(host, port) as listening:

@@ -37,15 +37,14 @@ def http_app(
     games: OpenGames,
     *,
     allowed_hosts: Sequence[str] = (),
-    token_required: bool = False,
     idle_seconds: float,
 ) -> ASGIApp:
     """The ASGI application.
 
     Args:
         games: Those of the server.
-        allowed_hosts: Names by which clients reach it, besides those of loopback.
-        token_required: Refuse requests without a bearer token.
+        allowed_hosts: Names by which clients reach it, besides those of loopback. With any,
+            every request needs a bearer token.
         idle_seconds: After which a session of the protocol is closed that nobody uses.
     """
     app = server.streamable_http_app(
@@ -56,7 +55,7 @@ def http_app(
         transport_security=_guard(allowed_hosts),
     )
     leaving = _SessionsLeave(app, games)
-    return _TokenRequired(leaving) if token_required else leaving
+    return _TokenRequired(leaving) if allowed_hosts else leaving
 
 
 def _guard(allowed_hosts: Sequence[str]) -> TransportSecuritySettings:
@@ -83,7 +82,6 @@ class _SessionsLeave:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         ended = scope["type"] == "http" and scope["method"] == "DELETE"
         session = Headers(scope=scope).get(SESSION_HEADER) if ended else None
-
         status = 500
 
         async def sent(message: Message) -> None:

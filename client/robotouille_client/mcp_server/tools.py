@@ -111,8 +111,11 @@ async def join(
     episode: Code,
     seat: Annotated[
         str | None,
-        Field(description="The player to be, such as robot2; any free one if left out."),
-        Field(min_length=1, max_length=64),
+        Field(
+            description="The player to be, such as robot2; any free one if left out.",
+            min_length=1,
+            max_length=64,
+        ),
     ] = None,
     role: Annotated[
         Literal["player", "spectator"], Field(description="Spectators only watch and talk.")
