@@ -15,6 +15,7 @@ from robotouille.replay.recording import read_recording
 from tests.support.mcp_agent import (
     COMMAND,
     Agent,
+    http_process,
     http_server,
     over,
     over_stdio,
@@ -97,6 +98,20 @@ def test_a_process_serves_both_eras_over_http_and_keeps_clients_apart(
         asyncio.run(nobody_is_in(url, *codes))
 
 
+def test_a_process_that_is_stopped_answers_those_who_wait(server: ServerProcess) -> None:
+    async def main(process: subprocess.Popen[str], url: str) -> str:
+        async with over(url) as ada:
+            game = (await ada.call("join", episode=await ada.opened("multi_agent/01")))["game"]
+            await ada.call("observe", game=game)
+            waiting = asyncio.create_task(ada.call("wait", game=game, timeout_seconds=60))
+            await ada.call("list_actions", game=game)
+            process.terminate()
+            return str((await waiting)["next"])
+
+    with http_process(server.url) as (process, url):
+        assert "out of the episode" in asyncio.run(main(process, url))
+
+
 async def nobody_is_in(url: str, code: str) -> None:
     async with over(url) as ada:
         assert await free_seats(ada, code) == ["robot1"]
@@ -161,3 +176,10 @@ def test_settings_that_would_be_unsafe_are_refused(flags: list[str], complaint: 
     assert done.returncode == 1
     assert complaint in done.stderr
     assert "secret" not in done.stderr
+
+
+def test_without_the_sdk_the_install_line_is_told() -> None:
+    program = "import sys; sys.modules['mcp'] = None\n" + COMMAND[2]
+    done = subprocess.run([COMMAND[0], "-c", program], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith("pip install 'robotouille[mcp]'")

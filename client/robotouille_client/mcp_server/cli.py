@@ -117,7 +117,7 @@ def _serve_http(
     with listening_socket(host, port) as listening:
         shown = f"[{host}]" if ":" in host else host
         tell(f"MCP  http://{shown}:{listening.getsockname()[1]}{PATH}")
-        serve_http(app, listening)
+        serve_http(app, games, listening)
 
 
 def _address(listen: str) -> tuple[str, int]:

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import uvicorn
 from mcp.server.transport_security import TransportSecuritySettings
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
@@ -118,10 +119,20 @@ def listening_socket(host: str, port: int) -> socket.socket:
     return socket.create_server((host, port), family=family, backlog=128)
 
 
-def serve_http(app: ASGIApp, listening: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM."""
-    import uvicorn
+class _Server(uvicorn.Server):
+    """Leaves all games as soon as it is to stop, so that calls that wait have their answer."""
 
+    def __init__(self, config: uvicorn.Config, games: OpenGames) -> None:
+        super().__init__(config)
+        self._games = games
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        await self._games.close_all()
+        await super().shutdown(sockets)
+
+
+def serve_http(app: ASGIApp, games: OpenGames, listening: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM."""
     config = uvicorn.Config(
         app,
         log_level="warning",
@@ -130,4 +141,4 @@ def serve_http(app: ASGIApp, listening: socket.socket) -> None:
         limit_concurrency=MAX_CONNECTIONS,
         timeout_graceful_shutdown=3,
     )
-    uvicorn.Server(config).run(sockets=[listening])
+    _Server(config, games).run(sockets=[listening])

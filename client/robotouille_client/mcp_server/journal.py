@@ -80,7 +80,8 @@ class Journal:
             case Announced():
                 self._write(f"The operator of the server says {quoted(event.text)}")
             case Over():
-                self._write(f"The episode is over for you: {quoted(event.reason)}")
+                why = f" ({quoted(event.reason)})" if event.reason else ""
+                self._write(f"The episode is over for you{why}.")
             case _:
                 pass
 

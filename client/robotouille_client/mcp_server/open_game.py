@@ -171,8 +171,9 @@ class OpenGame:
         if game.outcome is not None:
             return "The episode is over. Call leave."
         if game.ended:
-            why = quoted(self._client.farewell or game.farewell)
-            return f"You are out of the episode: {why}. Call leave, then join if you want back."
+            why = self._client.farewell or game.farewell
+            said = f" ({quoted(why)})" if why else ""
+            return f"You are out of the episode{said}. Call leave, then join if you want back."
         if not self._client.connected.is_set():
             return "The game server does not answer; we try to get back into your seat. Call wait."
         if game.phase == "waiting":

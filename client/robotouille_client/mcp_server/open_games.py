@@ -7,7 +7,7 @@ import contextlib
 import hashlib
 import secrets
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
@@ -160,9 +160,13 @@ class OpenGames:
 
     async def end_session(self, mcp_session: str) -> None:
         """Leave what was joined in a session of the Model Context Protocol that has ended."""
-        await self._close_all(g for g in self._games.values() if g.mcp_session == mcp_session)
+        await self._close(g for g in self._games.values() if g.mcp_session == mcp_session)
 
-    async def _close_all(self, games: Iterator[OpenGame]) -> None:
+    async def close_all(self) -> None:
+        """Leave all games."""
+        await self._close(self._games.values())
+
+    async def _close(self, games: Iterable[OpenGame]) -> None:
         await asyncio.gather(*map(self.close, list(games)))
 
     async def _close_idle(self) -> None:
@@ -173,7 +177,7 @@ class OpenGames:
             oldest = min(unused, default=loop.time())
             await asyncio.sleep(max(1.0, oldest + self._idle_seconds - loop.time()))
             long_ago = loop.time() - self._idle_seconds
-            await self._close_all(
+            await self._close(
                 g for g in self._games.values() if not g.calls and g.last_used <= long_ago
             )
 
@@ -187,4 +191,4 @@ class OpenGames:
             keeper.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await keeper
-            await self._close_all(iter(self._games.values()))
+            await self.close_all()
