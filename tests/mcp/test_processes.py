@@ -15,7 +15,6 @@ from robotouille.replay.recording import read_recording
 from tests.support.mcp_agent import (
     COMMAND,
     Agent,
-    http_process,
     http_server,
     over,
     over_stdio,
@@ -96,20 +95,6 @@ def test_a_process_serves_both_eras_over_http_and_keeps_clients_apart(
         asyncio.run(main(url))
     with http_server(server.url) as url:  # the first was told to stop, and has left
         asyncio.run(nobody_is_in(url, *codes))
-
-
-def test_a_process_that_is_stopped_answers_those_who_wait(server: ServerProcess) -> None:
-    async def main(process: subprocess.Popen[str], url: str) -> str:
-        async with over(url) as ada:
-            game = (await ada.call("join", episode=await ada.opened("multi_agent/01")))["game"]
-            await ada.call("observe", game=game)
-            waiting = asyncio.create_task(ada.call("wait", game=game, timeout_seconds=60))
-            await ada.call("list_actions", game=game)
-            process.terminate()
-            return str((await waiting)["next"])
-
-    with http_process(server.url) as (process, url):
-        assert "out of the episode" in asyncio.run(main(process, url))
 
 
 async def nobody_is_in(url: str, code: str) -> None:

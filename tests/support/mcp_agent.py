@@ -24,7 +24,6 @@ __all__ = [
     "COMMAND",
     "Agent",
     "agent",
-    "http_process",
     "http_server",
     "over",
     "over_stdio",
@@ -103,24 +102,17 @@ def over_stdio(url: str, *flags: str) -> StdioServerParameters:
 
 
 @contextmanager
-def http_process(url: str, *flags: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A `robotouille-mcp` process that serves HTTP, and its URL."""
+def http_server(url: str, *flags: str) -> Iterator[str]:
+    """A `robotouille-mcp` process that serves HTTP; its URL."""
     command = [*COMMAND, "--url", url, "--listen", "127.0.0.1:0", *flags]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            yield process, process.stdout.readline().split()[1]
+            yield process.stdout.readline().split()[1]
             process.terminate()
             process.wait(10)
         finally:
             process.kill()
-
-
-@contextmanager
-def http_server(url: str, *flags: str) -> Iterator[str]:
-    """The URL of such a process."""
-    with http_process(url, *flags) as (_, address):
-        yield address
 
 
 def shortest_plan(task: str) -> list[str]:

@@ -94,10 +94,10 @@ def _serve_http(
 ) -> None:
     from robotouille_client.mcp_server.http import (
         PATH,
+        HttpService,
         http_app,
         is_loopback,
         listening_socket,
-        serve_http,
     )
     from robotouille_client.mcp_server.server import mcp_server
 
@@ -117,7 +117,7 @@ def _serve_http(
     with listening_socket(host, port) as listening:
         shown = f"[{host}]" if ":" in host else host
         tell(f"MCP  http://{shown}:{listening.getsockname()[1]}{PATH}")
-        serve_http(app, games, listening)
+        HttpService(app, games).run(sockets=[listening])
 
 
 def _address(listen: str) -> tuple[str, int]:

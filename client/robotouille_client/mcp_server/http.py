@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from robotouille_client.mcp_server.open_games import OpenGames
 
-__all__ = ["PATH", "http_app", "is_loopback", "listening_socket", "serve_http"]
+__all__ = ["PATH", "HttpService", "http_app", "is_loopback", "listening_socket"]
 
 PATH = "/mcp"
 MAX_BODY_BYTES = 65_536
@@ -119,26 +119,26 @@ def listening_socket(host: str, port: int) -> socket.socket:
     return socket.create_server((host, port), family=family, backlog=128)
 
 
-class _Server(uvicorn.Server):
-    """Leaves all games as soon as it is to stop, so that calls that wait have their answer."""
+class HttpService(uvicorn.Server):
+    """Serves the application until SIGINT or SIGTERM.
 
-    def __init__(self, config: uvicorn.Config, games: OpenGames) -> None:
-        super().__init__(config)
+    It leaves all games as soon as it is to stop, so that calls that wait have their answer.
+    """
+
+    def __init__(self, app: ASGIApp, games: OpenGames) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                log_level="warning",
+                access_log=False,
+                server_header=False,
+                limit_concurrency=MAX_CONNECTIONS,
+                timeout_graceful_shutdown=3,
+            )
+        )
         self._games = games
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop, once all games are left."""
         await self._games.close_all()
         await super().shutdown(sockets)
-
-
-def serve_http(app: ASGIApp, games: OpenGames, listening: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM."""
-    config = uvicorn.Config(
-        app,
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        limit_concurrency=MAX_CONNECTIONS,
-        timeout_graceful_shutdown=3,
-    )
-    _Server(config, games).run(sockets=[listening])

@@ -1,0 +1,34 @@
+"""The HTTP service in this process: how it stops."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
+from robotouille_client.mcp_server.open_games import OpenGames
+from robotouille_client.mcp_server.server import mcp_server
+from tests.support.mcp_agent import over
+from tests.support.servers import serving
+
+
+async def test_a_service_that_is_stopped_answers_those_who_wait(tmp_path: Path) -> None:
+    async with serving(tmp_path) as server:
+        games = OpenGames(server.url)
+        app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
+        with listening_socket("127.0.0.1", 0) as listening:
+            service = HttpService(app, games)
+            serving_http = asyncio.create_task(service.serve(sockets=[listening]))
+            async with over(f"http://127.0.0.1:{listening.getsockname()[1]}{PATH}") as ada:
+                view = await ada.call("join", episode=await ada.opened("multi_agent/01"))
+                waiting = asyncio.create_task(
+                    ada.call("wait", game=view["game"], timeout_seconds=60)
+                )
+                (opened,) = games._games.values()
+                while not opened.calls:
+                    await asyncio.sleep(0)
+                service.should_exit = True
+                assert "out of the episode" in (await waiting)["next"]
+            await serving_http
+        (room,) = server.lobby.rooms.values()
+        assert not room.members
