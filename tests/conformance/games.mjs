@@ -27,6 +27,8 @@ export async function conversation({ url, subprotocol, create, seats, plan }) {
   if (joined.type !== "joined") throw new Error(JSON.stringify(joined));
   await settle();
   ada.send({ type: "say", text: 'I take the 🍟 — "déjà vu"\n\u0000\u202e' });
+  ada.send({ type: "note", topic: "plan", text: 'first the 🍟', more: true });
+  ada.send({ type: "note", topic: "plan", text: ", then nothing" });
   await settle();
   eve.send({ type: "act", seq: Number.MAX_SAFE_INTEGER, action: null });
   bob.send({ type: "act", seq: 1, action: { name: "fly", args: ["robot1"] } });

@@ -71,7 +71,7 @@ def program(module: str, *arguments: str, **environment: str) -> subprocess.Pope
 
 async def cut(url: str, code: str, person: Any) -> dict[str, Any]:
     """Cut whenever it is the person's turn, until the episode is over; look through other eyes."""
-    async with connect(url, name="eye") as eye, asyncio.timeout(400):
+    async with connect(url, name="eye") as eye, asyncio.timeout(600):
         game = await eye.join(code, role="spectator")
         done = -1
         while not game.ended:
@@ -91,7 +91,9 @@ def test_a_small_model_and_a_person_finish_an_episode_together(tmp_path: Path) -
 
     task, transcript = tmp_path / "lettuce.json", tmp_path / "said.jsonl"
     task.write_text(json.dumps(KITCHEN))
-    flags = ("--mode", "turn", "--task", str(task), "--seats", "2", "--max-steps", "40")
+    flags = ["--mode", "turn", "--task", str(task), "--seats", "2", "--max-steps", "40"]
+    # However slow the machine is, nobody's turn is skipped.
+    flags += ["--absence", "pause", "--grace", "300", "--move-budget", "0"]
     with ExitStack() as stack:
         _, url, code = stack.enter_context(process(tmp_path / "recordings", *flags))
         display = stack.enter_context(open_screen(tmp_path / "screen")).display
@@ -100,12 +102,14 @@ def test_a_small_model_and_a_person_finish_an_episode_together(tmp_path: Path) -
             "robotouille_client.window.cli", code, *seated, PERSON, "--name", "ada",
             "--linger", "1", DISPLAY=display, SDL_VIDEODRIVER="x11",
         )  # fmt: skip
+        stack.enter_context(window)
         stack.callback(window.kill)
         model = program(
             "robotouille_client.bots.cli", "llm", "--model", "local", "--strategy", "plag",
             "--temperature", "0.5", "--episode", code, *seated, MODEL, "--name", "gemma",
             "--transcript", str(transcript), "--json",
         )  # fmt: skip
+        stack.enter_context(model)
         stack.callback(model.kill)
         person = Person(display, World(load_task(str(task), seats=2)))
         outcome = asyncio.run(cut(url, code, person))

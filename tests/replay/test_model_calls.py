@@ -12,7 +12,14 @@ from robotouille import World, load_task
 from robotouille.episode import Episode, Rules
 from robotouille.episode.quota import MAX_NOTE, SEAT_QUOTA_BYTES
 from robotouille.errors import ProtocolError
-from robotouille.replay.model_calls import MAX_TEXT, TOPIC, CallNotes, call_texts, model_calls
+from robotouille.replay.model_calls import (
+    MAX_ANSWER,
+    MAX_MESSAGE,
+    TOPIC,
+    CallNotes,
+    call_texts,
+    model_calls,
+)
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
@@ -115,9 +122,11 @@ def test_a_hostile_note_takes_no_memory() -> None:
 
 
 def test_a_text_that_is_too_long_is_cut_and_says_so() -> None:
-    row = json.loads(CallNotes().note([("user", "x" * (MAX_TEXT + 5))], answer="y" * 10**6))
+    row = json.loads(
+        CallNotes().note([("user", "x" * (MAX_MESSAGE + 5))], answer="y" * (MAX_ANSWER + 6))
+    )
     assert row["new"][0][1].endswith("… [5 more characters]")
-    assert row["answer"].endswith("… [950,000 more characters]")
+    assert row["answer"].endswith("… [6 more characters]")
 
 
 def test_words_of_a_message_cannot_be_taken_for_those_of_the_command() -> None:

@@ -22,8 +22,14 @@ from robotouille_evaluation.agents.proposal import (
     Observation,
     Strategy,
 )
+from robotouille_evaluation.models import ModelErrorKind
 
 __all__ = ["NetworkAgent"]
+
+
+UNANSWERED = frozenset(ModelErrorKind) - {ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG}
+"""Why there is no answer of the model at all: faults of what lies between, which nobody counts as
+an answer that was wrong."""
 
 
 class NetworkAgent:
@@ -95,7 +101,8 @@ class NetworkAgent:
         if not exchange.verdict.rejected:
             return
         said = exchange.action or (exchange.completion.text if exchange.completion else "")
-        if said.strip() and self._game.my_move:
+        unanswered = exchange.completion and exchange.completion.finish_reason in UNANSWERED
+        if self._game.my_move and (said.strip() or not unanswered):
             reasoning = exchange.reasoning[:MAX_REASONING]
             result = await self._act(said.strip()[:MAX_SENTENCE], reasoning)
             if result.applied:  # The server has read it better; what was thought of next is stale.

@@ -9,6 +9,7 @@ from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.answers import AnswerParser, Published
 from robotouille_evaluation.agents.histories import History, as_messages, remembered
 from robotouille_evaluation.agents.proposal import (
+    MAX_REASONING,
     ContextOverflow,
     Exchange,
     ExchangeVerdict,
@@ -120,9 +121,9 @@ class ReAct:
     ) -> Exchange:
         parser = self._settings.parser
         answer = parser.step(completion.text)
-        reasoning, said = answer.reasoning, answer.action
+        reasoning, said = self._kept(answer.reasoning), self._kept(answer.action)
         if reasoning is None or said is None:
-            self._history.append((prompt, completion.text))
+            self._history.append((prompt, self._kept(completion.text) or ""))
             verdict = (
                 ExchangeVerdict.NO_REASONING if reasoning is None else ExchangeVerdict.NO_ACTION
             )
@@ -131,7 +132,13 @@ class ReAct:
                             self._feedback)  # fmt: skip
         action = parser.match(said, tuple(valid)) or said
         self._history = remembered(
-            self._settings.history, self._history, prompt, completion.text, text, reasoning, action
+            self._settings.history,
+            self._history,
+            prompt,
+            self._kept(completion.text) or "",
+            text,
+            reasoning,
+            action,
         )
         self._feedback = ""
         if action == FINISH:
@@ -142,6 +149,11 @@ class ReAct:
             verdict = ExchangeVerdict.INVALID
             self._feedback = INVALID.format(action)
         return Exchange(request, completion, verdict, reasoning, action, self._feedback)
+
+    def _kept(self, said: str | None) -> str | None:
+        """What is sent again of an answer: of a megabyte, if requests are shortened at all, as
+        much as is recorded."""
+        return said[:MAX_REASONING] if said is not None and self._settings.truncate else said
 
     def _complete(self, prompt: str, exchanges: list[Exchange]) -> Asking:
         """The answer; with less history where the request is too long."""

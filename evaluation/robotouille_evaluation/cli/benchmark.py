@@ -405,4 +405,10 @@ def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
 def _report(rows: Sequence[EpisodeRow], out: Path) -> Path:
     from robotouille_evaluation.report import write_report
 
-    return write_report(rows, out)
+    try:
+        return write_report(rows, out)
+    except OSError as error:
+        raise RobotouilleError(
+            f"{out}: the report cannot be written: {error.strerror}; the rows are kept, and "
+            "`robotouille benchmark report` makes it of them"
+        ) from None

@@ -6,8 +6,9 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
@@ -26,6 +27,7 @@ from robotouille_evaluation.models import (
     ModelRequest,
 )
 from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.runs.appending import append_line
 
 __all__ = ["LanguageModelBot"]
 
@@ -102,12 +104,17 @@ def _transcript(path: Path | None) -> Iterator[Any]:
         yield lambda _: None
         return
     try:
-        with path.open("a", encoding="utf-8") as file:
-            yield lambda exchange: _write(file, exchange)
+        file = FileIO(path, "ab")
     except OSError as error:
         raise RobotouilleError(f"{path}: cannot be written: {error.strerror}") from None
+    with file:
+        yield lambda exchange: _write(file, path, exchange)
 
 
-def _write(file: TextIO, exchange: Exchange) -> None:
-    file.write(json.dumps(exchange_row(exchange), ensure_ascii=False) + "\n")
-    file.flush()
+def _write(file: FileIO, path: Path, exchange: Exchange) -> None:
+    """A line; where the disk is full, the game goes on without."""
+    line = json.dumps(exchange_row(exchange), ensure_ascii=False) + "\n"
+    try:
+        append_line(file, line.encode())
+    except OSError as error:
+        tell(printable(f"{path}: not written: {error.strerror}"), err=True)

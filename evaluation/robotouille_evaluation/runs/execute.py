@@ -19,7 +19,6 @@ from robotouille_evaluation.agents.policies import planner, random_actions, scri
 from robotouille_evaluation.agents.proposal import (
     ContextOverflow,
     Exchange,
-    ExchangeVerdict,
     Strategy,
 )
 from robotouille_evaluation.metrics.measuring import measure
@@ -85,9 +84,9 @@ async def play_job(
     budget = pack.budget(instance, job.budget, seats=job.seats)
     episode = _Episode(job, pack, folder, world, budget.steps, watch)
     with ExitStack() as journals:
-        complete = episode.completes(model, journals)
         error = None
         try:
+            complete = episode.completes(model, journals)
             result = await episode.play(complete)
         except RobotouilleError as fault:
             result, error = episode.broken_off(), str(fault)
@@ -110,7 +109,7 @@ async def play_job(
         trial=episode.trials - 1,
         budget=BudgetRow(rule=job.budget, steps=budget.max_steps),
         outcome=result,
-        counts=_counts(episode.exchanges, sum(stage.too_late for stage in episode.stages)),
+        counts=_counts(episode.exchanges, episode.stages),
         usage=_spent(episode.exchanges),
         seconds=max(0.0, clock() - begun),
         repetitions=repetitions,
@@ -293,11 +292,11 @@ def _write(folder: RunFolder, job: Job, recorded: Sequence[bytes]) -> str | None
     return str(name.relative_to(folder.path)) if name is not None else None
 
 
-def _counts(exchanges: Sequence[Exchange], too_late: int) -> Counts:
+def _counts(exchanges: Sequence[Exchange], stages: Sequence[RecordedStage]) -> Counts:
     answers = [exchange for exchange in exchanges if exchange.completion is not None]
     return Counts(
-        invalid=sum(e.verdict is ExchangeVerdict.INVALID for e in answers) + too_late,
-        malformed=sum(exchange.verdict.malformed for exchange in answers),
+        invalid=sum(stage.invalid for stage in stages),
+        malformed=sum(stage.malformed for stage in stages),
         calls=len(answers),
         retries=sum(e.completion.attempts - 1 for e in answers if e.completion is not None),
     )

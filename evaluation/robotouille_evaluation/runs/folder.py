@@ -8,13 +8,14 @@ RUN/calls/JOB-PLAYER.jsonl   see `journal`
 
 from __future__ import annotations
 
-import os
+from io import FileIO
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille_evaluation.metrics.rows import EpisodeRow, PackId, read_rows
+from robotouille_evaluation.runs.appending import append_line
 from robotouille_evaluation.runs.jobs import Job
 
 __all__ = ["RunFolder", "RunPlan"]
@@ -110,10 +111,8 @@ class RunFolder:
         """One more is over; it is on the disk when this returns."""
         line = row.model_dump_json().encode() + b"\n"
         try:
-            with self._rows_file.open("ab") as file:
-                file.write(line)
-                file.flush()
-                os.fsync(file.fileno())
+            with FileIO(self._rows_file, "ab") as file:
+                append_line(file, line)
         except OSError as error:
             raise _unwritable(self._rows_file, error) from None
 

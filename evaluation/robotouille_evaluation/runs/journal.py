@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import asdict
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 from robotouille.errors import Fault, FileError
 from robotouille_evaluation.models.model import Completion, ModelRequest, Usage
+from robotouille_evaluation.runs.appending import append_line
 
 __all__ = ["CallJournal"]
 
@@ -32,7 +33,7 @@ class CallJournal:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._next = 0
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
         self._kept: list[dict[str, Any]] = []
         self._kept = self._read()
 
@@ -81,14 +82,10 @@ class CallJournal:
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = self._path.open("ab")
-            self._file.write(_line(call))
-            self._file.flush()
-            os.fsync(self._file.fileno())
+                self._file = FileIO(self._path, "ab")
+            append_line(self._file, _line(call))
         except OSError as error:
-            raise FileError(
-                str(self._path), [Fault("", f"cannot be written: {error.strerror}")]
-            ) from None
+            raise self._unwritable(error) from None
 
     def close(self) -> None:
         """No more calls."""
@@ -126,8 +123,14 @@ class CallJournal:
     def _rewrite(self) -> None:
         self.close()
         beside = self._path.with_suffix(".new")
-        beside.write_bytes(b"".join(map(_line, self._kept)))
-        beside.replace(self._path)
+        try:
+            beside.write_bytes(b"".join(map(_line, self._kept)))
+            beside.replace(self._path)
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def _unwritable(self, error: OSError) -> FileError:
+        return FileError(str(self._path), [Fault("", f"cannot be written: {error.strerror}")])
 
 
 def digest(request: ModelRequest) -> str:

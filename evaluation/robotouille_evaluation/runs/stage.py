@@ -94,7 +94,8 @@ class RecordedStage:
 
     Time is counted in steps: nothing is measured here, so that equal decisions give equal bytes.
 
-    `too_late` counts decisions that were not valid any more when their step came.
+    `invalid` counts answers and decisions that named an action which was not valid (any more),
+    `malformed` those that named none.
 
     Args:
         names: Who plays which player.
@@ -120,7 +121,7 @@ class RecordedStage:
         self._bytes = self._recorder.begin(header(world.task, rules, episode=episode))
         self._now = 0.0
         self._seq = 0
-        self.too_late = 0
+        self.invalid = self.malformed = 0
         self._answered = answered
         self._notes = {player: CallNotes() for player in world.players}
         for player in world.players:
@@ -162,7 +163,6 @@ class RecordedStage:
 
     def _too_late(self, player: str, said: str, why: UnknownNameError, reasoning: str) -> None:
         """What was decided is not valid any more: it is recorded, and nothing is done."""
-        self.too_late += 1
         fault = ProtocolError(ACTION_INVALID, str(why), "action")
         self._reject(player, said[:MAX_SENTENCE], fault, reasoning)
         self._submit(player, None, "")
@@ -186,10 +186,19 @@ class RecordedStage:
         self._note(player, exchange_note(self._notes[player], exchange, timed=False))
         if exchange.verdict.rejected:
             said = exchange.action or (exchange.completion.text if exchange.completion else "")
-            code = ACTION_UNKNOWN if exchange.verdict.malformed else ACTION_INVALID
+            said = said[:MAX_SENTENCE]
+            known = not exchange.verdict.malformed and self._is_known(player, said)
+            code = ACTION_INVALID if known else ACTION_UNKNOWN
             why = ProtocolError(code, exchange.feedback, "action")
-            reasoning = exchange.reasoning[:MAX_REASONING]
-            self._reject(player, said[:MAX_SENTENCE], why, reasoning)
+            self._reject(player, said, why, exchange.reasoning[:MAX_REASONING])
+
+    def _is_known(self, player: str, said: str) -> bool:
+        """Whether a text names an action of the task, valid now or not."""
+        try:
+            self._world.parse(self._episode.state, player, said, valid=False)
+        except UnknownNameError:
+            return False
+        return True
 
     def _note(self, player: str, text: str) -> None:
         for at in range(0, len(text), MAX_NOTE):
@@ -199,6 +208,8 @@ class RecordedStage:
 
     def _reject(self, player: str, said: str, why: ProtocolError, reasoning: str) -> None:
         self._seq += 1
+        self.invalid += why.code == ACTION_INVALID
+        self.malformed += why.code == ACTION_UNKNOWN
         try:
             self._episode.reject(player, self._seq, said, why, self._now, reasoning=reasoning)
         except ProtocolError:  # No more words of this seat are recorded; that it failed is.

@@ -16,11 +16,19 @@ from typing import Any
 
 from robotouille.replay.recording import Recording
 
-__all__ = ["MAX_TEXT", "TOPIC", "CallNotes", "RecordedCall", "call_texts", "model_calls"]
+__all__ = [
+    "MAX_ANSWER",
+    "MAX_MESSAGE",
+    "TOPIC",
+    "CallNotes",
+    "RecordedCall",
+    "call_texts",
+    "model_calls",
+]
 
 TOPIC = "model-call"
-MAX_TEXT = 50_000
-"""Characters of a message or an answer that are noted; what was left out is counted."""
+MAX_MESSAGE, MAX_ANSWER = 50_000, 16_000
+"""Characters that are noted of a message, and of an answer; what was left out is counted."""
 
 MAX_LOST = 10_000
 """Messages of lost notes that room is made for."""
@@ -43,19 +51,18 @@ class CallNotes:
         self._number += 1
         known = len(self._known)
         sent = [self._known.setdefault(each, len(self._known)) for each in messages]
-        row = {
-            "number": self._number,
-            "known": known,
-            "new": [[role, _short(content)] for role, content in list(self._known)[known:]],
-            "sent": sent,
-            **{key: _short(each) if isinstance(each, str) else each for key, each in rest.items()},
+        new = [[role, _short(text, MAX_MESSAGE)] for role, text in list(self._known)[known:]]
+        told = {
+            key: _short(value, MAX_ANSWER) if isinstance(value, str) else value
+            for key, value in rest.items()
         }
+        row = {"number": self._number, "known": known, "new": new, "sent": sent, **told}
         return json.dumps(row, ensure_ascii=False, separators=(",", ":"))
 
 
-def _short(text: str) -> str:
-    left_out = len(text) - MAX_TEXT
-    return f"{text[:MAX_TEXT]}… [{left_out:,} more characters]" if left_out > 0 else text
+def _short(text: str, longest: int) -> str:
+    left_out = len(text) - longest
+    return f"{text[:longest]}… [{left_out:,} more characters]" if left_out > 0 else text
 
 
 @dataclass(frozen=True, slots=True)

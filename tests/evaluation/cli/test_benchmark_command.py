@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.metrics import EpisodeRow
+from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.runs import RunFolder
 
 SANDWICH = "synchronous/01_cheese_sandwich"
@@ -85,6 +88,34 @@ def test_what_ended_with_an_error_is_played_again(tmp_path: Path) -> None:
     assert len(RunFolder(run).rows()) == 1
     (job,) = RunFolder(run).plan().jobs
     assert job.agent.base_url == nobody
+
+
+def test_a_run_is_not_gone_on_with_another_pack(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert called("run", run, *MODEL).exit_code == 0
+    rows = (run / "rows.jsonl").read_bytes()
+    other = replace(read_pack(run / "pack"), version="2")
+    write_pack(other, run / "pack")
+    result = called("resume", run)
+    assert result.exit_code == 1
+    assert "is another pack" in result.output
+    (run / "pack" / "manifest.json").unlink()
+    result = called("resume", run)
+    assert result.exit_code == 1 and "manifest.json" in result.output
+    assert (run / "rows.jsonl").read_bytes() == rows
+
+
+def test_a_report_that_cannot_be_written_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any, **__: Any) -> Path:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("robotouille_evaluation.report.write_report", full)
+    result = called("run", tmp_path / "run", *MODEL)
+    assert result.exit_code == 1
+    assert "No space left on device" in result.output and "benchmark report" in result.output
+    assert len(RunFolder(tmp_path / "run").rows()) == 1
 
 
 @pytest.mark.slow

@@ -1,0 +1,156 @@
+"""A disk that is full in the middle of a run: nothing is torn, and the run goes on afterwards."""
+
+from __future__ import annotations
+
+import asyncio
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+from io import FileIO
+from pathlib import Path
+
+import pytest
+
+from robotouille.errors import FileError
+from robotouille_evaluation.agents.proposal import Exchange, ExchangeVerdict
+from robotouille_evaluation.cli.bot import _transcript
+from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
+from robotouille_evaluation.models import (
+    Completion,
+    Message,
+    Model,
+    ModelRequest,
+    ScriptedModel,
+    SeededAnswers,
+)
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import Pack
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    Job,
+    RunFolder,
+    RunPlan,
+    Workers,
+    jobs,
+    play_job,
+    run_jobs,
+)
+from robotouille_evaluation.runs.appending import append_line
+
+TASK = "synchronous/01_cheese_sandwich"
+MODEL = AgentSpec(name="m", kind="model", strategy="react-none", model="mock")
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """Nothing is written beyond so many bytes of any file, as on a disk that is full there."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@cache
+def pack() -> Pack:
+    whole = build_own_pack()
+    kept = tuple(i for i in whole.instances if i.task == TASK and i.kind == "default")
+    return replace(whole, instances=kept)
+
+
+def created(path: Path, seeds: int = 1) -> tuple[RunFolder, tuple[Job, ...]]:
+    planned = tuple(jobs(pack(), [MODEL], pack().instances, seeds=range(seeds)))
+    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
+    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=planned, software="0")
+    return RunFolder.create(path, plan), planned
+
+
+class Counting:
+    """A mock that counts what it is asked, and says the same if it is asked the same again."""
+
+    name = "mock"
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    async def complete(self, request: ModelRequest) -> Completion:
+        self.asked += 1
+        return await ScriptedModel(SeededAnswers(5)).complete(request)
+
+
+def test_a_line_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "lines"
+    with FileIO(path, "ab") as file:
+        append_line(file, b"x" * 999 + b"\n")
+        with files_of_at_most(1500), pytest.raises(OSError):
+            append_line(file, b"y" * 999 + b"\n")
+        assert path.read_bytes() == b"x" * 999 + b"\n"
+        append_line(file, b"z\n")
+    assert path.read_bytes().splitlines() == [b"x" * 999, b"z"]
+
+
+def test_what_was_paid_is_kept_as_far_as_there_was_space(tmp_path: Path) -> None:
+    whole = Counting()
+    folder, (job,) = created(tmp_path / "whole")
+    wanted = asyncio.run(play_job(job, "r", pack(), folder, whole, lambda: 0.0))
+    folder, (job,) = created(tmp_path / "full")
+    model = Counting()
+    with files_of_at_most(1500):
+        row = asyncio.run(play_job(job, "r", pack(), folder, model, lambda: 0.0))
+    assert row.outcome.ended_by == "error" and "cannot be written" in str(row.error)
+    lines = folder.calls(job, "robot1").read_bytes()
+    kept = len(lines.splitlines())
+    assert lines.endswith(b"\n") and 0 < kept == model.asked - 1
+    again = asyncio.run(play_job(job, "r", pack(), folder, model, lambda: 0.0))
+    assert again == wanted
+    assert model.asked == whole.asked + 1, "only the one that could not be kept is asked twice"
+
+
+def test_rows_are_not_torn_and_the_run_goes_on(tmp_path: Path) -> None:
+    folder, planned = created(tmp_path, seeds=6)
+    finished: list[EpisodeRow] = []
+
+    async def make(job: Job) -> Model:
+        return ScriptedModel(SeededAnswers(job.seed))
+
+    def go_on() -> None:
+        left = [job for job in planned if job.id not in folder.finished()]
+        running = run_jobs(
+            folder, pack(), left, Workers(calls=1), make, lambda _, row: finished.append(row)
+        )
+        asyncio.run(running)
+
+    with files_of_at_most(5000), pytest.raises(BaseExceptionGroup) as stopped:
+        go_on()
+    assert stopped.group_contains(FileError, match=r"rows\.jsonl: .*cannot be written")
+    done = len(folder.finished())
+    assert 0 < done < 6
+    assert (tmp_path / "rows.jsonl").read_bytes().endswith(b"\n")
+    go_on()
+    assert len(folder.finished()) == len(finished) == 6
+    assert all(row.error is None for row in folder.rows()[done:])
+
+
+def test_a_damaged_file_of_calls_ends_its_episode_and_no_other(tmp_path: Path) -> None:
+    folder, (one, other) = created(tmp_path, seeds=2)
+    calls = folder.calls(one, "robot1")
+    calls.parent.mkdir()
+    calls.write_text("what is this?\n")
+    rows = [
+        asyncio.run(play_job(job, "r", pack(), folder, Counting(), lambda: 0.0))
+        for job in (one, other)
+    ]
+    assert "is no call of a model" in str(rows[0].error)
+    assert rows[1].error is None
+
+
+def test_a_bot_plays_on_without_its_transcript(capsys: pytest.CaptureFixture[str]) -> None:
+    request = ModelRequest((Message("user", "x"),))
+    exchange = Exchange(request, Completion("y"), ExchangeVerdict.ACTION)
+    with _transcript(Path("/dev/full")) as told:
+        told(exchange)
+        told(exchange)
+    assert capsys.readouterr().err.count("/dev/full: not written") == 2
