@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NoReturn
+import functools
+from collections.abc import Callable
+from typing import Annotated, NoReturn, ParamSpec
 
 import typer
 
-from robotouille.errors import FileError, ProtocolError
+from robotouille.errors import FileError, ProtocolError, RobotouilleError
 from robotouille.program import printable, tell
 
-__all__ = ["TokenOption", "explain", "fail", "server_url"]
+__all__ = ["TokenOption", "explain", "fail", "failing", "server_url"]
+
+P = ParamSpec("P")
 
 TokenOption = Annotated[
     str | None,
@@ -41,6 +45,19 @@ def fail(message: str, status: int = 1) -> NoReturn:
     """Print an error to stderr and exit."""
     tell(message, err=True)
     raise typer.Exit(status)
+
+
+def failing(command: Callable[P, None]) -> Callable[P, None]:
+    """A command whose errors are told in a line, and end with status 1."""
+
+    @functools.wraps(command)
+    def guarded(*arguments: P.args, **options: P.kwargs) -> None:
+        try:
+            command(*arguments, **options)
+        except RobotouilleError as error:
+            fail(explain(error))
+
+    return guarded
 
 
 def server_url(url: str | None, host: str, port: int) -> str:

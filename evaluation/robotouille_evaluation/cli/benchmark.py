@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import functools
-import json
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, ParamSpec, get_args
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 from rich.console import Console
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.program import tell
-from robotouille_client.console import explain, fail
+from robotouille_client.console import failing
+from robotouille_evaluation.cli.results import agreement, compare, report, write_page
 
 if TYPE_CHECKING:
     from robotouille_evaluation.cli.models import ModelChoice
@@ -27,9 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = ["benchmark"]
 
-benchmark = typer.Typer(
-    no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
-)
+benchmark = typer.Typer(no_args_is_help=True, help="Evaluate agents on packs of tasks.")
+
+for command in (report, compare, agreement):
+    benchmark.command()(command)
 
 COMPUTED = ("planner", "random", "scripted")
 
@@ -54,22 +54,6 @@ AttemptsOption = Annotated[
 SchedulerOption = Annotated[
     str, typer.Option("--scheduler", help="A Dask scheduler's address, instead of processes.")
 ]
-
-
-P = ParamSpec("P")
-
-
-def failing(command: Callable[P, None]) -> Callable[P, None]:
-    """A command whose errors are told in a line, and end with status 1."""
-
-    @functools.wraps(command)
-    def guarded(*arguments: P.args, **options: P.kwargs) -> None:
-        try:
-            command(*arguments, **options)
-        except RobotouilleError as error:
-            fail(explain(error))
-
-    return guarded
 
 
 @benchmark.command()
@@ -174,76 +158,6 @@ def _asked_otherwise(job: Job, timeout: float | None, attempts: int | None) -> J
     given = {"timeout": timeout, "attempts": attempts}
     changed = {name: value for name, value in given.items() if value is not None}
     return job.model_copy(update={"agent": job.agent.model_copy(update=changed)})
-
-
-@benchmark.command()
-@failing
-def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
-    out: Annotated[Path, typer.Option(help="Where the report goes.")] = Path("report"),
-) -> None:
-    """Write tables, figures and one HTML page of runs."""
-    from robotouille_evaluation.runs import RunFolder
-
-    rows = [row for path in runs for row in RunFolder(path).rows()]
-    if not rows:
-        raise RobotouilleError("no episode of these runs is over")
-    tell(str(_report(rows, out)))
-
-
-@benchmark.command()
-@failing
-def compare(
-    first: Annotated[str, typer.Argument(help="The name of an agent.")],
-    second: Annotated[str, typer.Argument(help="The name of another.")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
-    variant: Annotated[
-        Literal["none", "stochastic", "delay-free"] | None,
-        typer.Option(help="Of which variant, where the runs are of several."),
-    ] = None,
-    json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-) -> None:
-    """Compare two agents on the episodes that both have played, pair by pair."""
-    from robotouille_evaluation.metrics.intervals import mcnemar_test
-    from robotouille_evaluation.runs import RunFolder
-
-    rows = [row for path in runs for row in RunFolder(path).rows()]
-    rows = _of_variant(rows, variant)
-    pairs = [(a.outcome.success, b.outcome.success) for a, b in _paired(rows, first, second)]
-    if not pairs:
-        names = ", ".join(sorted({row.agent for row in rows}))
-        raise RobotouilleError(f"{first} and {second} have no episode in common; there are {names}")
-    p = mcnemar_test(*zip(*pairs, strict=True))
-    found = {
-        "episodes": len(pairs),
-        first: sum(a for a, _ in pairs),
-        second: sum(b for _, b in pairs),
-        "p": p,
-    }
-    tell(json.dumps(found) if json_output else
-         f"{len(pairs)} episodes: {first} solves {found[first]}, {second} {found[second]}; "
-         f"p = {p:.3f} (McNemar, exact)")  # fmt: skip
-
-
-def _of_variant(rows: Sequence[EpisodeRow], wanted: str | None) -> list[EpisodeRow]:
-    """The rows of one variant: results of different ones do not compare."""
-    if wanted is not None:
-        return [row for row in rows if (row.variant or "none") == wanted]
-    names = sorted({row.variant or "none" for row in rows})
-    if len(names) > 1:
-        raise RobotouilleError(f"the runs are of several variants; name one: --variant {names}")
-    return list(rows)
-
-
-def _paired(
-    rows: Sequence[EpisodeRow], first: str, second: str
-) -> list[tuple[EpisodeRow, EpisodeRow]]:
-    found: dict[str, dict[object, EpisodeRow]] = {first: {}, second: {}}
-    for row in rows:
-        if row.agent in found:
-            found[row.agent][row.pair] = row
-    return [(found[first][pair], found[second][pair]) for pair in found[first]
-            if pair in found[second]]  # fmt: skip
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -359,7 +273,7 @@ def _play(
             ) from None
         except BaseExceptionGroup as group:
             raise _first(group) from None
-    tell(str(_report(folder.rows(), folder.path / "report")))
+    tell(str(write_page(folder.rows(), folder.path / "report")))
 
 
 async def _run(
@@ -400,15 +314,3 @@ def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return error
-
-
-def _report(rows: Sequence[EpisodeRow], out: Path) -> Path:
-    from robotouille_evaluation.report import write_report
-
-    try:
-        return write_report(rows, out)
-    except OSError as error:
-        raise RobotouilleError(
-            f"{out}: the report cannot be written: {error.strerror}; the rows are kept, and "
-            "`robotouille benchmark report` makes it of them"
-        ) from None

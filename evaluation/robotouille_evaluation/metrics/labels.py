@@ -14,7 +14,7 @@ from robotouille.errors import Fault, FileError
 from robotouille_evaluation.metrics.failures import Category
 from robotouille_evaluation.metrics.rows import EpisodeRow
 
-__all__ = ["Label", "agreement", "cohens_kappa", "read_labels"]
+__all__ = ["Label", "agreement", "cohens_kappa", "paired", "read_labels"]
 
 
 class Label(BaseModel):
@@ -74,13 +74,21 @@ def cohens_kappa(one: Sequence[str], other: Sequence[str]) -> float | None:
     return None if chance == 1 else (equal - chance) / (1 - chance)
 
 
+def paired(rows: Sequence[EpisodeRow], labels: Sequence[Label]) -> list[tuple[EpisodeRow, Label]]:
+    """The rows of failed episodes with people's labels of the same recordings; where several runs
+    have played the same job, the last row counts."""
+    found: Mapping[str | None, EpisodeRow] = {
+        row.recording: row for row in rows if row.measures.failure
+    }
+    return [(found[label.recording], label) for label in labels if label.recording in found]
+
+
 def agreement(rows: Sequence[EpisodeRow], labels: Sequence[Label]) -> float | None:
     """Cohen's kappa between the classifier's categories in rows and people's labels of the same
     recordings; None if they have none in common."""
-    found: Mapping[str | None, EpisodeRow] = {row.recording: row for row in rows}
     pairs = [
-        (failure.category, label.category.value)
-        for label in labels
-        if (row := found.get(label.recording)) and (failure := row.measures.failure)
+        (row.measures.failure.category, label.category.value)
+        for row, label in paired(rows, labels)
+        if row.measures.failure
     ]
     return cohens_kappa([a for a, _ in pairs], [b for _, b in pairs])

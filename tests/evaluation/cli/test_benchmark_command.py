@@ -157,3 +157,28 @@ def test_variants_are_played_named_and_never_mixed(tmp_path: Path) -> None:
     for variant in ("none", "stochastic"):
         one = called("compare", *both, "--variant", variant, "--json")
         assert json.loads(one.output)["episodes"] == 1
+
+
+def test_labels_by_people_beside_the_classifier(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    words = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "random", "--seeds", "6"]
+    assert called("run", run, *words, "--processes", "1").exit_code == 0
+    failed = [row for row in RunFolder(run).rows() if row.measures.failure]
+    assert len(failed) > 2
+    labels = tmp_path / "labels.csv"
+
+    def label(*categories: str) -> Result:
+        lines = [f"{row.recording},{c}" for row, c in zip(failed, categories, strict=True)]
+        labels.write_text("\n".join(["recording,category", *lines]), encoding="utf-8")
+        return called("agreement", labels, run)
+
+    same = [row.measures.failure.category for row in failed if row.measures.failure]
+    assert f"{len(failed)} episodes; Cohen's kappa" in label(*same).output
+    other = next(c for c in ("state", "goal") if c != same[0])
+    told = label(other, *same[1:]).output
+    assert f"{failed[0].recording}: {other}, classified as {same[0]}" in told
+    assert told.count("classified as") == 1
+    labels.write_text("recording,category\nrecordings/other.rbt,goal\n", encoding="utf-8")
+    result = called("agreement", labels, run)
+    assert result.exit_code == 1
+    assert "labels no failed episode of these runs" in result.output
