@@ -75,7 +75,8 @@ class AnytimePlanner:
 
     def __init__(self, world: World) -> None:
         task = world.task
-        plain = task.timing is Timing.BENCHMARK
+        profile = task.profile
+        plain = not profile.steps_per_tile and profile.repeat_steps == 1
         self.model = world if plain else World(replace(task, timing=Timing.BENCHMARK))
         self.forget()
 

@@ -13,12 +13,17 @@ the fewest steps from its last state to the goal, divided by the fewest from its
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
-from robotouille.domain.task import Timing
+from robotouille.domain.task import Task, TimingProfile
 from robotouille.planning import solvers as optimal
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
+from robotouille.planning.plugins import domain_planner
+from robotouille.planning.repair.errands import Course, Errand, errands
+from robotouille.planning.repair.plan_repair import PlanRepair
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
+from robotouille.planning.validation import replay
 from robotouille.world.world import State, World
 
 __all__ = ["Range", "StepsLeft", "StepsToGo", "quotient"]
@@ -44,6 +49,11 @@ class StepsLeft:
 
 DEAD = StepsLeft(None, dead=True)
 
+NO_SEARCH = Limits(expansions=0)
+
+Errands: TypeAlias = list[tuple[Errand, ...]]
+"""What is done in each step of a plan."""
+
 
 @dataclass(frozen=True, slots=True)
 class Range:
@@ -64,25 +74,50 @@ def quotient(above: StepsLeft, below: StepsLeft) -> Range | None:
     return Range(least, most)
 
 
+class _WithoutWalks(Task):
+    """A task in which walking and repeated work take a step; delays are those of its timing."""
+
+    @property
+    def profile(self) -> TimingProfile:
+        return replace(super().profile, steps_per_tile=0, repeat_steps=1)
+
+
 class StepsToGo:
     """The fewest steps from any state of a world to the goal, all players acting together.
 
     What is found out about a state is kept, also about those along its plan: a plan's rest is a
-    plan, and where it is proven to be shortest, so is its rest.
+    plan, and where it is proven to be shortest, so is its rest. From a state off all plans the last
+    plan is carried out as far as it makes sense (`PlanRepair`), which is a plan again, if no
+    shortest one. So an answer that is exact is so whatever was asked before; one that is a range
+    may be narrower for it. The same questions in the same order have the same answers everywhere.
+
+    Where walks take as long as they are, a kitchen's steps are bounded: from below by what is left
+    if they took a step each, from above by a plan for that, carried out with all delays. Such a
+    world is searched itself only if the limits allow any number of expansions.
     """
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._known: dict[State, StepsLeft] = {}
         self._searched: dict[State, Limits] = {}
-        alone = len(world.players) == 1
-        plain = world.task.timing is Timing.BENCHMARK
-        self._anytime = AnytimePlanner(world) if alone and plain else None
+        self._courses: dict[State, tuple[Errands, int]] = {}
+        self._latest: list[State] = []
+        self._repair = PlanRepair(world)
+        alone, profile = len(world.players) == 1, world.task.profile
+        walks = bool(profile.steps_per_tile or profile.repeat_steps > 1)
+        self._anytime = AnytimePlanner(world) if alone and not walks else None
+        self._relaxed: StepsToGo | None = None
+        if walks and domain_planner(world) is not None:
+            task = world.task
+            fields = (task.name, task.domain, task.problem, task.seats, task.timing, task.source)
+            self._relaxed = StepsToGo(World(_WithoutWalks(*fields)))
 
     def __call__(
         self, state: State, limits: Limits = UNLIMITED, *, after: State | None = None
     ) -> StepsLeft:
         """The steps from a state, as far as the limits allow a search for them.
+
+        Without expansions there is no search, but bounds, and a plan made of a known one, if any.
 
         Args:
             after: A state from which one step led to it, if one is known: a step brings the goal
@@ -96,9 +131,32 @@ class StepsToGo:
         if known.exact:
             return known
         if self._searched.get(state) != limits:  # Whoever stands and waits is where they were.
-            self._search(state, known, limits)
+            self._find_out(state, limits, after)
             self._searched[state] = limits
         return self._known[state]
+
+    def learn(self, start: State, plan: Plan, bound: int = 0) -> StepsLeft:
+        """Keep a plan from a state, made elsewhere, and a bound that every plan's length reaches.
+
+        The state may be one of the same task with another timing. Then the bound says nothing.
+
+        Returns:
+            What is known of the steps from the state.
+
+        Raises:
+            ValueError: The plan does not reach the goal from there.
+        """
+        report = replay(plan, start.world, start)
+        if not report.ok:
+            raise ValueError(f"this is no plan from that state: {report}")
+        if start.world is self._world:
+            self.known(start)
+            self._along(Course.of(plan, start), bound)
+            return self._known[start]
+        own = self._of(start)
+        self.known(own)
+        self._try(own, (errands(Course.of(plan, start)), 0))
+        return self._known[own]
 
     def known(self, state: State, *, after: State | None = None) -> StepsLeft:
         """What is known of the steps from a state without a search; see the call.
@@ -119,8 +177,54 @@ class StepsToGo:
             return self._note(state, DEAD)
         return self._note(state, StepsLeft(None, max(1, before.bound - 1)))
 
-    def _search(self, state: State, known: StepsLeft, limits: Limits) -> None:
-        if self._anytime is None:
+    def _find_out(self, state: State, limits: Limits, after: State | None) -> None:
+        searches = limits != NO_SEARCH
+        if self._relaxed is not None:
+            self._relax(self._relaxed, state, limits, after)
+            searches = limits.expansions is None
+        if self._known[state].steps is None and not (self._anytime and searches):
+            self._carry_out(state, after)
+        known = self._known[state]
+        if self._relaxed is None and (known.steps is not None or not searches):
+            known = self._record(state, optimal.solve(self._world, state, limits=NO_SEARCH))
+        if searches and not known.exact:
+            self._search(state, limits)
+
+    def _relax(self, relaxed: StepsToGo, state: State, limits: Limits, after: State | None) -> None:
+        """Bounds from what is left without walks. A plan for that is searched for once; what the
+        searches for others would find out is less than what walks do."""
+        easier = relaxed._of(state)
+        left = relaxed(easier, NO_SEARCH, after=None if after is None else relaxed._of(after))
+        if left.steps is None and not left.dead:
+            left = relaxed(easier, limits)
+        if left.dead:
+            self._note(state, DEAD)
+            return
+        self._note(state, StepsLeft(None, left.bound))
+        found = relaxed._courses.get(easier)
+        if found is not None:
+            self._try(state, found)
+
+    def _of(self, state: State) -> State:
+        """A state of the same task with another timing as one of this world, nobody busy."""
+        return self._world.restore(state.facts, state.timer_rows())
+
+    def _carry_out(self, state: State, after: State | None) -> None:
+        """Carry out known plans from here: that of the state before, and the first and last."""
+        asked = [after] if after is not None else []
+        for known in dict.fromkeys((*asked, *self._latest)):
+            course = self._courses.get(known)
+            if course is not None and not self._known[state].exact:
+                self._try(state, course)
+
+    def _try(self, state: State, known: tuple[Errands, int]) -> None:
+        plan, first = known
+        course = self._repair.repair(plan[first:], state)
+        if course is not None:
+            self._along(course, self._known[state].bound)
+
+    def _search(self, state: State, limits: Limits) -> None:
+        if self._anytime is None or self._known[state].steps is not None:
             self._record(state, optimal.solve(self._world, state, limits=limits))
             return
         for result in self._anytime.search(state, limits, beam=0):
@@ -134,16 +238,19 @@ class StepsToGo:
             return self._note(state, DEAD)
         known = self._note(state, StepsLeft(None, result.bound))
         if result.plan is not None:
-            self._along(state, result.plan, known.bound)
+            self._along(Course.of(result.plan, state), known.bound)
         return self._known[state]
 
-    def _along(self, state: State, plan: Plan, bound: int) -> None:
-        steps = len(plan)
-        self._note(state, StepsLeft(steps, bound))
-        for joint in plan:
-            state, steps, bound = state.step(joint).state, steps - 1, bound - 1
-            if steps:
-                self._note(state, StepsLeft(steps, max(1, bound)))
+    def _along(self, course: Course, bound: int) -> None:
+        """Keep a plan, its rests, and a bound that every plan's length reaches."""
+        plan = errands(course)
+        self._latest = [*self._latest[:1], course.states[0]]
+        for number, state in enumerate(course.states[:-1]):
+            steps = len(course.joints) - number
+            before = self._known.get(state)
+            if before is None or before.steps is None or steps < before.steps:
+                self._courses[state] = (plan, number)
+            self._note(state, StepsLeft(steps, max(1, bound - number)))
 
     def _note(self, state: State, new: StepsLeft) -> StepsLeft:
         old = self._known.get(state)

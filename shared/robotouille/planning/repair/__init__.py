@@ -1,0 +1,1 @@
+"""Known plans carried out from other states, without a search."""
