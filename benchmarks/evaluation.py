@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 import random
 import statistics
 import tempfile
@@ -24,11 +25,11 @@ from pathlib import Path
 from tests.support.episode_rows import made_up_rows
 from tests.support.published import CHECKOUT
 
-from robotouille import State, World, load_task
+from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.task import Timing
 from robotouille.planners.kitchen.kernels import COMPILED
 from robotouille.planning import StepsToGo
-from robotouille.planning.plan import Joint
+from robotouille.planning.plan import Plan
 from robotouille.planning.repair.errands import Course, errands
 from robotouille.planning.repair.plan_repair import PlanRepair
 from robotouille_evaluation.metrics.measuring import default_limits
@@ -60,13 +61,13 @@ def verdict(seconds: float, most: float) -> str:
 # Steps to go
 
 
-def course(world: World, plan: Sequence[Joint], start: State, wild: int) -> Iterator[State]:
+def course(world: World, plan: Plan, start: State, wild: int) -> Iterator[State]:
     """States of an episode. Of each three steps so many are random, the others lead to the goal.
 
     `start` is where the plan begins: in this world, or in one of another timing.
     """
     dice, kit = random.Random(wild), PlanRepair(world)
-    rest, state = errands(Course(tuple(plan), tuple(_states(plan, start)))), world.initial
+    rest, state = errands(Course.of(plan, start)), world.initial
     for number in range(STEPS):
         yield state
         if state.goal_reached:
@@ -77,14 +78,7 @@ def course(world: World, plan: Sequence[Joint], start: State, wild: int) -> Iter
         state = state.step(joint).state
 
 
-def _states(plan: Sequence[Joint], start: State) -> Iterator[State]:
-    yield start
-    for joint in plan:
-        start = start.step(joint).state
-        yield start
-
-
-def _random(state: State, dice: random.Random) -> Iterator[object]:
+def _random(state: State, dice: random.Random) -> Iterator[GroundAction]:
     for player in state.world.players:
         valid = state.actions(player)
         if valid:
@@ -103,10 +97,10 @@ def steps_to_go(pack: Pack, timing: Timing, *, teams: bool, tasks: int) -> str:
             distance, before = StepsToGo(world), None
             if teams:
                 distance.learn(plain.initial, plan)
-            for state in course(world, plan.steps, plain.initial, wild):
-                begun = time.perf_counter()
+            for state in course(world, plan, plain.initial, wild):
+                begun = time.process_time()
                 left = distance(state, default_limits(world), after=before)
-                times.append(time.perf_counter() - begun)
+                times.append(time.process_time() - begun)
                 before, exact = state, exact + left.exact
     middle, high = statistics.median(times), statistics.quantiles(times, n=100)[98]
     return (
@@ -119,7 +113,7 @@ def steps_to_go(pack: Pack, timing: Timing, *, teams: bool, tasks: int) -> str:
 
 def all_steps_to_go(pack: Pack, tasks: int) -> None:
     """A line for each timing, for one player and for teams."""
-    print("Steps to go of a state" + ("" if COMPILED else ", plain Python"))
+    print("Steps to go of a state, time of a processor" + ("" if COMPILED else ", plain Python"))
     for name in ("synchronous/01", "multi_agent/01"):  # Kernels are read from disk.
         warm = World(name)
         StepsToGo(warm)(warm.initial, default_limits(warm))
@@ -158,6 +152,11 @@ def random_episodes(pack: Pack, count: int) -> float:
         workers = Workers(processes=PROCESSES)
         asyncio.run(run_jobs(folder, pack, planned, workers, no_model, lambda _, row: check(row)))
         return time.perf_counter() - begun
+
+
+def processor() -> float:
+    """Seconds of the processor that this process and its children have used."""
+    return sum(os.times()[:4])
 
 
 def check(row: EpisodeRow) -> None:
@@ -208,14 +207,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if "steps" in wanted:
         all_steps_to_go(pack, max(2, 20 // share))
     if "episodes" in wanted:
-        count = EPISODES // share
+        count, used = EPISODES // share, processor()
         seconds = random_episodes(pack, count)
-        each = f"{seconds / count * 1e3:.0f} ms each, {PROCESSES} processes"
+        used = processor() - used
+        each = f"{used / count * 1e3:.0f} ms of a processor each, {PROCESSES} processes"
         print(f"{count:,} random episodes with all metrics: {seconds:.0f} s, {each} "
               f"{verdict(seconds, EPISODE_SECONDS / share)}", flush=True)  # fmt: skip
     if "report" in wanted and find_spec("matplotlib") is not None:
+        used = processor()
         seconds = report(pack, ROWS // share)
-        print(f"Report of {ROWS // share:,} episodes: {seconds:.0f} s "
+        print(f"Report of {ROWS // share:,} episodes: {seconds:.0f} s, "
+              f"{processor() - used:.0f} s of a processor "
               f"{verdict(seconds, REPORT_SECONDS)}", flush=True)  # fmt: skip
     if "import" in wanted:
         if not CHECKOUT.is_dir():

@@ -13,14 +13,13 @@ the fewest steps from its last state to the goal, divided by the fewest from its
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 from robotouille.domain.task import Task, TimingProfile
 from robotouille.planning import solvers as optimal
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import domain_planner
-from robotouille.planning.repair.errands import Course, Errand, errands
+from robotouille.planning.repair.errands import Course, ErrandList, errands
 from robotouille.planning.repair.plan_repair import PlanRepair
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 from robotouille.planning.validation import replay
@@ -50,9 +49,6 @@ class StepsLeft:
 DEAD = StepsLeft(None, dead=True)
 
 NO_SEARCH = Limits(expansions=0)
-
-Errands: TypeAlias = list[tuple[Errand, ...]]
-"""What is done in each step of a plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +96,7 @@ class StepsToGo:
         self._world = world
         self._known: dict[State, StepsLeft] = {}
         self._searched: dict[State, Limits] = {}
-        self._courses: dict[State, tuple[Errands, int]] = {}
+        self._plans: dict[State, ErrandList] = {}
         self._latest: list[State] = []
         self._repair = PlanRepair(world)
         alone, profile = len(world.players) == 1, world.task.profile
@@ -155,7 +151,7 @@ class StepsToGo:
             return self._known[start]
         own = self._of(start)
         self.known(own)
-        self._try(own, (errands(Course.of(plan, start)), 0))
+        self._try(own, errands(Course.of(plan, start)))
         return self._known[own]
 
     def known(self, state: State, *, after: State | None = None) -> StepsLeft:
@@ -191,19 +187,27 @@ class StepsToGo:
             self._search(state, limits)
 
     def _relax(self, relaxed: StepsToGo, state: State, limits: Limits, after: State | None) -> None:
-        """Bounds from what is left without walks. A plan for that is searched for once; what the
-        searches for others would find out is less than what walks do."""
+        """Bounds from what is left without walks. Some plan for that is searched for once; what
+        the search for the shortest would find out is less than what walks do."""
         easier = relaxed._of(state)
         left = relaxed(easier, NO_SEARCH, after=None if after is None else relaxed._of(after))
-        if left.steps is None and not left.dead:
-            left = relaxed(easier, limits)
+        if left.steps is None and not left.dead and limits != NO_SEARCH:
+            left = relaxed._find_any(easier, limits)
         if left.dead:
             self._note(state, DEAD)
             return
         self._note(state, StepsLeft(None, left.bound))
-        found = relaxed._courses.get(easier)
+        found = relaxed._plans.get(easier)
         if found is not None:
             self._try(state, found)
+
+    def _find_any(self, state: State, limits: Limits) -> StepsLeft:
+        """Search for a plan, be it the shortest or not."""
+        if self._anytime is not None:
+            self._record(state, self._anytime.first(state, limits))
+        if self._known[state].steps is None and not self._known[state].dead:
+            self._search(state, limits)
+        return self._known[state]
 
     def _of(self, state: State) -> State:
         """A state of the same task with another timing as one of this world, nobody busy."""
@@ -212,14 +216,13 @@ class StepsToGo:
     def _carry_out(self, state: State, after: State | None) -> None:
         """Carry out known plans from here: that of the state before, and the first and last."""
         asked = [after] if after is not None else []
-        for known in dict.fromkeys((*asked, *self._latest)):
-            course = self._courses.get(known)
-            if course is not None and not self._known[state].exact:
-                self._try(state, course)
+        plans = [self._plans.get(known) for known in (*asked, *self._latest)]
+        for plan in {id(plan): plan for plan in plans if plan is not None}.values():
+            if not self._known[state].exact:
+                self._try(state, plan)
 
-    def _try(self, state: State, known: tuple[Errands, int]) -> None:
-        plan, first = known
-        course = self._repair.repair(plan[first:], state)
+    def _try(self, state: State, plan: ErrandList) -> None:
+        course = self._repair.repair(plan, state)
         if course is not None:
             self._along(course, self._known[state].bound)
 
@@ -249,7 +252,7 @@ class StepsToGo:
             steps = len(course.joints) - number
             before = self._known.get(state)
             if before is None or before.steps is None or steps < before.steps:
-                self._courses[state] = (plan, number)
+                self._plans[state] = plan
             self._note(state, StepsLeft(steps, max(1, bound - number)))
 
     def _note(self, state: State, new: StepsLeft) -> StepsLeft:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import product
 
 from robotouille.planning.plan import Joint, Plan
-from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.world import State, World
 
-__all__ = ["Course", "Errand", "Floor", "errands"]
+__all__ = ["Course", "Errand", "ErrandList", "Floor", "errands"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Errand:
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A plan as it goes: what is done in each step, and the states, one more than there are steps."""
+    """A plan as it goes: what is done in each step, and the states, one more than steps."""
 
     joints: tuple[Joint, ...]
     states: tuple[State, ...]
@@ -47,8 +47,26 @@ class Course:
         return Course(plan.steps, tuple(states))
 
 
-def errands(course: Course) -> list[tuple[Errand, ...]]:
-    """The errands of each step of a course."""
+@dataclass(frozen=True, slots=True)
+class ErrandList:
+    """The errands of each step of a plan, and the facts before it; in the end those of the goal."""
+
+    steps: tuple[tuple[Errand, ...], ...]
+    facts: tuple[int, ...]
+
+    def nearest(self, facts: int) -> int:
+        """The step before which the facts differ least from these; the first of several, since
+        work that is repeated changes no facts before it is done."""
+        steps = range(len(self.steps))
+        return min(steps, key=lambda step: (facts ^ self.facts[step]).bit_count(), default=0)
+
+    def since(self, step: int) -> Iterator[Errand]:
+        """The errands from a step on."""
+        return (errand for row in self.steps[step:] for errand in row)
+
+
+def errands(course: Course) -> ErrandList:
+    """The errands of a course."""
     by_time, found = 0, []
     mentions = course.states[0].world.table.mentions
     for joint, before, state in zip(course.joints, course.states, course.states[1:], strict=False):
@@ -64,17 +82,23 @@ def errands(course: Course) -> list[tuple[Errand, ...]]:
                 row.append(Errand(action.player, action, before.facts & by_time & about))
         by_time |= state.facts & ~before.facts & ~touched
         found.append(tuple(row))
-    return found
+    return ErrandList(tuple(found), tuple(state.facts for state in course.states))
+
+
+def _walks(world: World) -> Iterator[tuple[ActionSchema, tuple[str, str]]]:
+    """Actions that are walks, with their parameters for where from and where to."""
+    for schema in world.schemas:
+        travel = schema.definition.travel
+        if travel is not None and schema.player:
+            yield schema, travel
 
 
 class Floor:
-    """Where the players of a world can be, and how they get there; None where nobody walks."""
+    """Where the players of a world can be, and how they get there. Somebody has to walk in it."""
 
     def __init__(self, world: World) -> None:
         self.world = world
-        walk = next(s for s in world.schemas if s.definition.travel is not None)
-        assert walk.definition.travel is not None
-        self._here, self._there = walk.definition.travel
+        walk, (self._here, self._there) = next(_walks(world))
         self._walk = walk
         self._who = walk.parameters[0][0]
         self.stations = list(world.table.by_type[dict(walk.parameters)[self._there]])
@@ -87,7 +111,7 @@ class Floor:
     @staticmethod
     def is_walked(world: World) -> bool:
         """Whether a world has walks that say where from and where to."""
-        return any(s.definition.travel is not None and s.player for s in world.schemas)
+        return any(_walks(world))
 
     def _places(self) -> dict[tuple[str, str], int]:
         """The fact that says that a player is at a station."""

@@ -18,8 +18,8 @@ from dataclasses import replace
 from itertools import takewhile
 from math import inf
 
-from robotouille.planning.repair.errands import Course, Errand, Floor
 from robotouille.planning.plan import Joint
+from robotouille.planning.repair.errands import Course, Errand, ErrandList, Floor
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.world import State, World
@@ -41,16 +41,33 @@ class PlanRepair:
         self._world = world
         self._floor = Floor(world) if Floor.is_walked(world) else None
 
-    def repair(self, plan: Sequence[Sequence[Errand]], state: State) -> Course | None:
-        """A course from a state to the goal that does what the errands of a plan's steps do.
+    def repair(self, plan: ErrandList, state: State) -> Course | None:
+        """A course from a state to the goal that does what a plan's errands do.
 
-        None if none was found, which says nothing of whether there is one.
+        It goes on from where the plan had most of the state's facts, or if that leads nowhere, from
+        the beginning. None if none was found, which says nothing of whether there is one.
         """
+        nearest = plan.nearest(state.facts)
+        for step in dict.fromkeys((nearest, 0)):
+            course = self._since(plan, step, state)
+            if course is not None:
+                return course
+        return None
+
+    def _since(self, plan: ErrandList, step: int, state: State) -> Course | None:
         if self._floor is None:
             return None
-        pending = [self._own(errand) for step in plan for errand in step]
+        known = [self._own(errand) for errand in plan.since(step)]
+        pending = _without_detours([e for e in known if not self._is_done(e, state)])
         limit = MAX_STEPS * (len(pending) + MAX_DETOURS) * self._world.task.profile.delay_factor
         return _Repair(self._world, self._floor, pending, state).run(limit)
+
+    def _is_done(self, errand: Errand, state: State) -> bool:
+        """Whether work is done for good."""
+        if self._floor is None or not errand.action.effects:
+            return False
+        aims = self._floor.aims(errand.action)
+        return bool(aims) and state.facts & aims == aims
 
     def _own(self, errand: Errand) -> Errand:
         """The errand in this world's words, if it is from one of another timing."""
@@ -59,6 +76,31 @@ class PlanRepair:
             return errand
         self._world.admit(action.arguments)
         return replace(errand, action=self._world.action(action.name, *action.arguments))
+
+
+def _without_detours(errands: Sequence[Errand]) -> list[Errand]:
+    """Without what a player does and undoes at once, nobody else having to do with it between."""
+    kept: list[Errand] = []
+    for errand in errands:
+        touching = [e for e in kept if not e.objects.isdisjoint(errand.objects)]
+        last = touching[-1] if touching else None
+        if last is not None and _undoes(errand, last) and not _acts_after(kept, last):
+            kept.remove(last)
+        else:
+            kept.append(errand)
+    return kept
+
+
+def _undoes(errand: Errand, last: Errand) -> bool:
+    one, other = errand.action, last.action
+    is_same = errand.player == last.player and one.touched == other.touched
+    return is_same and one.removed ^ other.removed == one.touched != 0
+
+
+def _acts_after(errands: Sequence[Errand], errand: Errand) -> bool:
+    """Whether a player does something else after an errand."""
+    after = errands[max(i for i, e in enumerate(errands) if e is errand) + 1 :]
+    return any(e.player == errand.player for e in after)
 
 
 class _Repair:
