@@ -19,10 +19,10 @@ from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
 from robotouille.errors import PluginError
-from robotouille.planning.action_elimination import eliminate_actions
 from robotouille.planning.beam.planner import EXPANSIONS, BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
+from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.world.world import State, World

@@ -23,6 +23,7 @@ from robotouille.planning.repair.errands import Course, ErrandList, errands
 from robotouille.planning.repair.plan_repair import PlanRepair
 from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 from robotouille.planning.validation import replay
+from robotouille.world.timers import Timers
 from robotouille.world.world import State, World
 
 __all__ = ["Range", "StepsLeft", "StepsToGo", "quotient"]
@@ -70,6 +71,14 @@ def quotient(above: StepsLeft, below: StepsLeft) -> Range | None:
     return Range(least, most)
 
 
+Key = tuple[int, Timers]
+"""A state of one world: its facts, and its timers, which are one object where they are equal."""
+
+
+def _key(state: State) -> Key:
+    return state.facts, state.timers
+
+
 class _WithoutWalks(Task):
     """A task in which walking and repeated work take a step; delays are those of its timing."""
 
@@ -94,14 +103,15 @@ class StepsToGo:
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._known: dict[State, StepsLeft] = {}
-        self._searched: dict[State, Limits] = {}
-        self._plans: dict[State, ErrandList] = {}
-        self._latest: list[State] = []
+        self._known: dict[Key, StepsLeft] = {}
+        self._searched: dict[Key, Limits] = {}
+        self._plans: dict[Key, ErrandList] = {}
+        self._latest: list[Key] = []
         self._repair = PlanRepair(world)
         alone, profile = len(world.players) == 1, world.task.profile
         walks = bool(profile.steps_per_tile or profile.repeat_steps > 1)
-        self._anytime = AnytimePlanner(world) if alone and not walks else None
+        self._plain = AnytimePlanner(world)
+        self._anytime = self._plain if alone and not walks else None
         self._relaxed: StepsToGo | None = None
         if walks and domain_planner(world) is not None:
             task = world.task
@@ -126,10 +136,12 @@ class StepsToGo:
         known = self.known(state, after=after)
         if known.exact:
             return known
-        if self._searched.get(state) != limits:  # Whoever stands and waits is where they were.
+        if (
+            self._searched.get(_key(state)) != limits
+        ):  # Whoever stands and waits is where they were.
             self._find_out(state, limits, after)
-            self._searched[state] = limits
-        return self._known[state]
+            self._searched[_key(state)] = limits
+        return self._known[_key(state)]
 
     def learn(self, start: State, plan: Plan, bound: int = 0) -> StepsLeft:
         """Keep a plan from a state, made elsewhere, and a bound that every plan's length reaches.
@@ -148,11 +160,11 @@ class StepsToGo:
         if start.world is self._world:
             self.known(start)
             self._along(Course.of(plan, start), bound)
-            return self._known[start]
+            return self._known[_key(start)]
         own = self._of(start)
         self.known(own)
         self._try(own, errands(Course.of(plan, start)))
-        return self._known[own]
+        return self._known[_key(own)]
 
     def known(self, state: State, *, after: State | None = None) -> StepsLeft:
         """What is known of the steps from a state without a search; see the call.
@@ -166,7 +178,7 @@ class StepsToGo:
 
     def _after(self, state: State, after: State | None) -> StepsLeft:
         """What follows from what is known of the state and of the one before."""
-        before = self._known.get(after) if after is not None else None
+        before = self._known.get(_key(after)) if after is not None else None
         if before is None:
             return self._note(state, StepsLeft(None, 1))
         if before.dead:
@@ -174,40 +186,39 @@ class StepsToGo:
         return self._note(state, StepsLeft(None, max(1, before.bound - 1)))
 
     def _find_out(self, state: State, limits: Limits, after: State | None) -> None:
-        searches = limits != NO_SEARCH
+        searches, alone = limits != NO_SEARCH, self._anytime is not None
         if self._relaxed is not None:
-            self._relax(self._relaxed, state, limits, after)
-            searches = limits.expansions is None
-        if self._known[state].steps is None and not (self._anytime and searches):
+            self._relax(self._relaxed, state, after)
+        if not self._settled(state) and not (alone and searches):
             self._carry_out(state, after)
-        known = self._known[state]
-        if self._relaxed is None and (known.steps is not None or not searches):
-            known = self._record(state, optimal.solve(self._world, state, limits=NO_SEARCH))
-        if searches and not known.exact:
+        if self._relaxed is not None:
+            if searches and not self._settled(state):
+                self._find_any(self._relaxed, state, limits)
+            searches = limits.expansions is None
+        elif self._known[_key(state)].steps is not None or not searches:
+            self._record(state, optimal.solve(self._world, state, limits=NO_SEARCH))
+        if searches and not self._known[_key(state)].exact:
             self._search(state, limits)
 
-    def _relax(self, relaxed: StepsToGo, state: State, limits: Limits, after: State | None) -> None:
-        """Bounds from what is left without walks. Some plan for that is searched for once; what
-        the search for the shortest would find out is less than what walks do."""
-        easier = relaxed._of(state)
-        left = relaxed(easier, NO_SEARCH, after=None if after is None else relaxed._of(after))
-        if left.steps is None and not left.dead and limits != NO_SEARCH:
-            left = relaxed._find_any(easier, limits)
-        if left.dead:
-            self._note(state, DEAD)
-            return
-        self._note(state, StepsLeft(None, left.bound))
-        found = relaxed._plans.get(easier)
-        if found is not None:
-            self._try(state, found)
+    def _settled(self, state: State) -> bool:
+        """Whether a plan from a state is known, or that there is none."""
+        known = self._known[_key(state)]
+        return known.dead or known.steps is not None
 
-    def _find_any(self, state: State, limits: Limits) -> StepsLeft:
-        """Search for a plan, be it the shortest or not."""
-        if self._anytime is not None:
-            self._record(state, self._anytime.first(state, limits))
-        if self._known[state].steps is None and not self._known[state].dead:
-            self._search(state, limits)
-        return self._known[state]
+    def _relax(self, relaxed: StepsToGo, state: State, after: State | None) -> None:
+        """A bound from what is left without walks."""
+        before = None if after is None else relaxed._of(after)
+        left = relaxed(relaxed._of(state), NO_SEARCH, after=before)
+        self._note(state, DEAD if left.dead else StepsLeft(None, left.bound))
+
+    def _find_any(self, relaxed: StepsToGo, state: State, limits: Limits) -> None:
+        """Carry out a plan that is good without walks, and if that fails without delays."""
+        for planner, start in ((relaxed._anytime, relaxed._of(state)), (self._plain, state)):
+            if planner is not None and not self._settled(state):
+                easier = planner.in_model(start)
+                plan = planner.first(easier, limits).plan
+                if plan is not None:
+                    self._try(state, errands(Course.of(plan, easier)))
 
     def _of(self, state: State) -> State:
         """A state of the same task with another timing as one of this world, nobody busy."""
@@ -215,19 +226,19 @@ class StepsToGo:
 
     def _carry_out(self, state: State, after: State | None) -> None:
         """Carry out known plans from here: that of the state before, and the first and last."""
-        asked = [after] if after is not None else []
+        asked = [_key(after)] if after is not None else []
         plans = [self._plans.get(known) for known in (*asked, *self._latest)]
         for plan in {id(plan): plan for plan in plans if plan is not None}.values():
-            if not self._known[state].exact:
+            if not self._known[_key(state)].exact:
                 self._try(state, plan)
 
     def _try(self, state: State, plan: ErrandList) -> None:
         course = self._repair.repair(plan, state)
         if course is not None:
-            self._along(course, self._known[state].bound)
+            self._along(course, self._known[_key(state)].bound)
 
     def _search(self, state: State, limits: Limits) -> None:
-        if self._anytime is None or self._known[state].steps is not None:
+        if self._anytime is None or self._known[_key(state)].steps is not None:
             self._record(state, optimal.solve(self._world, state, limits=limits))
             return
         for result in self._anytime.search(state, limits, beam=0):
@@ -242,27 +253,27 @@ class StepsToGo:
         known = self._note(state, StepsLeft(None, result.bound))
         if result.plan is not None:
             self._along(Course.of(result.plan, state), known.bound)
-        return self._known[state]
+        return self._known[_key(state)]
 
     def _along(self, course: Course, bound: int) -> None:
         """Keep a plan, its rests, and a bound that every plan's length reaches."""
         plan = errands(course)
-        self._latest = [*self._latest[:1], course.states[0]]
+        self._latest = [*self._latest[:1], _key(course.states[0])]
         for number, state in enumerate(course.states[:-1]):
             steps = len(course.joints) - number
-            before = self._known.get(state)
+            before = self._known.get(_key(state))
             if before is None or before.steps is None or steps < before.steps:
-                self._plans[state] = plan
+                self._plans[_key(state)] = plan
             self._note(state, StepsLeft(steps, max(1, bound - number)))
 
     def _note(self, state: State, new: StepsLeft) -> StepsLeft:
-        old = self._known.get(state)
+        old = self._known.get(_key(state))
         if old is None or new.dead:
-            self._known[state] = new
+            self._known[_key(state)] = new
             return new
         if old.dead:
             return old
         steps = min((s for s in (old.steps, new.steps) if s is not None), default=None)
         both = replace(old, steps=steps, bound=max(old.bound, new.bound))
-        self._known[state] = both
+        self._known[_key(state)] = both
         return both

@@ -1,1 +1,1 @@
-"""Known plans carried out from other states, without a search."""
+"""Known plans: without what they do not need, and carried out from other states."""
