@@ -19,7 +19,7 @@ from tests.planning.kitchen.random_kitchens import random_kitchen
 from tests.support.samples import first_quickly
 
 NOTHING = Limits(expansions=0)
-TASKS = ["synchronous/03", "synchronous/10", "asynchronous/05", "asynchronous/08"]
+TASKS = ["synchronous/03", "synchronous/10", "asynchronous/05", "asynchronous/06"]
 """With what goes on a stack, what is cut, fried and cooked, and soups."""
 
 

@@ -97,8 +97,9 @@ class StepsToGo:
     may be narrower for it. The same questions in the same order have the same answers everywhere.
 
     Where walks take as long as they are, a kitchen's steps are bounded: from below by what is left
-    if they took a step each, from above by a plan for that, carried out with all delays. Such a
-    world is searched itself only if the limits allow any number of expansions.
+    if they took a step each, since in a kitchen nothing is lost by what comes sooner; from above by
+    a plan for that, carried out with all delays. Such a world is searched itself only if the limits
+    allow any number of expansions.
     """
 
     def __init__(self, world: World) -> None:
@@ -136,9 +137,8 @@ class StepsToGo:
         known = self.known(state, after=after)
         if known.exact:
             return known
-        if (
-            self._searched.get(_key(state)) != limits
-        ):  # Whoever stands and waits is where they were.
+        # Whoever stands and waits is where they were.
+        if self._searched.get(_key(state)) != limits:
             self._find_out(state, limits, after)
             self._searched[_key(state)] = limits
         return self._known[_key(state)]

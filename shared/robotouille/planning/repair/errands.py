@@ -8,6 +8,7 @@ from itertools import product
 
 from robotouille.planning.plan import Joint, Plan
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.world import State, World
 
 __all__ = ["Course", "Errand", "ErrandList", "Floor", "errands"]
@@ -17,8 +18,9 @@ __all__ = ["Course", "Errand", "ErrandList", "Floor", "errands"]
 class Errand:
     """An action of a plan that is no walk.
 
-    `needs` are the facts about its objects that time, or repeated work, had brought about before
-    it in the plan: who picks up a patty from a stove does so when it is cooked.
+    `needs` are the facts about its objects, and what is in or on them, that time or repeated work
+    had brought about before it in the plan: who picks up a patty from a stove does so when it is
+    cooked.
     """
 
     player: str
@@ -68,21 +70,29 @@ class ErrandList:
 def errands(course: Course) -> ErrandList:
     """The errands of a course."""
     by_time, found = 0, []
-    mentions = course.states[0].world.table.mentions
     for joint, before, state in zip(course.joints, course.states, course.states[1:], strict=False):
         row, touched = [], 0
         for action in joint:
             touched |= action.touched
             if action.player is None or action.schema.definition.travel is not None:
                 continue
-            about = 0
-            for name in action.arguments[1:]:
-                about |= mentions(name)
             if action.touched or action.effects:
-                row.append(Errand(action.player, action, before.facts & by_time & about))
+                needs = _about(action, before, before.facts & by_time)
+                row.append(Errand(action.player, action, needs))
         by_time |= state.facts & ~before.facts & ~touched
         found.append(tuple(row))
     return ErrandList(tuple(found), tuple(state.facts for state in course.states))
+
+
+def _about(action: GroundAction, state: State, held: int) -> int:
+    """Of some facts that hold those about an action's objects, or what is in, on or at one."""
+    table, about = state.world.table, 0
+    for name in action.arguments[1:]:
+        about |= table.mentions(name)
+    for bit in bits_of(held & ~about):
+        if not any(state.facts & table.mentions(name) & about for name in table.atoms[bit][1:]):
+            held &= ~(1 << bit)
+    return held
 
 
 def _walks(world: World) -> Iterator[tuple[ActionSchema, tuple[str, str]]]:
