@@ -1,4 +1,4 @@
-"""Optimal planning: the default tasks, the generated instances, play, and steps to go.
+"""Optimal planning: the default tasks, the generated instances, and play.
 
     python -m benchmarks.planning           # compiled kernels if the extra `fast` is installed
     ROBOTOUILLE_COMPILE=0 python -m benchmarks.planning
@@ -24,7 +24,6 @@ from robotouille.planners.kitchen.kernels import COMPILED
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits
 from robotouille.planning.solvers import solve
-from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.resources import data_folder
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,8 +31,6 @@ SINGLE = ("synchronous", "asynchronous")
 SECONDS = 30.0
 STATES = 6_000_000
 """States in memory that stay below 2 GB."""
-
-EPISODES = ("synchronous/05", "synchronous/10", "asynchronous/05", "asynchronous/10")
 
 
 def defaults() -> list[str]:
@@ -78,24 +75,6 @@ def first_plans() -> list[tuple[float, float]]:
     return rows
 
 
-def steps_to_go(seed: int = 7) -> list[float]:
-    """Seconds for each step of episodes in which every third action is a random one."""
-    times = []
-    for name in EPISODES:
-        world = World(load_task(name))
-        distance, dice = StepsToGo(world), random.Random(seed)
-        state = world.initial
-        for step in range(40):
-            actions = state.actions(world.players[0])
-            plan = AnytimePlanner(world).first(state).plan if step % 3 else None
-            action = plan.steps[0] if plan is not None and len(plan) else (dice.choice(actions),)
-            state = world.step(state, list(action)).state
-            begun = time.perf_counter()
-            distance(state)
-            times.append(time.perf_counter() - begun)
-    return times
-
-
 def transitions(name: str = "asynchronous/09", steps: int = 20_000) -> float:
     """The world's own steps per second, actions listed, to hold expansions against."""
     world, dice = World(load_task(name)), random.Random(1)
@@ -113,7 +92,7 @@ def measure() -> dict[str, str]:
     certify(defaults()[:1])
     rows = certify(defaults())
     many = certify(generated())
-    plans, left = first_plans(), steps_to_go()
+    plans = first_plans()
     times = sorted(seconds for seconds, _, _ in many)
     expansions = sum(count for _, _, count in many)
     proven = sum(optimal for _, optimal, _ in many)
@@ -129,8 +108,6 @@ def measure() -> dict[str, str]:
         "the world's steps/s": f"{transitions():,.0f}",
         "first plan for play, slowest": f"{max(p[0] for p in plans) * 1e3:.0f} ms",
         "its length by the optimum, worst": f"{max(p[1] for p in plans):.2f}",
-        "steps to go, median": f"{statistics.median(left) * 1e3:.1f} ms",
-        "steps to go, 95th percentile": f"{sorted(left)[int(0.95 * len(left))] * 1e3:.0f} ms",
     }
 
 

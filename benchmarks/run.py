@@ -9,12 +9,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.programs import floods
 
-from benchmarks import core, joint, model_calls, planning, server, stand_ins
+from benchmarks import core, evaluation, joint, model_calls, planning, server, stand_ins
 
 if __name__ == "__main__":
     core.main()
     joint.main()
     planning.main()
+    evaluation.main([])
     server.main()
     model_calls.main([])
     stand_ins.main(["--rooms", "100", "--seconds", "10"])

@@ -97,9 +97,7 @@ def run(
     attempts: AttemptsOption = None,
     steps_to_go: Annotated[
         bool,
-        typer.Option(
-            "--steps-to-go", help="Measure how far failed episodes were from the goal: slow."
-        ),
+        typer.Option("--steps-to-go", help="Measure how far failed episodes were from the goal."),
     ] = False,
     processes: ProcessesOption = os.cpu_count() or 1,
     calls: CallsOption = 16,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robotouille import World
 from robotouille.planning import Limits, StepsToGo
 from robotouille_evaluation.metrics.asynchrony import asynchronous_first, time_shares
 from robotouille_evaluation.metrics.failures import Failure, classify
@@ -11,9 +12,11 @@ from robotouille_evaluation.metrics.rows import Counts, FailureRow, Measures
 from robotouille_evaluation.metrics.teams import blocking, contributions, overlap
 from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
 
-__all__ = ["count_answers", "measure"]
+__all__ = ["count_answers", "default_limits", "measure"]
 
-ALONE, TOGETHER = Limits(expansions=2000), Limits(expansions=50)
+ALONE, TOGETHER = Limits(expansions=2000), Limits(expansions=0)
+FIRST = Limits(expansions=50)
+"""For the first plan of a team, where none is known."""
 
 
 def measure(
@@ -32,8 +35,9 @@ def measure(
         distance: Steps to go in the trajectory's world; left out if None. One for all episodes of
             a task remembers what it has found.
         fewest: The steps from the first state to the goal, if they are proven.
-        limits: Of each search for steps to go; 2,000 expansions if None, for teams 50, since
-            they take a hundred times as long.
+        limits: Of each search for steps to go; if None, 2,000 expansions. For teams, whose take a
+            hundred times as long, there is none then: the plan that is known (`StepsToGo.learn`),
+            or else one that is found from the first state, is carried out from the last one.
     """
     shares, overcome = time_shares(trajectory), recovery(trajectory)
     found = Measures(
@@ -51,11 +55,18 @@ def measure(
     if distance is None:
         return found
     if limits is None:
-        limits = ALONE if len(trajectory.world.players) == 1 else TOGETHER
+        limits = default_limits(trajectory.world)
+        if limits is TOGETHER and distance.known(trajectory.world.initial).steps is None:
+            distance(trajectory.world.initial, FIRST)
     left = steps_to_go_at_the_end(trajectory, distance, limits, fewest)
     if left is None:
         return found.model_copy(update={"out_of_reach": not success_within(trajectory, budget)})
     return found.model_copy(update={"to_go_least": left.least, "to_go_most": left.most})
+
+
+def default_limits(world: World) -> Limits:
+    """Those of searches for steps to go where none are given."""
+    return ALONE if len(world.players) == 1 else TOGETHER
 
 
 def _failure_row(failure: Failure | None) -> FailureRow | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -54,6 +55,9 @@ __all__ = ["play_job"]
 
 Clock = Callable[[], float]
 
+MAX_WORLDS = 16
+"""Worlds that a process keeps for the next jobs."""
+
 
 async def play_job(
     job: Job,
@@ -80,7 +84,7 @@ async def play_job(
     """
     begun = clock()
     instance = pack.instance(job.instance)
-    world = World(pack.load(instance, seats=job.seats))
+    world = _world(pack, instance, job.seats)
     budget = pack.budget(instance, job.budget, seats=job.seats)
     episode = _Episode(job, pack, folder, world, budget.steps, watch)
     with ExitStack() as journals:
@@ -94,10 +98,7 @@ async def play_job(
             result, error = episode.broken_off(), "the model takes no request as long as this"
     recorded = [stage.recording(error or "the agent is done") for stage in episode.stages]
     measures, repetitions = _measured(
-        recorded[-1:],
-        budget.max_steps,
-        steps_to_go=steps_to_go,
-        fewest=instance.optimal(job.seats),
+        recorded[-1:], world, pack, job, budget.max_steps, steps_to_go
     )
     try:
         recording = _write(folder, job, recorded)
@@ -117,6 +118,21 @@ async def play_job(
         error=error,
         measures=measures,
     )
+
+
+_worlds: OrderedDict[tuple[str, str, int], World] = OrderedDict()
+
+
+def _world(pack: Pack, instance: PackInstance, seats: int) -> World:
+    """The world of an instance: that of the last jobs, if they were of the same one. It knows its
+    actions then; what it answers is the same."""
+    key = (pack.digest, instance.id, seats)
+    if key not in _worlds:
+        _worlds[key] = World(pack.load(instance, seats=seats))
+    _worlds.move_to_end(key)
+    if len(_worlds) > MAX_WORLDS:
+        _worlds.popitem(last=False)
+    return _worlds[key]
 
 
 def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> dict[str, Any]:
@@ -272,13 +288,18 @@ def _asking(model: Model | None, journal: CallJournal) -> Complete:
 
 
 def _measured(
-    recorded: Sequence[bytes], budget: int, *, steps_to_go: bool, fewest: int | None
+    recorded: Sequence[bytes], world: World, pack: Pack, job: Job, budget: int, steps_to_go: bool
 ) -> tuple[Measures, int]:
     """The measures of the last trial, and its repeated transitions."""
+    instance = pack.instance(job.instance)
     for content in recorded:
-        course = Trajectory.recorded(Recording(content))
-        distance = StepsToGo(course.world) if steps_to_go else None
-        found = measure(course, budget, distance=distance, fewest=fewest)
+        recording = Recording(content)
+        recording.world = world
+        course = Trajectory.recorded(recording)
+        distance = StepsToGo(world) if steps_to_go else None
+        if distance is not None and job.seats > 1 and instance.best(job.seats) is not None:
+            distance.learn(world.initial, pack.plan(instance, world))
+        found = measure(course, budget, distance=distance, fewest=instance.optimal(job.seats))
         return found, repeated_transitions(course)
     return Measures(), 0
 

@@ -19,10 +19,10 @@ from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
 from robotouille.errors import PluginError
-from robotouille.planning.action_elimination import eliminate_actions
 from robotouille.planning.beam.planner import EXPANSIONS, BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
+from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
 from robotouille.world.world import State, World
@@ -75,7 +75,8 @@ class AnytimePlanner:
 
     def __init__(self, world: World) -> None:
         task = world.task
-        plain = task.timing is Timing.BENCHMARK
+        profile = task.profile
+        plain = not profile.steps_per_tile and profile.repeat_steps == 1
         self.model = world if plain else World(replace(task, timing=Timing.BENCHMARK))
         self.forget()
 

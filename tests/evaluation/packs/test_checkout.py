@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from functools import cache
 from pathlib import Path
 
@@ -31,10 +30,8 @@ def published() -> Pack:
 
 
 @NEEDED
-def test_the_published_checkout_is_a_pack_in_time() -> None:
-    began = time.perf_counter()
+def test_the_published_checkout_is_a_pack() -> None:
     found = read_checkout(CHECKOUT)
-    assert time.perf_counter() - began < 30
     assert not found.faults
     assert all("/env_generator/" in name for name in found.missing)
     kinds = [instance.kind for instance in found.pack.instances]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 from robotouille.planners.kitchen.compact_state import (
     BOILING,
@@ -24,7 +25,7 @@ from robotouille.planners.kitchen.recognition import KitchenRules, Process, reco
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
-__all__ = ["KitchenModel", "bound_action", "model_of"]
+__all__ = ["KitchenModel", "bound_action", "model_of", "rules_of"]
 
 MAX_DELAY = 60
 """Longer delays make plans that are longer than the search has room for."""
@@ -58,9 +59,19 @@ class KitchenModel:
     record: Kitchen
 
 
+_rules: WeakKeyDictionary[World, KitchenRules | None] = WeakKeyDictionary()
+
+
+def rules_of(world: World) -> KitchenRules | None:
+    """The rules of a world whose domain is a kitchen, worked out once; else None."""
+    if world not in _rules:
+        _rules[world] = recognise(world.task.domain)
+    return _rules[world]
+
+
 def model_of(world: World, state: State) -> KitchenModel | None:
     """The kitchen of a world whose domain is one, with the objects of a state; else None."""
-    rules = recognise(world.task.domain)
+    rules = rules_of(world)
     profile = world.task.profile
     if rules is None or profile.steps_per_tile or profile.repeat_steps != 1 or state.timers.busy:
         return None

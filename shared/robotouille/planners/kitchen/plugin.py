@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robotouille.planners.kitchen.anytime_search import KitchenAnytimeSearch
 from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
-from robotouille.planners.kitchen.recognition import recognise
+from robotouille.planners.kitchen.model import rules_of
 from robotouille.planners.kitchen.solver import KitchenSearch, kitchen_search
 from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.plan import Plan
@@ -24,7 +24,7 @@ class KitchenPlanner:
     """Plans for worlds that are kitchens, with goals that are a kitchen's."""
 
     def recognises(self, world: World) -> bool:
-        return recognise(world.task.domain) is not None
+        return rules_of(world) is not None
 
     def solve(
         self, world: World, start: State, limits: Limits, watch: Watch | None

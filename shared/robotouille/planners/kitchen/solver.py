@@ -93,7 +93,7 @@ class KitchenSearch:
         exact = SolverRun(self, UNIT, limits, watch)
         exact.go(EXACT_FIRST[players - 1])
         best: Plan | None = None
-        if exact.outcome in UNDECIDED and exact.best is None:
+        if exact.outcome in UNDECIDED and exact.best is None and limits.expansions != 0:
             best = None if other is None or exact.over else other()
             best, exact.spent = self._hasty(exact, limits, watch, best)
             if best is not None:
@@ -122,7 +122,7 @@ class KitchenSearch:
 
     def _answer(self, best: Plan | None, run: SolverRun) -> SearchResult:
         spent = run.spent + run.expansions
-        if run.outcome in (PROVEN, EMPTY):
+        if run.outcome in (PROVEN, EMPTY) or run.is_exhausted:
             if best is None:
                 return SearchResult(None, 0, Proof.EXHAUSTED, PLANNER, spent, unsolvable=True)
             return SearchResult(best, len(best), Proof.HEURISTIC, PLANNER, spent)
@@ -174,6 +174,11 @@ class SolverRun:
     def cut(self) -> int:
         """The lowest f of the states that had no room."""
         return int(self.nodes.status[CUT])
+
+    @property
+    def is_exhausted(self) -> bool:
+        """Whether no state is left from which a better plan could begin."""
+        return self.goal_node is None and self.lowest_f == self.cut == MAX_F
 
     @property
     def goal_node(self) -> int | None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from robotouille.planning.action_elimination import eliminate_actions
 from robotouille.planning.beam.assignment import goal_assignments
 from robotouille.planning.beam.beam_search import BeamResult, BeamSearch, SearchStyle
 from robotouille.planning.beam.goal_ordering import Ordering
@@ -22,6 +21,7 @@ from robotouille.planning.beam.remaining_work_heuristic import (
     RemainingWork,
 )
 from robotouille.planning.plan import Plan
+from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.world.world import State, World
 
 __all__ = ["BeamPlanner", "Solution"]
