@@ -4,8 +4,8 @@
     python tools/generate_dataset.py FOLDER            all of them, elsewhere
     python tools/generate_dataset.py FOLDER TASK…      of some tasks: asynchronous/06_potato_soup
 
-Ten instances of each of the thirty tasks; the same files on every machine. Their certificates are
-written by `robotouille certify problems/generated`.
+Ten free and five noisy instances of each of the thirty tasks; the same files on every machine.
+Their certificates are written by `robotouille certify problems/generated`.
 """
 
 from __future__ import annotations

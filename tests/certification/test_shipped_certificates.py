@@ -64,12 +64,18 @@ def test_every_instance_has_a_certificate(folder: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", TASKS)
-def test_every_task_has_ten_instances(folder: str) -> None:
+def test_every_task_has_ten_free_instances_and_five_noisy_ones(folder: str) -> None:
     tasks = {i.file.removesuffix(".json") for i in dataset(folder).instances}
-    seeds = [42 * n for n in range(1, 11)]
-    wanted = {f"{task}_s{seed}.json" for task in tasks for seed in seeds}
-    assert len(wanted) == 100
-    assert {i.file for i in dataset(f"generated/{folder}").instances} == wanted
+    noisy = {84, 168, 252, 336, 420}
+    wanted = {
+        f"{task}_s{seed}.json": "noisy" if seed in noisy else "free"
+        for task in tasks
+        for seed in range(42, 631, 42)
+    }
+    assert len(wanted) == 150
+    found = dataset(f"generated/{folder}")
+    told = {i.file: found.task(i).problem.provenance for i in found.instances}
+    assert {file: source.kind for file, source in told.items() if source is not None} == wanted
 
 
 # Hashes, claims and plans

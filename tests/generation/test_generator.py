@@ -13,6 +13,7 @@ import pytest
 
 from robotouille import FileError, World, load_task
 from robotouille.generation import (
+    SEEDS,
     AttemptError,
     GenerationError,
     Generator,
@@ -24,6 +25,7 @@ from robotouille.generation import (
     seeds_from,
     shortest,
 )
+from robotouille.generation.paper_instances import kind_at
 from robotouille.generation.rng import SeededRng
 from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.planning.plan import Plan, read_plan
@@ -320,6 +322,8 @@ def test_the_dataset() -> None:
     found = list(generate_dataset([SANDWICH], seeds_from(42, 4), solver=beam))
     assert [i.name for i in found] == [f"01_cheese_sandwich_s{s}" for s in (42, 84, 126, 168)]
     assert [i.provenance.kind for i in found] == ["free", "noisy", "free", "noisy"]
+    kinds = [kind_at(position) for position, _ in enumerate(SEEDS, start=1)]
+    assert (kinds.count(Kind.FREE), kinds.count(Kind.NOISY)) == (10, 5)
 
 
 @pytest.mark.slow

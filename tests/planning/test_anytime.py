@@ -18,7 +18,7 @@ from tests.world.kitchens import kitchen
 
 OPTIMAL = {
     "synchronous/": (8, 14, 24, 11, 15, 23, 36, 36, 60, 54),
-    "asynchronous/": (17, 23, 33, 42, 46, 19, 42, 40, 58, 81),
+    "asynchronous/": (17, 23, 33, 42, 46, 19, 42, 40, 58, 72),
 }
 LENGTHS = {
     name: length

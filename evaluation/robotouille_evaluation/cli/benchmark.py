@@ -79,7 +79,7 @@ def run(
     pack: PackOption = None,
     datasets: Annotated[str, typer.Option(help="Which data sets; all if none are named.")] = "",
     tasks: Annotated[str, typer.Option(help="Which tasks; all if none are named.")] = "",
-    kinds: Annotated[str, typer.Option(help="default, free, noisy.")] = "free,noisy",
+    kinds: Annotated[str, typer.Option(help="default, free, noisy.")] = "free",
     seeds: Annotated[int, typer.Option(min=1, help="How often each agent plays.")] = 1,
     budget: Annotated[
         Literal["own", "published"] | None,

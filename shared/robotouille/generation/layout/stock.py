@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 
 from robotouille.domain.catalogue import task_names
+from robotouille.domain.checks import fluents
 from robotouille.domain.files import read_model
 from robotouille.domain.schema import ObjectDef, ProblemFile
 from robotouille.domain.task import Task
@@ -30,12 +31,13 @@ class Stock:
 
     A domain file need not list its kinds; then they are those of the task. Predicates (that an
     item can be cut, say) are what a kind's objects have in common in the task, or in the shipped
-    tasks of the domain where the task has none of the kind.
+    tasks of the domain where the task has none of the kind. Of the shipped ones, those that begin
+    prepared (cooked, say) count only where all do.
     """
 
     def __init__(self, task: Task, roles: Roles) -> None:
         self._own = _traits([task.problem])
-        self._shipped = _shipped_traits(task.domain.name)
+        self._shipped = _shipped_traits(task.domain.name, fluents(task.domain))
         self._known = {p.name: p.param_types for p in task.domain.predicate_defs}
         plain = [t for t in roles.placeable if t not in roles.vessels]
         self.stations = self._choices(task, roles.stations)
@@ -70,19 +72,27 @@ class Stock:
         return type_, ObjectDef(name=kind, x=0, y=0, predicates=fitting)
 
 
-def _traits(problems: Iterable[ProblemFile]) -> Traits:
-    found: Traits = {}
+def _traits(problems: Iterable[ProblemFile], prepared: frozenset[str] = frozenset()) -> Traits:
+    """What the objects of each kind have in common.
+
+    Args:
+        prepared: Objects with one of these predicates count only for kinds of which all have one.
+    """
+    common: Traits = {}
+    common_prepared: Traits = {}
     for problem in problems:
         for type_, things in problem.objects.items():
             for thing in things:
-                common = found.setdefault((type_, thing.name), thing.predicates)
-                found[type_, thing.name] = tuple(p for p in common if p in thing.predicates)
-    return found
+                found = common if prepared.isdisjoint(thing.predicates) else common_prepared
+                before = found.setdefault((type_, thing.name), thing.predicates)
+                found[type_, thing.name] = tuple(p for p in before if p in thing.predicates)
+    return common_prepared | common
 
 
 @cache
-def _shipped_traits(domain: str) -> Traits:
-    return _traits(_shipped_problems(domain))
+def _shipped_traits(domain: str, changeable: frozenset[str]) -> Traits:
+    """The same of all shipped objects as they are before any action has changed them."""
+    return _traits(_shipped_problems(domain), changeable)
 
 
 def _shipped_problems(domain: str) -> Iterator[ProblemFile]:
