@@ -28,7 +28,7 @@ from robotouille_evaluation.inspect_tasks.scores import METRICS, STEPS_TO_GO_MET
 
 __all__ = ["asynchronous", "multi_agent", "synchronous"]
 
-KINDS = "free,noisy"
+KINDS = "free"
 
 
 @task
