@@ -7,6 +7,7 @@
     ├── UnknownNameError     a world has no such action, object or player; also a KeyError
     ├── WrongWorldError      a state or an action belongs to another task; also a ValueError
     ├── WrongArgumentError   an argument of the Python API is of no use; also a TypeError
+    ├── SlotOverflowError    play has created more objects than arrays have slots for
     ├── RecordingError       a recording is damaged or does not re-simulate
     ├── IllegalEventError    an episode or a seat was told of what cannot happen to it now
     ├── MissingExtraError    an optional library is needed; the message has the install line
@@ -14,7 +15,7 @@
     └── ProtocolError        a peer's message cannot be honoured; `code` is stable on the wire
 
 `FileError` and `ProtocolError` are somebody else's fault (a file's author, a peer);
-`InapplicableError`, the three after it and `IllegalEventError` are the caller's.
+`InapplicableError`, the four after it and `IllegalEventError` are the caller's.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ __all__ = [
     "ProtocolError",
     "RecordingError",
     "RobotouilleError",
+    "SlotOverflowError",
     "UnknownNameError",
     "UnknownTaskError",
     "WrongArgumentError",
@@ -127,6 +129,20 @@ class WrongWorldError(RobotouilleError, ValueError):
 
 class WrongArgumentError(RobotouilleError, TypeError):
     """An argument that is none of what a method takes; the message says what it takes."""
+
+
+class SlotOverflowError(RobotouilleError):
+    """More created objects of a kind exist at once than arrays have slots for."""
+
+    def __init__(self, kind: str, found: int, slots: int) -> None:
+        self.kind, self.found, self.slots = kind, found, slots
+        super().__init__(
+            f"there are {found} of {kind!r}, and slots for {slots}; "
+            f"ask for more: World(task, slots={{{kind!r}: {found}}})"
+        )
+
+    def __reduce__(self) -> tuple[type[SlotOverflowError], tuple[str, int, int]]:
+        return SlotOverflowError, (self.kind, self.found, self.slots)
 
 
 class IllegalEventError(RobotouilleError):

@@ -21,7 +21,7 @@ __all__ = ["Change", "Progress", "TimerTable", "Timers"]
 
 Entry = tuple[Effect, tuple[int, ...]]
 Key = tuple[tuple[Entry, ...], int | None, int]
-"""Active effects, the number of the action that is performed, and the atoms they read."""
+"""Active effects, the serial of the action that is performed, and the atoms they read."""
 
 MAX_KEPT = 50_000
 """Transitions that a world knows; then it learns anew."""
@@ -115,7 +115,7 @@ class Timers:
                 f"{action} was made by another World; ask this one: "
                 f"world.action({action.name!r}, *arguments)"
             )
-        key = (action.number, facts & (action.reads | self.reads))
+        key = (action.serial, facts & (action.reads | self.reads))
         change = self.started.get(key)
         if change is None:
             change, repeatable = self.table.begin(self, action, facts)
@@ -179,7 +179,7 @@ class TimerTable:
         busy = timers.busy
         if action.player is not None and action.duration > 1:
             busy = tuple(sorted({**dict(busy), action.player: action.duration}.items()))
-        key = (timers.entries, action.number, facts & (action.reads | timers.reads))
+        key = (timers.entries, action.serial, facts & (action.reads | timers.reads))
         shared = bool(busy)
         return self._change(key, busy, shared, lambda: self._begin(timers.entries, action, facts))
 

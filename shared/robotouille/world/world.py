@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,6 +33,7 @@ from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, atom_name, bound
 from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
+from robotouille.world.packing import PackedState, packed, unpacked
 from robotouille.world.sentences import known, no_valid_action, said, said_exactly
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe, goal_sentences, observation, text_view
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from robotouille.world.arrays.encoding import Encoding
+    from robotouille.world.arrays.graph import Graph
 
 __all__ = ["Attempt", "Progress", "State", "Step", "World", "shared_world"]
 
@@ -193,6 +195,45 @@ class State:
             facts &= ~bits[atom]
         return State(self.world, facts, self.timers)
 
+    def graph(self) -> Graph:
+        """The state as a graph of objects and relations, as arrays (world.md, "As arrays").
+
+        Raises:
+            SlotOverflowError: There are more created objects than slots.
+            MissingExtraError: NumPy is not installed.
+        """
+        return self.world.encoding.graph(self.facts, self.timers)
+
+    def action(self, player: str, number: int) -> GroundAction | None:
+        """The action of a number: that in its place in `World.ground_actions(player)`, about the
+        objects that stand in its slots now.
+
+        Returns:
+            The action, valid or not; None where a slot that it is about is empty.
+
+        Raises:
+            UnknownNameError: There is no such player.
+            WrongArgumentError: There is no such number.
+            SlotOverflowError: There are more created objects than slots.
+            MissingExtraError: NumPy is not installed.
+        """
+        return self.world.encoding.action(self.facts, player, number)
+
+    def action_number(self, action: GroundAction, player: str | None = None) -> int:
+        """The number of an action: the inverse of `action`.
+
+        Args:
+            action: One of this world, or of another world of the same task.
+            player: Whose number it is to be; the acting player's if None.
+
+        Raises:
+            UnknownNameError: Play cannot come to such an action, or there is no such player.
+            SlotOverflowError: There are more created objects than slots.
+            MissingExtraError: NumPy is not installed.
+        """
+        whose = player or action.player or self.world.players[0]
+        return self.world.encoding.number(self.facts, whose, action)
+
     def busy_steps(self, player: str) -> int:
         """For how many more steps a player is walking or working and cannot act."""
         return self.timers.busy_steps(player)
@@ -299,22 +340,25 @@ class World(GroundTask):
 
     Args:
         task: A task, or a name or path for `load_task`.
+        slots: For how many created objects of a kind arrays have room, where the usual number
+            will not do (world.md, "As arrays").
 
     Raises:
         UnknownTaskError: No task and no file goes by that name.
         FileError: The task's files are wrong.
     """
 
-    def __init__(self, task: Task | str) -> None:
+    def __init__(self, task: Task | str, *, slots: Mapping[str, int] | None = None) -> None:
         super().__init__(task if isinstance(task, Task) else load_task(task))
+        self._slots = tuple(sorted((slots or {}).items()))
         self.timers = TimerTable(self)
         self._trees: dict[str, SuccessorTree] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        task = self.task
+        task, slots = self.task, (dict(self._slots),) if self._slots else ()
         if self._is_shipped:
-            return _shipped_world, (task.name, task.seats, task.timing.value, task.digest)
-        return shared_world, (task,)
+            return _shipped_world, (task.name, task.seats, task.timing.value, task.digest, *slots)
+        return shared_world, (task, *slots)
 
     def __copy__(self) -> World:
         return self
@@ -358,7 +402,7 @@ class World(GroundTask):
 
     @cached_property
     def encoding(self) -> Encoding:
-        """How states are vectors and actions numbers, with the usual slots for created objects.
+        """How states are vectors and graphs, and actions numbers (world.md, "As arrays").
 
         Raises:
             MissingExtraError: NumPy is not installed.
@@ -450,6 +494,25 @@ class World(GroundTask):
             return action
         unmet = [each.words for each in self.unmet(state, action)]
         raise no_valid_action(sentence, actions, unmet or [f"it moves {action.player}"])
+
+    # Bytes
+
+    def pack(self, state: State) -> bytes:
+        """A state of this world as some 100 bytes, for another process that has this world, too.
+
+        `pickle` sends a state's world along: its name if it is shipped, else the whole task.
+        """
+        rows = PackedState(state.facts, state.timer_rows(), state.timers.busy)
+        return packed(self.task, rows)
+
+    def unpack(self, data: bytes) -> State:
+        """The state that `pack` made bytes of, in this world or in another one of its task.
+
+        Raises:
+            WrongArgumentError: These are no bytes of a packed state.
+            WrongWorldError: They are those of another task's state.
+        """
+        return self.restore(*unpacked(self.task, data))
 
     # Steps
 
@@ -644,21 +707,28 @@ class World(GroundTask):
         return State(self, facts, self.timers.get(tuple(entries), tuple(_checked(busy, 2))))
 
 
-_worlds: weakref.WeakValueDictionary[str, World] = weakref.WeakValueDictionary()
+Slots = tuple[tuple[str, int], ...]
+
+_worlds: weakref.WeakValueDictionary[tuple[str, Slots], World] = weakref.WeakValueDictionary()
 
 
-def shared_world(task: Task) -> World:
-    """One world per task and process: worlds have no course of play in them, so may be shared."""
-    world = _worlds.get(task.digest)
+def shared_world(task: Task, slots: Mapping[str, int] | None = None) -> World:
+    """One world per task (and slots of its arrays, if they are not the usual ones) and process:
+    worlds have no course of play in them, so may be shared."""
+    key = task.digest, tuple(sorted((slots or {}).items()))
+    world = _worlds.get(key)
     if world is None:
-        world = _worlds[task.digest] = World(task)
+        world = _worlds[key] = World(task, slots=slots)
     return world
 
 
-def _shipped_world(name: str, seats: int, timing: str, digest: str) -> World:
-    world = _worlds.get(digest)
+def _shipped_world(
+    name: str, seats: int, timing: str, digest: str, slots: Mapping[str, int] | None = None
+) -> World:
+    world = _worlds.get((digest, tuple(sorted((slots or {}).items()))))
     if world is None:
-        world = shared_world(load_task(name, seats=seats, timing=timing, files=False))
-        if world.task.digest != digest:
+        task = load_task(name, seats=seats, timing=timing, files=False)
+        if task.digest != digest:
             raise WrongWorldError(f"{name} is not the task that it was where this was pickled")
+        world = shared_world(task, slots)
     return world

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.world.arrays.graph import Graph, GraphLayout
 from robotouille.world.arrays.reachable import Reachable
 from robotouille.world.arrays.slots import Names, Slots
 from robotouille.world.grounding.actions import GroundAction
@@ -75,6 +76,29 @@ class Encoding:
         (1 if the effect is active), `cook.0(patty1, stove1)[1]` (a counter), `busy(robot1)`."""
         return tuple(self._columns())
 
+    @cached_property
+    def _graph(self) -> GraphLayout:
+        places: dict[Atom | Effect, int] = {atom: i for i, atom in enumerate(self.atoms)}
+        places |= {effect: self._place[effect.label] for effect in self.effects}
+        return GraphLayout(self._task, self.objects, places, self._busy, self.size)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """What each number of a graph's node is: `exists`, the types and the predicates of one
+        object, as the domain lists them, and `busy`."""
+        return self._graph.features
+
+    @property
+    def relations(self) -> tuple[str, ...]:
+        """What an edge of a graph can be: the domain's predicates of two objects, then its
+        special effects, as `cook.0`."""
+        return self._graph.relations
+
+    @property
+    def counters(self) -> int:
+        """How many counters an edge of a graph has."""
+        return self._graph.counters
+
     def _columns(self) -> Iterator[str]:
         yield from map(atom_name, self.atoms)
         for effect in self.effects:
@@ -140,13 +164,15 @@ class Encoding:
         self, facts: int, player: str, valid: tuple[GroundAction, ...]
     ) -> npt.NDArray[np.bool_]:
         """Which of a player's actions are valid, as bits in their order."""
-        mask = np.zeros(len(self.ground_actions(player)), dtype=np.bool_)
+        mask = bytearray(len(self.ground_actions(player)))
         if self.slots.filled(facts):
-            mask[[self.number(facts, player, action) for action in valid]] = True
+            for action in valid:
+                mask[self.number(facts, player, action)] = 1
         else:
             numbers = self._numbers[player]
-            mask[[numbers[action] for action in valid]] = True
-        return mask
+            for action in valid:
+                mask[numbers[action]] = 1
+        return np.frombuffer(mask, dtype=np.bool_)
 
     # States
 
@@ -170,6 +196,14 @@ class Encoding:
         for player, steps in timers.busy:
             vector[self._busy[player]] = steps
         return vector
+
+    def graph(self, facts: int, timers: Timers) -> Graph:
+        """A state as a graph, which says what `vector` says.
+
+        Raises:
+            SlotOverflowError: There are more created objects than slots.
+        """
+        return self._graph.graph(self.vector(facts, timers))
 
     def _facts(self, facts: int, names: Names) -> npt.NDArray[np.uint8]:
         count = len(self._task.table.atoms)

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from robotouille.domain.schema import Creation
-from robotouille.errors import RobotouilleError
+from robotouille.errors import RobotouilleError, SlotOverflowError
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Object
 
-__all__ = ["Names", "SlotOverflowError", "Slots"]
+__all__ = ["Names", "Slots"]
 
 Names = Mapping[str, str]
 """Slots and the objects in them, where their names differ."""
@@ -26,10 +26,6 @@ MIN_SLOTS = 4
 
 MAX_KEPT = 1_000
 """Sets of created objects of which it is known where they stand; then it is worked out anew."""
-
-
-class SlotOverflowError(RobotouilleError):
-    """More created objects of a kind exist at once than arrays have slots for."""
 
 
 class Slots:
@@ -100,10 +96,7 @@ class Slots:
                 and facts & table.bit[EXISTS, thing.name]
             ]
             if len(there) > len(slots):
-                raise SlotOverflowError(
-                    f"there are {len(there)} of {kind!r}, and slots for {len(slots)}; "
-                    f"ask for more: slots={{{kind!r}: {len(there)}}}"
-                )
+                raise SlotOverflowError(kind, len(there), len(slots))
             found |= {slot: name for slot, name in zip(slots, there, strict=False) if slot != name}
             # A slot without an object must not show one that stands in another slot.
             found |= {slot: "" for slot in slots[len(there) :] if slot in there}

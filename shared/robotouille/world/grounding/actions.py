@@ -66,7 +66,7 @@ class GroundAction:
 
     `key` orders actions as the domain lists them, then by their arguments' order. `effects` are
     the special effects it starts, `reads` the atoms on which these depend, `duration` the steps
-    it takes (1 but for timing profiles). `source` is the world whose bits its masks are, `number`
+    it takes (1 but for timing profiles). `source` is the world whose bits its masks are, `serial`
     tells it from the others of that world.
 
     Actions are equal if their names and arguments are. `pickle` and `copy` work: a copy is the
@@ -74,8 +74,8 @@ class GroundAction:
     """
 
     __slots__ = (
-        "_hash", "arguments", "duration", "effects", "key", "name", "number", "player", "reads",
-        "removed", "required", "schema", "sentence", "source", "tested", "touched",
+        "_hash", "arguments", "duration", "effects", "key", "name", "player", "reads",
+        "removed", "required", "schema", "sentence", "serial", "source", "tested", "touched",
     )  # fmt: skip
 
     def __init__(
@@ -85,10 +85,10 @@ class GroundAction:
         arguments: tuple[str, ...],
         key: tuple[int, ...],
         sentence: str,
-        number: int,
+        serial: int,
     ) -> None:
         self.source = source
-        self.number = number
+        self.serial = serial
         self.schema = schema
         self.name = schema.name
         self.arguments = arguments

@@ -102,8 +102,8 @@ class GroundTask(GroundObjects):
             for argument, (_, kind) in zip(arguments, schema.parameters, strict=True)
         ]
         sentence = definition.language_description.format(**binding)
-        key, number = (schema.index, *order), len(self._ground)
-        action = GroundAction(self, schema, arguments, key, sentence, number)
+        key, serial = (schema.index, *order), len(self._ground)
+        action = GroundAction(self, schema, arguments, key, sentence, serial)
         conditions = [(bound(c, binding), c.is_true) for c in definition.precons]
         conditions += [((EXISTS, a), True) for a in arguments if (EXISTS, a) in self.table.bit]
         action.tested, action.required, possible = self.table.test(conditions)
