@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import random
 
 import numpy as np
 import pytest
 
-from robotouille import State, World, load_task, task_names
+from robotouille import (
+    RobotouilleError,
+    SlotOverflowError,
+    State,
+    UnknownNameError,
+    World,
+    WrongArgumentError,
+    load_task,
+    task_names,
+)
+from robotouille.world.arrays.encoding import Encoding
 
 
 def played(world: World, seed: int, steps: int) -> list[State]:
@@ -40,3 +52,113 @@ def test_masks_and_vectors_say_all_of_a_state(name: str) -> None:
 def holds(state: State, predicate: str, *arguments: str) -> bool:
     bit = state.world.table.bit[predicate, *arguments]
     return bool(state.facts & bit)
+
+
+@pytest.mark.parametrize("name", ["synchronous/02", "asynchronous/07", "multi_agent/07"])
+def test_a_graph_says_what_its_vector_says(name: str) -> None:
+    world = World(load_task(name))
+    encoding = world.encoding
+    graphs: dict[bytes, State] = {}
+    for state in played(world, 2, 150):
+        nodes, edges, counters = graph = state.graph()
+        assert nodes.shape == (len(encoding.objects), len(encoding.features))
+        assert counters.shape == (len(edges), encoding.counters)
+        names = [thing.name for thing in encoding.objects]
+        there = {thing.name for thing in state.objects}
+        shown = {names[i] for i in np.flatnonzero(nodes[:, encoding.features.index("exists")])}
+        assert len(shown) == len(there) and shown - there <= encoding.slots.names
+        if shown == there:
+            said = {
+                (feature, names[node])
+                for node, column in np.argwhere(nodes)
+                if (feature := encoding.features[column]) in world.table.types
+            }
+            said |= {(encoding.relations[r], names[a], names[b]) for r, a, b in edges}
+            facts = {said_by for said_by in said if said_by[0] in world.table.types}
+            assert facts == set(state.atoms())
+        assert graphs.setdefault(b"".join(a.tobytes() for a in graph), state) == state
+
+
+def test_effects_are_edges_with_their_counters() -> None:
+    world = World("asynchronous/01")
+    encoding = world.encoding
+    for state in played(world, 5, 200):
+        _, edges, counters = state.graph()
+        names = [thing.name for thing in encoding.objects]
+        found = [
+            (encoding.relations[r], names[a], names[b], tuple(map(int, row)))
+            for (r, a, b), row in zip(edges, counters, strict=True)
+            if encoding.relations[r] == "cook.0"
+        ]
+        rows = [(f"{a}.{i}", *args, counts) for a, i, args, counts in state.timer_rows()]
+        assert sorted(found) == sorted(row for row in rows if row[0] == "cook.0")
+
+
+@pytest.mark.parametrize("name", ["synchronous/01", "asynchronous/07", "multi_agent/07"])
+def test_numbers_lead_to_actions_and_back(name: str) -> None:
+    world = World(load_task(name))
+    for state in played(world, 3, 100)[::9]:
+        for player in world.players:
+            for action in state.actions(player):
+                number = state.action_number(action, player)
+                assert state.action(player, number) is action
+                assert world.ground_actions(player)[number].name == action.name
+
+
+def test_numbers_that_there_are_not() -> None:
+    world, other = World("synchronous/01"), World("multi_agent/01")
+    count = len(world.ground_actions("robot1"))
+    for wrong in (-1, count):
+        with pytest.raises(WrongArgumentError, match=f"{count} actions, found number {wrong}"):
+            world.initial.action("robot1", wrong)
+    with pytest.raises(UnknownNameError, match="did you mean 'robot1'"):
+        world.initial.action("robot9", 0)
+    with pytest.raises(UnknownNameError, match="none of robot1's"):
+        world.initial.action_number(other.ground_actions("robot2")[0], "robot1")
+
+
+def test_numbers_are_those_of_every_world_of_the_task() -> None:
+    one, two = World("asynchronous/07"), World("asynchronous/07")
+    state = played(one, 4, 60)[-1]
+    twin = two.unpack(one.pack(state))
+    two.make_room_for_another()
+    assert one.encoding.columns == two.encoding.columns
+    assert np.array_equal(state.vector(), twin.vector())
+    assert np.array_equal(state.mask("robot1"), twin.mask("robot1"))
+    for action in state.actions("robot1"):
+        assert state.action_number(action) == twin.action_number(action)
+
+
+def many_waters(world: World, number: int) -> State:
+    """A state in which so many of the created objects exist."""
+    world.make_room({"water": number})
+    bits = [world.table.bit["~exists", f"water{i}"] for i in range(1, number + 1)]
+    return State(world, world.initial.facts | sum(bits), world.initial.timers)
+
+
+def test_too_many_created_objects_are_an_error_that_says_what_to_ask_for() -> None:
+    world = World("asynchronous/07")
+    room = len(world.encoding.slots.by_kind["water"])
+    assert many_waters(world, room).vector().any()
+    full = many_waters(world, room + 1)
+    for ask in (full.vector, full.graph, lambda: full.mask("robot1")):
+        with pytest.raises(SlotOverflowError) as caught:
+            ask()
+        assert f"World(task, slots={{'water': {room + 1}}})" in str(caught.value)
+        again = pickle.loads(pickle.dumps(caught.value))
+        assert (again.kind, again.found, again.slots) == ("water", room + 1, room)
+
+
+def test_slots_of_ones_own() -> None:
+    world = World("asynchronous/07", slots={"water": 7})
+    assert many_waters(world, 7).vector().any()
+    usual = World("asynchronous/07").encoding
+    assert world.encoding.size > usual.size
+    assert Encoding(World("asynchronous/07"), {"water": 7}).columns == world.encoding.columns
+    state = world.initial
+    for twin in (copy.deepcopy(state), pickle.loads(pickle.dumps(state))):
+        assert len(twin.vector()) == world.encoding.size
+        assert twin == state
+    for wrong, words in (({"wine": 1}, "'wine' is nothing"), ({"water": 0}, "one slot at least")):
+        with pytest.raises(RobotouilleError, match=words):
+            _ = World("asynchronous/07", slots=wrong).encoding

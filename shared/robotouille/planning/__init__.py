@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from robotouille.planning.plan import Plan, read_plan, write_plan
     from robotouille.planning.plugins import AnytimeSearch, DomainPlanner
     from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult, Watch
-    from robotouille.planning.solvers import solve
+    from robotouille.planning.solvers import Search, solve
     from robotouille.planning.steps_to_go import StepsLeft, StepsToGo
     from robotouille.planning.validation import PlanReport, Rejection, replay
 else:
@@ -39,6 +39,7 @@ __all__ = [
     "PlanReport",
     "Proof",
     "Rejection",
+    "Search",
     "SearchResult",
     "StepsLeft",
     "StepsToGo",

@@ -19,7 +19,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from robotouille.domain.task import Timing
 from robotouille.errors import PluginError
-from robotouille.planning.beam.planner import EXPANSIONS, BeamPlanner, Solution
+from robotouille.planning.beam.planner import EXPANSIONS, PLANNER, BeamPlanner, Solution
 from robotouille.planning.plan import Plan
 from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_planner
 from robotouille.planning.repair.action_elimination import eliminate_actions
@@ -28,8 +28,6 @@ from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchR
 from robotouille.world.world import State, World
 
 __all__ = ["AnytimePlanner"]
-
-BEAM = "beam 1"
 
 MAX_KEPT = 256
 """Plans by general searches that are kept."""
@@ -184,7 +182,7 @@ class AnytimePlanner:
         search: a beam search may be blind for what matters in a domain."""
         solution = self._beam_search(query)
         plan = solution.plan if solution.reached else None
-        result = SearchResult(plan, 0, Proof.NONE, BEAM, solution.expansions)
+        result = SearchResult(plan, 0, Proof.NONE, PLANNER, solution.expansions)
         if plan is not None or self._domain_planner is not None:
             return result
         greedy = self._greedy_search(query)

@@ -58,6 +58,11 @@ class SearchResult:
     unsolvable: bool = False
 
     @property
+    def length(self) -> int | None:
+        """How many steps the plan takes; None without a plan."""
+        return None if self.plan is None else len(self.plan)
+
+    @property
     def optimal(self) -> bool:
         """Whether the plan is proven to be as short as any."""
         return self.plan is not None and self.bound >= len(self.plan)

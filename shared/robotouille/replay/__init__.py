@@ -8,9 +8,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from robotouille.replay.measures import Measures, SeatMeasures
     from robotouille.replay.recorder import Recorder, header
     from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
     from robotouille.replay.rejection_notes import rejection_kind, rejections
+    from robotouille.replay.transitions import Transition
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -19,11 +21,16 @@ else:
         "robotouille.replay.recorder",
         "robotouille.replay.recording",
         "robotouille.replay.rejection_notes",
+        "robotouille.replay.transitions",
+        "robotouille.replay.measures",
     )
 
 __all__ = [
+    "Measures",
     "Recorder",
     "Recording",
+    "SeatMeasures",
+    "Transition",
     "Verification",
     "header",
     "read_recording",

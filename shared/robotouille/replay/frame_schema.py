@@ -3,13 +3,42 @@ task and the rules are as free here as their own schemas are."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from robotouille.errors import RecordingError
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import State, Step, World
 
-__all__ = ["check_frame"]
+__all__ = ["FrameSource", "check_frame"]
+
+
+class FrameSource(Protocol):
+    """What has frames: a `Recording`."""
+
+    @property
+    def world(self) -> World:
+        """A world of the task that was played."""
+        ...
+
+    def each_frame(self) -> Iterator[dict[str, Any]]:
+        """The frames in order."""
+        ...
+
+    def notes(self) -> Iterator[dict[str, Any]]:
+        """All notes in order."""
+        ...
+
+    def actions(self, frame: dict[str, Any]) -> list[GroundAction]:
+        """The joint action of a step's frame."""
+        ...
+
+    def take(self, state: State, frame: dict[str, Any]) -> Step:
+        """Take a recorded step in a state."""
+        ...
+
 
 Index = Annotated[int, Field(ge=0)]
 Row = Annotated[list[int], Field(min_length=1)]

@@ -24,7 +24,9 @@ from robotouille.replay.container import (
     version_of,
 )
 from robotouille.replay.frame_schema import check_frame
+from robotouille.replay.measures import Measures, measures
 from robotouille.replay.recorder import keyframe, step_frames
+from robotouille.replay.transitions import Transition, transitions
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
 from robotouille.world.world import State, Step, World
@@ -228,6 +230,18 @@ class Recording:
         except UnknownNameError as error:
             raise RecordingError(f"{self.source}: step {frame.get('step')}: {error}") from None
         return result._replace(state=after, goal_reached=after.goal_reached)
+
+    def transitions(self) -> Iterator[Transition]:
+        """All that the seats asked for, with the states before and after, by re-simulation.
+
+        Raises:
+            RecordingError: A step has an action that the task has not.
+        """
+        return transitions(self)
+
+    def measures(self) -> Measures:
+        """How the episode went, in numbers: for the team, and for each seat."""
+        return measures(self)
 
     def states(self) -> Iterator[tuple[int, State]]:
         """The state at step 0 and after each step, by re-simulation.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robotouille.episode.events import ACTION_INVALID, RejectionKind
-from robotouille.replay.recording import Recording
+from robotouille.replay.frame_schema import FrameSource
 from robotouille.world.unmet import from_words
 
 __all__ = ["rejection_kind", "rejections"]
@@ -18,7 +18,7 @@ def rejection_kind(note: Mapping[str, Any]) -> RejectionKind:
     return RejectionKind.of(note.get("code", ACTION_INVALID), from_words(*note["reasons"]))
 
 
-def rejections(recording: Recording) -> dict[str, Counter[RejectionKind]]:
+def rejections(recording: FrameSource) -> dict[str, Counter[RejectionKind]]:
     """What of each player was rejected how often, by kind: also in a recording that has no end, or
     is older than the counts in its outcome."""
     counts: dict[str, Counter[RejectionKind]] = {

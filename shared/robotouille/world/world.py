@@ -28,12 +28,12 @@ from robotouille.errors import (
     WrongWorldError,
     did_you_mean,
 )
+from robotouille.world.arrays.packing import PackedState, packed, unpacked
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, atom_name, bound
 from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
-from robotouille.world.packing import PackedState, packed, unpacked
 from robotouille.world.sentences import known, no_valid_action, said, said_exactly
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe, goal_sentences, observation, text_view
@@ -405,13 +405,14 @@ class World(GroundTask):
         """How states are vectors and graphs, and actions numbers (world.md, "As arrays").
 
         Raises:
+            RobotouilleError: The world was given slots for what cannot be created.
             MissingExtraError: NumPy is not installed.
         """
         try:
             from robotouille.world.arrays.encoding import Encoding
         except ImportError:
-            raise MissingExtraError("arrays", "rl") from None
-        return Encoding(self)
+            raise MissingExtraError("states as arrays", "rl") from None
+        return Encoding(self, dict(self._slots))
 
     def ground_actions(self, player: str) -> tuple[GroundAction, ...]:
         """All actions of a player that play could come to, in a fixed order.

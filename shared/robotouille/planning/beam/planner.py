@@ -24,7 +24,10 @@ from robotouille.planning.plan import Plan
 from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.world.world import State, World
 
-__all__ = ["BeamPlanner", "Solution"]
+__all__ = ["PLANNER", "BeamPlanner", "Solution"]
+
+PLANNER = "beam 1"
+"""Its name and version in results."""
 
 EXPANSIONS = 4_000
 """States expanded by default, counting one for each player's choice: about half a second."""

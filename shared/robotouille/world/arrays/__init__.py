@@ -1,1 +1,2 @@
-"""A task as arrays of fixed length: ground actions in order, masks, vectors, graphs."""
+"""A task as arrays of fixed length: ground actions in order, masks, vectors, graphs; and its states
+as bytes."""

@@ -45,6 +45,8 @@ class Encoding:
         RobotouilleError: There are slots for what cannot be created.
     """
 
+    version = VERSION
+
     def __init__(self, task: GroundTask, slots: Mapping[str, int] | None = None) -> None:
         self._task = task
         self.slots = Slots(task, slots)

@@ -72,7 +72,7 @@ class GraphLayout:
         links += [link for what, place in places.items() for link in _links(what, place)]
         self.relations = tuple(_relations(task))
         self.counters = max((_size(e) for s in task.schemas for e in s.definition.sfx), default=0)
-        self._read_nodes(places, busy)
+        self._read_nodes(places, busy, {thing.name for thing in objects if thing.tile is None})
         self._read_links(links, size)
 
     def _fixed_nodes(
@@ -91,7 +91,7 @@ class GraphLayout:
         return [self._node[name] for name in atom[1:]] or list(self._node.values())
 
     def _read_nodes(
-        self, places: Mapping[Atom | Effect, int], busy: Mapping[str, int]
+        self, places: Mapping[Atom | Effect, int], busy: Mapping[str, int], created: set[str]
     ) -> None:
         existing, entries = [], []
         for what, place in places.items():
@@ -104,6 +104,8 @@ class GraphLayout:
                 entries += [(row, column, place) for row in self._rows(what)]
         column = self.features.index(BUSY)
         entries += [(self._node[player], column, place) for player, place in busy.items()]
+        never = {i for name, i in self._node.items() if name in created} - {i for i, _ in existing}
+        self._fixed[list(never)] = 0
         self._existing = np.array(existing, dtype=np.intp).reshape(-1, 2).T
         self._entries = np.array(entries, dtype=np.intp).reshape(-1, 3).T
 

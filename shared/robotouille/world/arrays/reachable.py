@@ -7,8 +7,8 @@ A superset of what play can reach, and far smaller than all combinations of obje
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
-from robotouille.domain.schema import Condition
 from robotouille.world.arrays.slots import Slots
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
 from robotouille.world.grounding.atoms import EXISTS
@@ -19,6 +19,14 @@ from robotouille.world.grounding.objects import Atom, bound
 __all__ = ["Reachable"]
 
 Binding = dict[str, str]
+
+
+class Precondition(NamedTuple):
+    """A precondition, its arguments as places among the action's."""
+
+    predicate: str
+    places: tuple[int, ...]
+    is_true: bool
 
 
 class Reachable:
@@ -61,15 +69,18 @@ class Reachable:
 
     def _arguments(self, schema: ActionSchema) -> Iterator[tuple[str, ...]]:
         """Arguments with which all preconditions that have to hold can."""
-        tests: list[list[Condition]] = [[] for _ in schema.parameters]
+        tests: list[list[Precondition]] = [[] for _ in schema.parameters]
         place = {name: i for i, (name, _) in enumerate(schema.parameters)}
         for condition in schema.definition.precons:
             if condition.params:
-                tests[max(place[name] for name in condition.params)].append(condition)
+                places = tuple(place[name] for name in condition.params)
+                tests[max(places)].append(
+                    Precondition(condition.predicate, places, condition.is_true)
+                )
         yield from self._extend(schema, tests, ())
 
     def _extend(
-        self, schema: ActionSchema, tests: Sequence[Sequence[Condition]], chosen: tuple[str, ...]
+        self, schema: ActionSchema, tests: Sequence[Sequence[Precondition]], chosen: tuple[str, ...]
     ) -> Iterator[tuple[str, ...]]:
         if len(chosen) == len(schema.parameters):
             yield chosen
@@ -77,10 +88,9 @@ class Reachable:
         _, kind = schema.parameters[len(chosen)]
         for name in self._by_type.get(kind, ()):
             arguments = (*chosen, name)
-            binding = {n: a for (n, _), a in zip(schema.parameters, arguments, strict=False)}
             if self._exists(name) and all(
-                self._possible(bound(condition, binding), condition.is_true)
-                for condition in tests[len(chosen)]
+                self._possible((predicate, *[arguments[i] for i in places]), is_true)
+                for predicate, places, is_true in tests[len(chosen)]
             ):
                 yield from self._extend(schema, tests, arguments)
 

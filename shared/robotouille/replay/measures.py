@@ -1,0 +1,121 @@
+"""How an episode went, in numbers: for the team, and for each seat."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from robotouille.episode.events import RejectionKind
+from robotouille.replay.frame_schema import FrameSource
+from robotouille.replay.rejection_notes import rejections
+
+__all__ = ["Measures", "SeatMeasures", "measures"]
+
+
+@dataclass(frozen=True, slots=True)
+class SeatMeasures:
+    """One seat.
+
+    `name` and `kind` are its last participant's (empty: nobody's). `applied` actions took place,
+    `lost` ones were valid when they came, and no more when their turn in the step came. `rejected`
+    counts what was taken into no step by kind (`robotouille.episode.RejectionKind`): `invalid`,
+    `malformed`, `superseded`. `idle` are the steps in which it chose to do nothing, `said` its
+    chat messages. `thinking` are the seconds that its answers took, all together.
+    """
+
+    name: str = ""
+    kind: str = ""
+    applied: int = 0
+    lost: int = 0
+    idle: int = 0
+    said: int = 0
+    thinking: float = 0.0
+    rejected: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def invalid(self) -> int:
+        """Known actions that were not valid when they were asked for."""
+        return self.rejected.get("invalid", 0)
+
+    @property
+    def malformed(self) -> int:
+        """What was no action at all."""
+        return self.rejected.get("malformed", 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """An episode.
+
+    `reason` is why it ended, empty while it has not; `success` says that the goal was reached.
+    `seconds` are those from the beginning to the last step, pauses included.
+    """
+
+    task: str
+    clock: str
+    success: bool
+    reason: str
+    steps: int
+    seconds: float
+    seats: Mapping[str, SeatMeasures]
+
+
+def measures(recording: FrameSource) -> Measures:
+    """The measures of an episode, which may still be going on."""
+    world = recording.world
+    tallies: dict[str, Counter[str]] = {player: Counter() for player in world.players}
+    people = dict.fromkeys(world.players, ("", ""))
+    clock, steps, milliseconds, reason = "", 0, 0, ""
+    for frame in recording.each_frame():
+        if frame["kind"] == "header":
+            clock = frame["rules"]["clock"]
+        elif frame["kind"] == "step":
+            steps, milliseconds = frame["step"], frame["t"]
+            _count(frame, tallies)
+        elif frame["kind"] == "notes":
+            _note(frame["notes"], tallies, people)
+        elif frame["kind"] == "footer":
+            reason = frame["outcome"]["reason"]
+    rejected = rejections(recording)
+    seats = {p: _seat(*people[p], tallies[p], rejected[p]) for p in world.players}
+    success, seconds = reason == "goal", milliseconds / 1000
+    return Measures(world.task.name, clock, success, reason, steps, seconds, seats)
+
+
+def _count(step: Mapping[str, Any], tallies: Mapping[str, Counter[str]]) -> None:
+    """What the seats did in a step."""
+    for place, move in enumerate(step["moves"]):
+        lost = str(place) in step.get("unmet", {})
+        tallies[move["player"]].update({"lost" if lost else "applied": 1, "ms": move["ms"]})
+    for player, _ in step.get("idle", ()):
+        tallies[player]["idle"] += 1
+
+
+def _note(
+    notes: Iterable[Mapping[str, Any]],
+    tallies: Mapping[str, Counter[str]],
+    people: dict[str, tuple[str, str]],
+) -> None:
+    """Who sat down, and who said something."""
+    for note in notes:
+        if note["note"] == "roster" and note["name"]:
+            people[note["player"]] = note["name"], note["kind"]
+        elif note["note"] == "said" and note["player"] in tallies:
+            tallies[note["player"]]["said"] += 1
+
+
+def _seat(
+    name: str, kind: str, tally: Mapping[str, int], rejected: Mapping[RejectionKind, int]
+) -> SeatMeasures:
+    return SeatMeasures(
+        name,
+        kind,
+        applied=tally["applied"],
+        lost=tally["lost"],
+        idle=tally["idle"],
+        said=tally["said"],
+        thinking=tally["ms"] / 1000,
+        rejected={kind.value: number for kind, number in rejected.items()},
+    )

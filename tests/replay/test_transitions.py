@@ -1,0 +1,96 @@
+"""Recordings as rows for learning: who saw what, asked for what, and got it or not."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import ProtocolError, World
+from robotouille.episode import Clock, Episode, Rules
+from robotouille.planning import solve
+from robotouille.replay import Recording
+from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.transitions import Transition
+
+TEAM = World("multi_agent/01")
+BAD = "place-item(robot1, lettuce1, table1)"
+
+
+def recorded(world: World, rules: Rules) -> Recording:
+    """Two robots: what cannot be done, what is no action, a lost race, and nothing."""
+    episode, recorder = Episode(world, rules), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="e"))
+    for player in world.players:
+        episode.join(player, player.upper(), "model", 0.0)
+    episode.submit("robot1", 1, BAD, 1.0, reasoning="I hold it, I think")
+    episode.submit("robot1", 2, "fly to the moon", 1.5)
+    first, second = (episode.state.actions(player) for player in world.players)
+    place = next(a for a in first if a.name == "move")
+    same = next((a for a in second if a.arguments[2:] == place.arguments[2:]), None)
+    episode.submit("robot1", 3, place, 2.0, reasoning="over there")
+    episode.submit("robot2", 1, same, 2.5)
+    episode.submit("robot1", 4, None, 3.0)
+    episode.submit("robot2", 2, episode.state.actions("robot2")[0], 4.0)
+    episode.say("ROBOT2", "robot2", "hello", 4.5)
+    episode.abort(5.0, "enough")
+    return Recording(stream + recorder.record(episode.events()))
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return recorded(TEAM, Rules(clock=Clock.LOCKSTEP, max_steps=9))
+
+
+def test_everything_that_was_asked_for_is_there_in_order(recording: Recording) -> None:
+    rows = list(recording.transitions())
+    assert [(row.step, row.seat, row.valid, row.action is None) for row in rows] == [
+        (1, "robot1", False, False),
+        (1, "robot1", False, True),
+        (1, "robot1", True, False),
+        (1, "robot2", False, False),
+        (2, "robot2", True, False),
+        (2, "robot1", True, True),
+    ]
+    assert [row.seq for row in rows] == [1, 2, 3, 1, 2, 4]
+    assert rows[0].reasoning == "I hold it, I think" and rows[0].reasons
+    assert str(rows[0].action) == BAD
+    assert rows[1].text == "fly to the moon"
+    assert rows[2].reasoning == "over there" and not rows[2].reasons
+    assert rows[3].reasons and rows[3].time >= rows[1].time
+
+
+def test_states_are_those_around_the_step(recording: Recording) -> None:
+    states = dict(recording.states())
+    for row in recording.transitions():
+        assert row.state == states[row.step - 1]
+        taken = row.valid or row.text == ""
+        assert row.next_state == (states[row.step] if taken or row.seat == "robot2" else row.state)
+        assert row.reward == 0.0
+        if row.valid and row.action is not None:
+            assert row.action in row.state.actions(row.seat)
+
+
+def test_the_step_that_reaches_the_goal_is_rewarded() -> None:
+    world = World("synchronous/01")
+    rules = Rules()
+    episode, recorder = Episode(world, rules), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="e"))
+    episode.join("robot1", "ada", "bot", 0.0)
+    plan = solve(world).plan
+    assert plan is not None
+    for seq, (action,) in enumerate(plan, 1):
+        episode.submit("robot1", seq, action, float(seq))
+    rows = list(Recording(stream + recorder.record(episode.events())).transitions())
+    assert [row.reward for row in rows] == [0.0] * 7 + [1.0]
+
+
+def test_stale_answers_are_there() -> None:
+    rules = Rules()
+    world = World("synchronous/01")
+    episode, recorder = Episode(world, rules), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="e"))
+    episode.join("robot1", "ada", "model", 0.0)
+    episode.reject("robot1", 1, "99", ProtocolError("action/stale", "step 0 is past"), 1.0)
+    (row,) = Recording(stream + recorder.record(episode.events())).transitions()
+    assert isinstance(row, Transition)
+    assert (row.action, row.valid, row.text) == (None, False, "99")
+    assert row.reasons == ("step 0 is past",)
