@@ -1,0 +1,190 @@
+"""A kitchen as a PettingZoo environment: an agent for each player."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Unpack, cast
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import parallel_to_aec
+
+from robotouille.domain.task import Task
+from robotouille.envs.pictures import picture
+from robotouille.envs.play import Play
+from robotouille.envs.rules import EnvOptions, EnvRules, Observation
+from robotouille.envs.views import Mask, observation_space
+from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.world.world import State, World
+
+__all__ = ["RobotouilleParallelEnv", "aec_env", "parallel_env"]
+
+RENDER_MODES = ("ansi", "rgb_array")
+
+
+class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):
+    """An agent for each player of a task, all acting in each step, in the order of seats.
+
+    Arguments, actions, observations and rewards are those of `RobotouilleEnv`; what is rewarded is
+    what all did, so all get the same. Each agent's `info` has `action_mask` and `valid`. An agent
+    that is left out of a step's actions, or has None there, does nothing.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "robotouille_v0",
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 4,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        task: Task | str,
+        *,
+        render_mode: str | None = None,
+        **options: Unpack[EnvOptions],
+    ) -> None:
+        if render_mode not in (None, *RENDER_MODES):
+            raise WrongArgumentError(f"render_mode: one of {RENDER_MODES}, found {render_mode!r}")
+        rules = EnvRules(task, **options)
+        self._play = Play(rules)
+        self._kind = Observation(rules.observation)
+        self._random = np.random.default_rng()
+        self.render_mode = render_mode
+        self.possible_agents = list(self._play.players)
+        self.agents: list[str] = []
+        self._seat = {player: i for i, player in enumerate(self.possible_agents)}
+        view = self._play.view
+        self.observation_spaces = {
+            player: observation_space(self._kind, view) for player in self.possible_agents
+        }
+        self.action_spaces = {
+            player: cast("gymnasium.Space[Any]", spaces.Discrete(count))
+            for player, count in zip(self.possible_agents, view.sizes.actions, strict=True)
+        }
+        self.state_space = observation_space(Observation.VECTOR, view)
+
+    def observation_space(self, agent: str) -> gymnasium.Space[Any]:
+        """What an agent sees; always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> gymnasium.Space[Any]:
+        """The numbers of an agent's actions; always the same object."""
+        return self.action_spaces[agent]
+
+    @property
+    def world(self) -> World:
+        """The world of the instance that is played."""
+        return self._play.view.world
+
+    @property
+    def world_state(self) -> State:
+        """The state at present, as the world has it.
+
+        Raises:
+            RobotouilleError: No episode has begun.
+        """
+        if self._play.state is None:
+            raise RobotouilleError("reset the environment: no episode has begun")
+        return self._play.state
+
+    def state(self) -> npt.NDArray[np.float32]:
+        """The state at present as a vector, whatever the agents see."""
+        return self._play.view.seen(self.world_state).vector.copy()
+
+    def action_mask(self, agent: str) -> Mask:
+        """Which of an agent's actions are valid now."""
+        return self._play.view.seen(self.world_state).masks[self._seat[agent]].copy()
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Begin an episode: see `RobotouilleEnv.reset`."""
+        if seed is not None:
+            self._random = np.random.default_rng(seed)
+        self._play.begin(self._random, options)
+        self.agents = list(self.possible_agents)
+        valid = (True,) * len(self.agents)
+        return self._observations(), self._infos(valid)
+
+    def step(
+        self, actions: dict[str, Any]
+    ) -> tuple[
+        dict[str, Any],
+        dict[str, float],
+        dict[str, bool],
+        dict[str, bool],
+        dict[str, dict[str, Any]],
+    ]:
+        """Take a step.
+
+        Raises:
+            WrongArgumentError: There is no such action, or no such agent.
+            InapplicableError: An action is not valid, and `invalid` is `raise`.
+        """
+        players = self.agents
+        if not players:
+            return {}, {}, {}, {}, {}
+        if not actions.keys() <= self._seat.keys():
+            wrong = sorted(actions.keys() - self._seat.keys())
+            raise WrongArgumentError(f"no agent {wrong[0]!r}; there are {', '.join(players)}")
+        numbers = [actions.get(player) for player in players]
+        reward, terminated, truncated, valid = self._play.take(numbers)
+        observations, infos = self._observations(), self._infos(valid)
+        if terminated or truncated:
+            self.agents = []
+        return (
+            observations,
+            dict.fromkeys(players, reward),
+            dict.fromkeys(players, terminated),
+            dict.fromkeys(players, truncated),
+            infos,
+        )
+
+    def _observations(self) -> dict[str, Any]:
+        view, state = self._play.view, self.world_state
+        return {p: view.observation(state, self._kind, (p,)) for p in self.agents}
+
+    def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
+        masks = self._play.view.seen(self.world_state).masks
+        return {
+            player: {"action_mask": mask.copy(), "valid": fine}
+            for player, mask, fine in zip(self.agents, masks, valid, strict=True)
+        }
+
+    def render(self) -> Any:
+        """The state as text or as a picture, by `render_mode`.
+
+        Raises:
+            RobotouilleError: No episode has begun.
+            MissingExtraError: A picture is asked for, and pygame is not installed.
+        """
+        if self.render_mode == "ansi":
+            return self.world_state.text_view()
+        if self.render_mode == "rgb_array":
+            return picture(self.world_state, self._play.steps)
+        return None
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def parallel_env(
+    task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
+) -> RobotouilleParallelEnv:
+    """All agents act at once: arguments are those of `RobotouilleParallelEnv`."""
+    return RobotouilleParallelEnv(task, render_mode=render_mode, **options)
+
+
+def aec_env(
+    task: Task | str, *, render_mode: str | None = None, **options: Unpack[EnvOptions]
+) -> AECEnv[str, Any, Any]:
+    """Agents act in turn, and a step is taken once all have chosen (PettingZoo's wrapper):
+    arguments are those of `RobotouilleParallelEnv`."""
+    return cast(
+        "AECEnv[str, Any, Any]",
+        parallel_to_aec(RobotouilleParallelEnv(task, render_mode=render_mode, **options)),
+    )

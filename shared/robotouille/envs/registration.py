@@ -1,0 +1,36 @@
+"""Names for `gymnasium.make`."""
+
+from __future__ import annotations
+
+from gymnasium.envs.registration import register, registry
+
+from robotouille.domain.catalogue import task_names
+
+__all__ = ["env_id", "register_envs"]
+
+VERSION = 0
+"""Of what environments mean: another one if the same actions come to something else."""
+
+
+def env_id(task: str) -> str:
+    """The name of a shipped task's environment: `robotouille/synchronous-01-v0`."""
+    folder, _, file = task.rpartition("/")
+    number = file.partition("_")[0]
+    return f"robotouille/{folder}-{number if number.isdigit() else file}-v{VERSION}"
+
+
+def register_envs() -> None:
+    """Register all shipped tasks with Gymnasium; importing `robotouille.envs` does it.
+
+    Wrappers that only check are left out: `RobotouilleEnv` checks for itself.
+    """
+    for task in task_names():
+        if env_id(task) not in registry:
+            register(
+                env_id(task),
+                entry_point="robotouille.envs.gymnasium_env:RobotouilleEnv",
+                vector_entry_point="robotouille.envs.vector_env:RobotouilleVectorEnv",
+                kwargs={"task": task},
+                order_enforce=False,
+                disable_env_checker=True,
+            )

@@ -1,0 +1,130 @@
+"""How the states of one instance look to learners: as arrays, as large in every instance."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.spaces import GraphInstance
+
+from robotouille.domain.task import Task
+from robotouille.envs.rules import Observation
+from robotouille.world.timers import Timers
+from robotouille.world.world import State, World, shared_world
+
+__all__ = ["Mask", "Sizes", "View", "observation_space", "views_of"]
+
+Mask = npt.NDArray[np.bool_]
+Vector = npt.NDArray[np.float32]
+
+MAX_TEXT = 100_000
+CHARACTERS = frozenset(map(chr, (10, *range(32, 127), *range(160, 384))))
+"""What observations in words are made of, and how many letters they have at most."""
+
+MAX_KEPT_BYTES = 32 * 1024 * 1024
+"""Of arrays that an instance's states were found to be; then it begins anew."""
+
+
+class Sizes(NamedTuple):
+    """How many numbers a vector has, and how many actions each player, in the largest instance."""
+
+    vector: int
+    actions: tuple[int, ...]
+
+
+class Seen(NamedTuple):
+    """What a state was found to be; nobody writes to it."""
+
+    vector: Vector
+    masks: tuple[Mask, ...]
+    goal_reached: bool
+
+
+class View:
+    """One instance as learners see it. All environments of an instance share one in a process; it
+    travels to another one as its world does, and what is kept does not."""
+
+    def __init__(self, world: World, sizes: Sizes) -> None:
+        self.world = world
+        self.sizes = sizes
+        self._encoding = world.encoding
+        self._seen: dict[tuple[int, Timers], Seen] = {}
+        item = 4 * sizes.vector + sum(sizes.actions) + 1_000
+        self._room = max(100, MAX_KEPT_BYTES // item)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> View:
+        return self
+
+    def __copy__(self) -> View:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _shared_view, (self.world, self.sizes)
+
+    def seen(self, state: State) -> Seen:
+        """A state's arrays, which are not to be changed."""
+        key = state.facts, state.timers
+        found = self._seen.get(key)
+        if found is None:
+            if len(self._seen) >= self._room:
+                self._seen.clear()
+            found = self._seen[key] = self._look(state)
+        return found
+
+    def _look(self, state: State) -> Seen:
+        vector = np.zeros(self.sizes.vector, dtype=np.float32)
+        vector[: self._encoding.size] = state.vector()
+        masks = []
+        for player, size in zip(self.world.players, self.sizes.actions, strict=True):
+            mask = np.zeros(size, dtype=np.bool_)
+            valid = state.mask(player)
+            mask[: len(valid)] = valid
+            masks.append(mask)
+        return Seen(vector, tuple(masks), state.goal_reached)
+
+    def observation(self, state: State, kind: Observation, players: Sequence[str]) -> Any:
+        """What players see of a state, as an array of their own."""
+        if kind is Observation.VECTOR:
+            return self.seen(state).vector.copy()
+        if kind is Observation.TEXT:
+            return "\n\n".join(state.text_view(player) for player in players)
+        nodes, edges, counters = state.graph()
+        relations = edges[:, :1].astype(np.float32)
+        return GraphInstance(nodes, np.hstack([relations, counters]), edges[:, 1:])
+
+
+_views: weakref.WeakValueDictionary[tuple[World, Sizes], View] = weakref.WeakValueDictionary()
+
+
+def _shared_view(world: World, sizes: Sizes) -> View:
+    view = _views.get((world, sizes))
+    if view is None:
+        view = _views[world, sizes] = View(world, sizes)
+    return view
+
+
+def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[View, ...]:
+    """The views of instances, all of the sizes of the largest."""
+    worlds = [shared_world(task, slots) for task in tasks]
+    seats = range(len(worlds[0].players))
+    sizes = Sizes(
+        max(world.encoding.size for world in worlds),
+        tuple(max(len(w.ground_actions(w.players[i])) for w in worlds) for i in seats),
+    )
+    return tuple(_shared_view(world, sizes) for world in worlds)
+
+
+def observation_space(kind: Observation, view: View, seed: Any = None) -> spaces.Space[Any]:
+    """The space of what is seen."""
+    if kind is Observation.TEXT:
+        return spaces.Text(MAX_TEXT, min_length=0, charset=CHARACTERS, seed=seed)
+    if kind is Observation.VECTOR:
+        return spaces.Box(-1.0, np.inf, (view.sizes.vector,), np.float32, seed=seed)
+    encoding = view.world.encoding
+    nodes = spaces.Box(-1.0, np.inf, (len(encoding.features),), np.float32)
+    edges = spaces.Box(-1.0, np.inf, (1 + encoding.counters,), np.float32)
+    return spaces.Graph(nodes, edges, seed=seed)
