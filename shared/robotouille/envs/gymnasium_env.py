@@ -6,13 +6,14 @@ from typing import Any, ClassVar, Unpack
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 from robotouille.domain.task import Task
 from robotouille.envs.pictures import picture
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation
-from robotouille.envs.views import Mask, observation_space
+from robotouille.envs.views import observation_space
 from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille.world.world import State, World
 
@@ -26,8 +27,8 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
 
     An action is the number of a ground action (`World.ground_actions(player)`); of a task for
     several players a number for each, in the order of seats. The `info` of `reset` and `step` has
-    `action_mask`, the valid actions as booleans (of several players one mask behind the other),
-    and `valid`, whether the actions of the last step were applied.
+    `action_mask`, the valid actions as `action_space.sample` takes them (for several players a
+    mask for each), and `valid`, whether the actions of the last step were applied.
 
     Args:
         task: A task, or a name for `load_task`: `synchronous/01`, `multi_agent/01@3`.
@@ -78,10 +79,15 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """The world of the instance that is played."""
         return self._play.view.world
 
-    def action_masks(self) -> Mask:
-        """Which actions are valid now, as sb3-contrib's `MaskablePPO` asks for it."""
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Which actions are valid now, as sb3-contrib's `MaskablePPO` asks for it: booleans, those
+        of several players one behind the other."""
+        return np.concatenate(self._play.view.seen(self.state).masks).view(np.bool_)
+
+    def _info(self, valid: bool) -> dict[str, Any]:
         masks = self._play.view.seen(self.state).masks
-        return masks[0].copy() if self._alone else np.concatenate(masks)
+        mask = masks[0].copy() if self._alone else tuple(each.copy() for each in masks)
+        return {"action_mask": mask, "valid": valid}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -97,7 +103,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """
         super().reset(seed=seed)
         state = self._play.begin(self.np_random, options)
-        return self._observation(state), {"action_mask": self.action_masks(), "valid": True}
+        return self._observation(state), self._info(True)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take a step.
@@ -109,8 +115,8 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """
         play = self._play
         reward, terminated, truncated, valid = play.take((action,) if self._alone else action)
-        info = {"action_mask": self.action_masks(), "valid": all(valid)}
-        return self._observation(self.state), reward, terminated, truncated, info
+        observation, info = self._observation(self.state), self._info(all(valid))
+        return observation, reward, terminated, truncated, info
 
     def _observation(self, state: State) -> Any:
         return self._play.view.observation(state, self._kind, self._play.players)

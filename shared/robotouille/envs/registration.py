@@ -1,7 +1,8 @@
-"""Names for `gymnasium.make`."""
+"""Names for `gymnasium.make` and `pettingzoo.make`."""
 
 from __future__ import annotations
 
+import pettingzoo
 from gymnasium.envs.registration import register, registry
 
 from robotouille.domain.catalogue import task_names
@@ -20,17 +21,24 @@ def env_id(task: str) -> str:
 
 
 def register_envs() -> None:
-    """Register all shipped tasks with Gymnasium; importing `robotouille.envs` does it.
+    """Register all shipped tasks with Gymnasium, and with PettingZoo where it has a registry (from
+    1.27 on); importing `robotouille.envs` does it.
 
-    Wrappers that only check are left out: `RobotouilleEnv` checks for itself.
+    Gymnasium's wrappers that only check are left out: `RobotouilleEnv` checks for itself.
     """
     for task in task_names():
-        if env_id(task) not in registry:
-            register(
-                env_id(task),
-                entry_point="robotouille.envs.gymnasium_env:RobotouilleEnv",
-                vector_entry_point="robotouille.envs.vector_env:RobotouilleVectorEnv",
-                kwargs={"task": task},
-                order_enforce=False,
-                disable_env_checker=True,
-            )
+        name = env_id(task)
+        if name in registry:
+            continue
+        register(
+            name,
+            entry_point="robotouille.envs.gymnasium_env:RobotouilleEnv",
+            vector_entry_point="robotouille.envs.vector_env:RobotouilleVectorEnv",
+            kwargs={"task": task},
+            order_enforce=False,
+            disable_env_checker=True,
+        )
+        if hasattr(pettingzoo, "register"):
+            module = "robotouille.envs.pettingzoo_env"
+            pettingzoo.register("parallel", name, f"{module}:parallel_env", kwargs={"task": task})
+            pettingzoo.register("aec", name, f"{module}:aec_env", kwargs={"task": task})

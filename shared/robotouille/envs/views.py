@@ -18,7 +18,9 @@ from robotouille.world.world import State, World, shared_world
 
 __all__ = ["Mask", "Sizes", "View", "observation_space", "views_of"]
 
-Mask = npt.NDArray[np.bool_]
+Mask = npt.NDArray[np.int8]
+"""Which actions are valid, as Gymnasium's `sample` takes it: 1 or 0."""
+
 Vector = npt.NDArray[np.float32]
 
 MAX_TEXT = 100_000
@@ -30,9 +32,11 @@ MAX_KEPT_BYTES = 32 * 1024 * 1024
 
 
 class Sizes(NamedTuple):
-    """How many numbers a vector has, and how many actions each player, in the largest instance."""
+    """How many numbers a vector has, how large they are, and how many actions each player has, in
+    the largest instance."""
 
     vector: int
+    high: int
     actions: tuple[int, ...]
 
 
@@ -80,7 +84,7 @@ class View:
         vector[: self._encoding.size] = state.vector()
         masks = []
         for player, size in zip(self.world.players, self.sizes.actions, strict=True):
-            mask = np.zeros(size, dtype=np.bool_)
+            mask = np.zeros(size, dtype=np.int8)
             valid = state.mask(player)
             mask[: len(valid)] = valid
             masks.append(mask)
@@ -113,18 +117,20 @@ def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[View, ...]:
     seats = range(len(worlds[0].players))
     sizes = Sizes(
         max(world.encoding.size for world in worlds),
+        max(world.encoding.high for world in worlds),
         tuple(max(len(w.ground_actions(w.players[i])) for w in worlds) for i in seats),
     )
     return tuple(_shared_view(world, sizes) for world in worlds)
 
 
-def observation_space(kind: Observation, view: View, seed: Any = None) -> spaces.Space[Any]:
+def observation_space(kind: Observation, view: View) -> spaces.Space[Any]:
     """The space of what is seen."""
     if kind is Observation.TEXT:
-        return spaces.Text(MAX_TEXT, min_length=0, charset=CHARACTERS, seed=seed)
+        return spaces.Text(MAX_TEXT, min_length=0, charset=CHARACTERS)
     if kind is Observation.VECTOR:
-        return spaces.Box(-1.0, np.inf, (view.sizes.vector,), np.float32, seed=seed)
+        return spaces.Box(-1.0, view.sizes.high, (view.sizes.vector,), np.float32)
     encoding = view.world.encoding
-    nodes = spaces.Box(-1.0, np.inf, (len(encoding.features),), np.float32)
-    edges = spaces.Box(-1.0, np.inf, (1 + encoding.counters,), np.float32)
-    return spaces.Graph(nodes, edges, seed=seed)
+    high = max(view.sizes.high, len(encoding.relations))
+    nodes = spaces.Box(-1.0, high, (len(encoding.features),), np.float32)
+    edges = spaces.Box(-1.0, high, (1 + encoding.counters,), np.float32)
+    return spaces.Graph(nodes, edges)

@@ -79,6 +79,13 @@ class Encoding:
         return tuple(self._columns())
 
     @cached_property
+    def high(self) -> int:
+        """A number that no number of a vector or graph is above; none is below -1."""
+        totals = (node.total for effect in self.effects for node in effect.counters())
+        durations = (a.duration for actions in self._actions.values() for a in actions)
+        return max(1, *totals, *durations)
+
+    @cached_property
     def _graph(self) -> GraphLayout:
         places: dict[Atom | Effect, int] = {atom: i for i, atom in enumerate(self.atoms)}
         places |= {effect: self._place[effect.label] for effect in self.effects}
