@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Unpack
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -14,7 +14,7 @@ from robotouille.envs.pictures import picture
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation
 from robotouille.envs.views import observation_space
-from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
 __all__ = ["RobotouilleEnv"]
@@ -41,7 +41,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         FileError: A task's files are wrong.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 4}
+    metadata = {"render_modes": list(RENDER_MODES), "render_fps": 4}  # noqa: RUF012
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         counts = self._play.view.sizes.actions
         self._alone = len(counts) == 1
         self.action_space: spaces.Space[Any] = (
-            spaces.Discrete(counts[0]) if self._alone else spaces.MultiDiscrete(counts)
+            spaces.Discrete(counts[0]) if self._alone else spaces.MultiDiscrete(list(counts))
         )
 
     @property
@@ -70,8 +70,6 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         Raises:
             RobotouilleError: No episode has begun.
         """
-        if self._play.state is None:
-            raise RobotouilleError("reset the environment: no episode has begun")
         return self._play.state
 
     @property
@@ -82,10 +80,10 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
     def action_masks(self) -> npt.NDArray[np.bool_]:
         """Which actions are valid now, as sb3-contrib's `MaskablePPO` asks for it: booleans, those
         of several players one behind the other."""
-        return np.concatenate(self._play.view.seen(self.state).masks).view(np.bool_)
+        return np.concatenate(self._play.seen.masks).view(np.bool_)
 
     def _info(self, valid: bool) -> dict[str, Any]:
-        masks = self._play.view.seen(self.state).masks
+        masks = self._play.seen.masks
         mask = masks[0].copy() if self._alone else tuple(each.copy() for each in masks)
         return {"action_mask": mask, "valid": valid}
 
@@ -102,8 +100,9 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
             WrongArgumentError: The instance is none of this environment's.
         """
         super().reset(seed=seed)
-        state = self._play.begin(self.np_random, options)
-        return self._observation(state), self._info(True)
+        play = self._play
+        play.begin(self.np_random, options)
+        return play.observation(self._kind, play.players), self._info(True)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take a step.
@@ -115,11 +114,8 @@ class RobotouilleEnv(gymnasium.Env[Any, Any]):
         """
         play = self._play
         reward, terminated, truncated, valid = play.take((action,) if self._alone else action)
-        observation, info = self._observation(self.state), self._info(all(valid))
-        return observation, reward, terminated, truncated, info
-
-    def _observation(self, state: State) -> Any:
-        return self._play.view.observation(state, self._kind, self._play.players)
+        observation = play.observation(self._kind, play.players)
+        return observation, reward, terminated, truncated, self._info(all(valid))
 
     def render(self) -> Any:
         """The state as text or as a picture, by `render_mode`.

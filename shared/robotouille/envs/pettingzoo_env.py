@@ -17,7 +17,7 @@ from robotouille.envs.pictures import picture
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation
 from robotouille.envs.views import Mask, observation_space
-from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State, World
 
 __all__ = ["RobotouilleParallelEnv", "aec_env", "parallel_env"]
@@ -25,7 +25,7 @@ __all__ = ["RobotouilleParallelEnv", "aec_env", "parallel_env"]
 RENDER_MODES = ("ansi", "rgb_array")
 
 
-class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):
+class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     """An agent for each player of a task, all acting in each step, in the order of seats.
 
     Arguments, actions, observations and rewards are those of `RobotouilleEnv`; what is rewarded is
@@ -87,17 +87,15 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):
         Raises:
             RobotouilleError: No episode has begun.
         """
-        if self._play.state is None:
-            raise RobotouilleError("reset the environment: no episode has begun")
         return self._play.state
 
     def state(self) -> npt.NDArray[np.float32]:
         """The state at present as a vector, whatever the agents see."""
-        return self._play.view.seen(self.world_state).vector.copy()
+        return self._play.seen.vector.copy()
 
     def action_mask(self, agent: str) -> Mask:
         """Which of an agent's actions are valid now."""
-        return self._play.view.seen(self.world_state).masks[self._seat[agent]].copy()
+        return self._play.seen.masks[self._seat[agent]].copy()
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -145,11 +143,10 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):
         )
 
     def _observations(self) -> dict[str, Any]:
-        view, state = self._play.view, self.world_state
-        return {p: view.observation(state, self._kind, (p,)) for p in self.agents}
+        return {p: self._play.observation(self._kind, (p,)) for p in self.agents}
 
     def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
-        masks = self._play.view.seen(self.world_state).masks
+        masks = self._play.seen.masks
         return {
             player: {"action_mask": mask.copy(), "valid": fine}
             for player, mask, fine in zip(self.agents, masks, valid, strict=True)

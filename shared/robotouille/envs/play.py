@@ -9,8 +9,8 @@ import numpy as np
 
 from robotouille.domain.task import Task
 from robotouille.envs.rewards import StepsToGoPotential
-from robotouille.envs.rules import EnvRules, InvalidAction, Reward
-from robotouille.envs.views import View, views_of
+from robotouille.envs.rules import EnvRules, InvalidAction, Observation, Reward
+from robotouille.envs.views import Seen, View, views_of
 from robotouille.errors import InapplicableError, RobotouilleError, WrongArgumentError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -32,8 +32,8 @@ class Taken(NamedTuple):
 class Play:
     """The course of episodes under an environment's rules.
 
-    `view` is the instance that is played, `state` the state, None before the first episode;
-    `steps` are those of this episode.
+    `view` is the instance that is played; `steps` are those of this episode, `over` says that it
+    has ended, or none has begun.
     """
 
     def __init__(self, rules: EnvRules) -> None:
@@ -41,14 +41,43 @@ class Play:
         self.views = views_of(rules.tasks(), rules.slots)
         self.view = self.views[0]
         self.players = self.view.world.players
-        self.state: State | None = None
+        self._state: State | None = None
+        self._seen: Seen | None = None
         self.steps = 0
-        self.over = False
+        self.over = True
         shaped = rules.reward is Reward.SHAPED
         self._potential = (rules.potential or StepsToGoPotential()) if shaped else None
         self._worth = 0.0
 
-    def begin(self, random: np.random.Generator, options: dict[str, Any] | None) -> State:
+    @property
+    def state(self) -> State:
+        """The state at present.
+
+        Raises:
+            RobotouilleError: No episode has begun.
+        """
+        if self._state is None:
+            raise RobotouilleError("reset the environment: no episode has begun")
+        return self._state
+
+    @property
+    def seen(self) -> Seen:
+        """The arrays of the state at present, which are not to be changed.
+
+        Raises:
+            RobotouilleError: No episode has begun.
+        """
+        if self._seen is None:
+            self._seen = self.view.seen(self.state)
+        return self._seen
+
+    def observation(self, kind: Observation, players: Sequence[str]) -> Any:
+        """What players see at present: an object of their own."""
+        if kind is Observation.VECTOR:
+            return self.seen.vector.copy()
+        return self.view.observation(self.state, kind, players)
+
+    def begin(self, random: np.random.Generator, options: dict[str, Any] | None) -> None:
         """Begin an episode: of the instance that the options ask for, or of one at random.
 
         Raises:
@@ -59,10 +88,10 @@ class Play:
             self.view = self._instance(wanted)
         elif len(self.views) > 1:
             self.view = self.views[int(random.integers(len(self.views)))]
-        self.state, self.steps, self.over = self.view.world.initial, 0, False
+        self._state, self._seen = self.view.world.initial, None
+        self.steps, self.over = 0, False
         if self._potential is not None:
-            self._worth = self._potential(self.state)
-        return self.state
+            self._worth = self._potential(self._state)
 
     def _instance(self, wanted: object) -> View:
         """An instance by its task, its name, or its number."""
@@ -82,57 +111,39 @@ class Play:
             RobotouilleError: No episode has begun, or it is over.
         """
         state = self.state
-        if state is None or self.over:
-            raise RobotouilleError("reset the environment: " + ("over" if state else "not begun"))
+        if self.over:
+            raise RobotouilleError("reset the environment: the episode is over")
         if len(numbers) == 1 and numbers[0] is not None:
-            after, valid = self._alone(state, numbers[0])
+            after, valid = self._alone(state, int(numbers[0]))
         else:
             after, valid = self._together(state, numbers)
-        self.state, self.steps = after, self.steps + 1
-        terminated = self.view.seen(after).goal_reached
+        seen = self.view.seen(after)
+        self._state, self._seen, self.steps = after, seen, self.steps + 1
+        terminated = seen.goal_reached
         truncated = not terminated and self.steps >= self.rules.max_steps
         self.over = terminated or truncated
         reward = 1.0 if terminated else 0.0
         if self._potential is not None:
             before, self._worth = self._worth, self._potential(after)
-            gain = self.rules.gamma * self._worth - before
-            reward += self.rules.weight * gain
+            reward += self.rules.weight * (self.rules.gamma * self._worth - before)
         return Taken(reward, terminated, truncated, valid)
 
-    def _action(self, state: State, place: int, number: int) -> GroundAction | None:
-        """The action of a number; None for one that this instance, or its state, has not."""
-        size = self.view.sizes.actions[place]
-        if not 0 <= number < size:
-            raise WrongArgumentError(
-                f"{self.players[place]} has {size} actions, found number {number}"
-            )
-        world, player = self.view.world, self.players[place]
-        if number >= len(world.ground_actions(player)):
-            return None
-        return state.action(player, int(number))
-
     def _alone(self, state: State, number: int) -> tuple[State, tuple[bool, ...]]:
-        action = self._action(state, 0, number)
-        world = self.view.world
-        if action is not None and world.applicable(state, action):
-            return world.successor(state, action), (True,)
-        self._refuse(state, action)
-        return state.step(None).state, (False,)
+        action = self._valid(state, 0, number)
+        if action is None:
+            return state.step(None).state, (False,)
+        return self.view.world.successor(state, action), (True,)
 
     def _together(
         self, state: State, numbers: Sequence[int | None]
     ) -> tuple[State, tuple[bool, ...]]:
         """All at once, in the order of seats: an action may be spoilt by one before it, which is
         no fault of the player, so it is never an error."""
-        chosen: list[GroundAction | None] = []
-        valid = []
-        for place, number in enumerate(numbers):
-            action = None if number is None else self._action(state, place, int(number))
-            fine = action is not None and self.view.world.applicable(state, action)
-            if not fine and number is not None:
-                self._refuse(state, action)
-            chosen.append(action if fine else None)
-            valid.append(fine or number is None)
+        chosen = [
+            None if number is None else self._valid(state, place, int(number))
+            for place, number in enumerate(numbers)
+        ]
+        valid = [number is None for number in numbers]
         step = state.step(chosen)
         attempts = iter(step.attempts)
         for place, action in enumerate(chosen):
@@ -140,9 +151,21 @@ class Play:
                 valid[place] = next(attempts).applied
         return step.state, tuple(valid)
 
-    def _refuse(self, state: State, action: GroundAction | None) -> None:
+    def _valid(self, state: State, place: int, number: int) -> GroundAction | None:
+        """A player's action of a number, if it is valid now."""
+        mask = self.seen.masks[place]
+        if not 0 <= number < len(mask):
+            player, size = self.players[place], len(mask)
+            raise WrongArgumentError(f"{player} has {size} actions, found number {number}")
+        if mask[number]:
+            return self.view.action(state, place, number)
         if self.rules.invalid is InvalidAction.RAISE:
-            if action is None:
-                unmet = (Unmet(UnmetKind.MISSING, "its object does not exist"),)
-                raise InapplicableError("this number's action", unmet)
-            raise InapplicableError(action.sentence, self.view.world.unmet(state, action))
+            raise self._inapplicable(state, place, number)
+        return None
+
+    def _inapplicable(self, state: State, place: int, number: int) -> InapplicableError:
+        action = self.view.action(state, place, number)
+        if action is None:
+            missing = Unmet(UnmetKind.MISSING, "it is about an object that does not exist")
+            return InapplicableError(f"action {number}", (missing,))
+        return InapplicableError(action.sentence, self.view.world.unmet(state, action))

@@ -137,7 +137,7 @@ def _loaded(task: Task | str) -> Task:
 
 def _one_of(kind: type[Choice], name: str, found: object) -> Choice:
     try:
-        return kind(found)
+        return kind(str(found))
     except ValueError:
         names = ", ".join(repr(str(each)) for each in kind)
         raise WrongArgumentError(f"{name}: expected one of {names}, found {found!r}") from None

@@ -75,7 +75,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         self.single_action_space = (
             spaces.Discrete(sizes.actions[0])
             if self._alone
-            else spaces.MultiDiscrete(sizes.actions)
+            else spaces.MultiDiscrete(list(sizes.actions))
         )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -83,10 +83,9 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
 
     def action_masks(self) -> Mask:
         """Which actions of each copy are valid now, a row for each."""
-        seen = (play.view.seen(play.state) for play in self._plays if play.state is not None)
         if self._alone:
-            return np.array([each.masks[0] for each in seen])
-        return np.array([np.concatenate(each.masks) for each in seen])
+            return np.array([play.seen.masks[0] for play in self._plays])
+        return np.array([np.concatenate(play.seen.masks) for play in self._plays])
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -127,8 +126,8 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             taken = play.take((numbers[i],) if self._alone else numbers[i])
             rewards[i], terminated[i], truncated[i], applied = taken
             valid[i] = all(applied)
-            if self._same_step and play.over and play.state is not None:
-                seen = play.view.seen(play.state)
+            if self._same_step and play.over:
+                seen = play.seen
                 finals[i] = seen.vector.copy(), np.concatenate(seen.masks)
                 play.begin(self._randoms[i], None)
         info = self._info(valid)
@@ -137,9 +136,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         return self._observations(), rewards, terminated, truncated, info
 
     def _observations(self) -> npt.NDArray[np.float32]:
-        return np.array(
-            [play.view.seen(play.state).vector for play in self._plays if play.state is not None]
-        )
+        return np.array([play.seen.vector for play in self._plays])
 
     def _info(self, valid: npt.NDArray[np.bool_]) -> dict[str, Any]:
         everyone = np.ones(self.num_envs, dtype=np.bool_)

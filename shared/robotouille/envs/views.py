@@ -13,10 +13,11 @@ from gymnasium.spaces import GraphInstance
 
 from robotouille.domain.task import Task
 from robotouille.envs.rules import Observation
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.timers import Timers
 from robotouille.world.world import State, World, shared_world
 
-__all__ = ["Mask", "Sizes", "View", "observation_space", "views_of"]
+__all__ = ["Mask", "Seen", "Sizes", "View", "observation_space", "views_of"]
 
 Mask = npt.NDArray[np.int8]
 """Which actions are valid, as Gymnasium's `sample` takes it: 1 or 0."""
@@ -55,6 +56,7 @@ class View:
     def __init__(self, world: World, sizes: Sizes) -> None:
         self.world = world
         self.sizes = sizes
+        self.actions = tuple(world.ground_actions(player) for player in world.players)
         self._encoding = world.encoding
         self._seen: dict[tuple[int, Timers], Seen] = {}
         item = 4 * sizes.vector + sum(sizes.actions) + 1_000
@@ -90,10 +92,17 @@ class View:
             masks.append(mask)
         return Seen(vector, tuple(masks), state.goal_reached)
 
+    def action(self, state: State, place: int, number: int) -> GroundAction | None:
+        """A player's action of a number; None for one that this instance, or its state, has not."""
+        actions = self.actions[place]
+        if number >= len(actions):
+            return None
+        if self._encoding.slots.filled(state.facts):
+            return state.action(self.world.players[place], number)
+        return actions[number]
+
     def observation(self, state: State, kind: Observation, players: Sequence[str]) -> Any:
-        """What players see of a state, as an array of their own."""
-        if kind is Observation.VECTOR:
-            return self.seen(state).vector.copy()
+        """What players see of a state, if that is no vector."""
         if kind is Observation.TEXT:
             return "\n\n".join(state.text_view(player) for player in players)
         nodes, edges, counters = state.graph()
