@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import importlib
+import importlib.util
 import inspect
 import re
 from collections.abc import Iterator
@@ -26,6 +27,7 @@ FACES = (
     "robotouille.protocol.states",
     "robotouille_client",
     "robotouille_server",
+    *(["robotouille.envs"] if importlib.util.find_spec("gymnasium") else []),
 )
 
 

@@ -62,9 +62,9 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             raise WrongArgumentError("autoreset_mode: expected 'NextStep' or 'SameStep'")
         if options.get("reward") == Reward.SHAPED:
             options.setdefault("potential", StepsToGoPotential())
-        if Observation(options.setdefault("observation", "vector")) is not Observation.VECTOR:
-            raise WrongArgumentError("observation: copies in one process see vectors")
         rules = EnvRules(task, **options)
+        if rules.observation is not Observation.VECTOR:
+            raise WrongArgumentError("observation: copies in one process see vectors")
         self._plays = [Play(rules) for _ in range(num_envs)]
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
