@@ -9,11 +9,21 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.programs import floods
 
-from benchmarks import core, evaluation, joint, model_calls, planning, server, stand_ins
+from benchmarks import (
+    core,
+    environments,
+    evaluation,
+    joint,
+    model_calls,
+    planning,
+    server,
+    stand_ins,
+)
 
 if __name__ == "__main__":
     core.main()
     joint.main()
+    environments.main()
     planning.main()
     evaluation.main([])
     server.main()

@@ -47,6 +47,26 @@ def test_joint_steps_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     assert min(row.single, row.cold, row.warmed, row.again) > 0
 
 
+@pytest.mark.parametrize(
+    ("interface", "task"),
+    [
+        ("gymnasium", "synchronous/01"),
+        ("vector", "synchronous/01"),
+        ("pettingzoo", "multi_agent/01"),
+    ],
+)
+def test_environments_are_measured(
+    interface: str, task: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("gymnasium")
+    pytest.importorskip("pettingzoo")
+    from benchmarks import environments
+
+    monkeypatch.setattr(environments, "STEPS", 60)
+    row = environments.measure(interface, task)
+    assert min(row.cold, row.warmed, row.again) > 0
+
+
 def test_planning_is_measured() -> None:
     ((seconds, proven, expansions),) = planning.certify(["synchronous/01"])
     assert seconds < planning.SECONDS and proven and expansions > 0

@@ -1,0 +1,135 @@
+"""Environments for learning: steps a second with masks and observations.
+
+Random valid actions on three courses: in a new world, which has to work everything out; another one
+in a world that knows five; and one that was taken before. Learners are between the last two. Only
+the environment's time counts, not that of choosing.
+"""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robotouille import World
+from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv, parallel_env
+
+__all__ = ["EnvironmentRow", "main", "measure"]
+
+STEPS = 4000
+COPIES = 64
+
+AIMS = {
+    ("gymnasium", "synchronous/01"): 150_000,
+    ("gymnasium", "asynchronous/10"): 40_000,
+    ("pettingzoo", "multi_agent/01"): 60_000,
+    ("pettingzoo", "multi_agent/10@4"): 20_000,
+    ("vector", "synchronous/01"): 0,
+}
+"""What was aimed for; 0 where nothing was."""
+
+
+@dataclass(frozen=True)
+class EnvironmentRow:
+    """Steps a second of processor time; joint steps, for several players."""
+
+    interface: str
+    task: str
+    cold: float
+    warmed: float
+    again: float
+
+
+def chosen(mask: Any, random: np.random.Generator) -> int:
+    numbers = np.flatnonzero(mask)
+    return int(numbers[int(random.random() * len(numbers))])
+
+
+def choose(env: Any, info: Any, random: np.random.Generator) -> Any:
+    """Valid actions at random, in whatever form the environment takes them."""
+    if isinstance(env, RobotouilleVectorEnv):
+        return np.array([chosen(mask, random) for mask in info["action_mask"]])
+    if isinstance(env, RobotouilleEnv):
+        return chosen(info["action_mask"], random)
+    return {agent: chosen(info[agent]["action_mask"], random) for agent in env.agents}
+
+
+def over(env: Any, result: tuple[Any, ...]) -> bool:
+    """Whether it has to be reset."""
+    if isinstance(env, RobotouilleVectorEnv):
+        return False
+    return bool(result[2] or result[3]) if isinstance(env, RobotouilleEnv) else not env.agents
+
+
+def course(env: Any, steps: int, seed: int) -> list[Any]:
+    """Random valid actions of so many steps; None where the environment is reset."""
+    random = np.random.default_rng(seed)
+    _, info = env.reset(seed=seed)
+    taken: list[Any] = []
+    for _ in range(steps):
+        taken.append(choose(env, info, random))
+        result = env.step(taken[-1])
+        info = result[-1]
+        if over(env, result):
+            taken.append(None)
+            _, info = env.reset()
+    return taken
+
+
+def timed(env: Any, taken: list[Any]) -> float:
+    """Steps a second of a known course."""
+    env.reset(seed=0)
+    begun = time.process_time()
+    for action in taken:
+        if action is None:
+            env.reset()
+        else:
+            env.step(action)
+    steps = sum(action is not None for action in taken)
+    return steps / (time.process_time() - begun)
+
+
+def measure(interface: str, task: str) -> EnvironmentRow:
+    """The figures of one environment."""
+    copies = COPIES if interface == "vector" else 1
+    makers: dict[str, Callable[[], Any]] = {
+        "gymnasium": lambda: RobotouilleEnv(task),
+        "pettingzoo": lambda: parallel_env(task),
+        "vector": lambda: RobotouilleVectorEnv(task, copies),
+    }
+    make, steps = makers[interface], max(10, STEPS // copies)
+    env = make()
+    first, new = course(env, steps, 0), course(env, steps, 9)
+    del env
+    gc.collect()  # the world of those environments is gone, and what it knew
+    env = make()
+    cold = timed(env, first)
+    for seed in range(1, 5):
+        course(env, steps, seed)
+    warmed = timed(env, new)
+    again = max(timed(env, new) for _ in range(3))
+    return EnvironmentRow(interface, task, cold * copies, warmed * copies, again * copies)
+
+
+def main() -> list[EnvironmentRow]:
+    rows = [measure(interface, task) for interface, task in AIMS]
+    print("Environments: steps a second, with masks and vectors")
+    print(f"{'':32}{'new world':>12}{'new walk':>12}{'known walk':>12}{'aim':>12}")
+    for row in rows:
+        aim = AIMS[row.interface, row.task]
+        figures = f"{row.cold:12,.0f}{row.warmed:12,.0f}{row.again:12,.0f}"
+        print(f"{row.interface + ', ' + row.task:32}{figures}{f'{aim:,}' if aim else '':>12}")
+    world = World("multi_agent/10@4")
+    state = world.initial
+    packed, pickled = len(world.pack(state)), len(pickle.dumps(state))
+    print(f"A state of multi_agent/10@4: {packed} bytes packed, {pickled} pickled")
+    return rows
+
+
+if __name__ == "__main__":
+    main()
