@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
-from robotouille import WrongArgumentError
+from robotouille import RobotouilleError, WrongArgumentError, load_task
 from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv
 
 ONE, TEAM = "synchronous/01", "multi_agent/01@2"
@@ -55,6 +55,28 @@ def test_the_last_of_an_episode_is_told() -> None:
     assert truncated.all() and info["_final_obs"].all()
     assert info["final_obs"][0] in envs.single_observation_space
     assert seen in envs.observation_space
+
+
+def test_seeds_are_those_of_the_copies() -> None:
+    """With instances to choose from, the only thing that is random."""
+    names = load_task(ONE).instances()[:2]
+
+    def played(envs: RobotouilleVectorEnv) -> list[str]:
+        return [play.view.world.task.name for play in envs._plays]
+
+    for copies in (1, 3):
+        one, two = (RobotouilleVectorEnv(ONE, copies, instances=names) for _ in range(2))
+        with pytest.raises(RobotouilleError, match="no episode has begun"):
+            one.step(np.zeros(copies, dtype=int))
+        courses = []
+        for envs in (one, two):
+            envs.reset(seed=4)
+            first = played(envs)
+            courses.append([first, *(envs.reset() and played(envs) for _ in range(6))])
+        assert courses[0] == courses[1]
+        assert len({name for each in courses[0] for name in each}) > 1
+        two.reset(seed=[4 + i for i in range(copies)])
+        assert played(two) == courses[0][0]
 
 
 def test_teams() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import pickle
 import random
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -162,3 +164,27 @@ def test_slots_of_ones_own() -> None:
     for wrong, words in (({"wine": 1}, "'wine' is nothing"), ({"water": 0}, "one slot at least")):
         with pytest.raises(RobotouilleError, match=words):
             _ = World("asynchronous/07", slots=wrong).encoding
+
+
+WITHOUT = """
+import sys
+for name in ("gymnasium", "numpy", "pettingzoo"):
+    sys.modules[name] = None
+from robotouille import World
+from robotouille.errors import MissingExtraError
+world = World("synchronous/01")
+assert world.unpack(world.pack(world.initial)) == world.initial
+for ask in (world.initial.vector, world.initial.graph, lambda: world.initial.mask("robot1"),
+            lambda: world.ground_actions("robot1"), lambda: __import__("robotouille.envs")):
+    try:
+        ask()
+    except MissingExtraError as error:
+        assert "pip install 'robotouille[rl]'" in str(error)
+    else:
+        raise AssertionError(ask)
+"""
+
+
+@pytest.mark.process
+def test_without_numpy_the_error_says_what_to_install() -> None:
+    subprocess.run([sys.executable, "-c", WITHOUT], check=True)

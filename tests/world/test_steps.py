@@ -1,5 +1,7 @@
 """A step is a function of a state and a joint action; what is rejected changes nothing."""
 
+import random
+
 import pytest
 
 from robotouille import InapplicableError, State, World, load_task
@@ -186,3 +188,22 @@ def test_the_valid_actions_of_the_first_state_in_order() -> None:
         "Do nothing",
     ]
     assert play(state, "Do nothing") == state
+
+
+@pytest.mark.parametrize("timing", ["benchmark", "people"])
+@pytest.mark.parametrize("name", ["multi_agent/01@2", "multi_agent/07@3", "multi_agent/10@4"])
+def test_the_fast_path_of_several_players_is_a_step(name: str, timing: str) -> None:
+    world, rng = World(load_task(name, timing=timing)), random.Random(3)
+    state = world.initial
+    for _ in range(150):
+        actions = [
+            rng.choice([None, *world.actions(earlier, player), *state.actions(player)])
+            for player in world.players
+            for earlier in (world.initial, state)[rng.randrange(2) :][:1]
+        ]
+        step = state.step(actions)
+        after, applied = world.joint_successor(state, actions)
+        assert after == step.state
+        attempts = iter(step.attempts)
+        assert applied == tuple(a is None or next(attempts).applied for a in actions)
+        state = after

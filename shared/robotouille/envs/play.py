@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import and_
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,13 +144,9 @@ class Play:
             None if number is None else self._valid(state, place, int(number))
             for place, number in enumerate(numbers)
         ]
-        valid = [number is None for number in numbers]
-        step = state.step(chosen)
-        attempts = iter(step.attempts)
-        for place, action in enumerate(chosen):
-            if action is not None:
-                valid[place] = next(attempts).applied
-        return step.state, tuple(valid)
+        after, applied = self.view.world.joint_successor(state, chosen)
+        wanted = (c is not None or n is None for c, n in zip(chosen, numbers, strict=True))
+        return after, tuple(map(and_, applied, wanted))
 
     def _valid(self, state: State, place: int, number: int) -> GroundAction | None:
         """A player's action of a number, if it is valid now."""

@@ -15,7 +15,7 @@ from robotouille.envs.play import Play
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation, Reward
 from robotouille.envs.views import Mask, observation_space
-from robotouille.errors import WrongArgumentError
+from robotouille.errors import RobotouilleError, WrongArgumentError
 
 __all__ = ["RobotouilleVectorEnv"]
 
@@ -79,7 +79,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._randoms: list[np.random.Generator] = [np.random.default_rng()] * num_envs
+        self._randoms: list[np.random.Generator] = []
 
     def action_masks(self) -> Mask:
         """Which actions of each copy are valid now, a row for each."""
@@ -97,7 +97,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
                 one for each.
             options: Those of `RobotouilleEnv.reset`, for each copy.
         """
-        if seed is not None or self._randoms[0] is self._randoms[-1]:
+        if seed is not None or not self._randoms:
             seeds = seed if isinstance(seed, list) else [
                 None if seed is None else seed + i for i in range(self.num_envs)
             ]  # fmt: skip
@@ -113,7 +113,10 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             WrongArgumentError: There is no such action.
             InapplicableError: An action is not valid, and `invalid` is `raise`.
+            RobotouilleError: No episode has begun.
         """
+        if not self._randoms:
+            raise RobotouilleError("reset the environment: no episode has begun")
         rewards = np.zeros(self.num_envs)
         terminated, truncated, valid = np.zeros((3, self.num_envs), dtype=np.bool_)
         numbers = np.asarray(actions).tolist()

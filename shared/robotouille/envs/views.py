@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +24,13 @@ Mask = npt.NDArray[np.int8]
 
 Vector = npt.NDArray[np.float32]
 
+Number = TypeVar("Number", bound=np.generic)
+
 MAX_TEXT = 100_000
 CHARACTERS = frozenset(map(chr, (10, *range(32, 127), *range(160, 384))))
 """What observations in words are made of, and how many letters they have at most."""
 
-MAX_KEPT_BYTES = 32 * 1024 * 1024
+MAX_KEPT_BYTES = 64 * 1024 * 1024
 """Of arrays that an instance's states were found to be; then it begins anew."""
 
 
@@ -82,15 +84,9 @@ class View:
         return found
 
     def _look(self, state: State) -> Seen:
-        vector = np.zeros(self.sizes.vector, dtype=np.float32)
-        vector[: self._encoding.size] = state.vector()
-        masks = []
-        for player, size in zip(self.world.players, self.sizes.actions, strict=True):
-            mask = np.zeros(size, dtype=np.int8)
-            valid = state.mask(player)
-            mask[: len(valid)] = valid
-            masks.append(mask)
-        return Seen(vector, tuple(masks), state.goal_reached)
+        masks = (state.mask(player).view(np.int8) for player in self.world.players)
+        padded = tuple(map(_padded, masks, self.sizes.actions))
+        return Seen(_padded(state.vector(), self.sizes.vector), padded, state.goal_reached)
 
     def action(self, state: State, place: int, number: int) -> GroundAction | None:
         """A player's action of a number; None for one that this instance, or its state, has not."""
@@ -108,6 +104,11 @@ class View:
         nodes, edges, counters = state.graph()
         relations = edges[:, :1].astype(np.float32)
         return GraphInstance(nodes, np.hstack([relations, counters]), edges[:, 1:])
+
+
+def _padded(array: npt.NDArray[Number], size: int) -> npt.NDArray[Number]:
+    """An array with zeros behind it up to a size."""
+    return array if len(array) == size else np.pad(array, (0, size - len(array)))
 
 
 _views: weakref.WeakValueDictionary[tuple[World, Sizes], View] = weakref.WeakValueDictionary()

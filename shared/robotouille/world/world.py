@@ -557,6 +557,39 @@ class World(GroundTask):
             facts = (facts | touched) ^ removed
         return State(self, facts, timers)
 
+    def joint_successor(
+        self, state: State, actions: Iterable[GroundAction | None]
+    ) -> tuple[State, tuple[bool, ...]]:
+        """The state after a step of several players, and which of the actions were applied: the
+        fast path of `step`, without its checks and without reasons.
+
+        Args:
+            state: One of this world.
+            actions: Those of this world, of one player each, in the order in which they apply;
+                None does nothing, and counts as applied.
+
+        Raises:
+            WrongWorldError: An action was made by another world, and that was noticed.
+        """
+        facts, timers, applied = state.facts, state.timers, []
+        for action in actions:
+            if action is None:
+                applied.append(True)
+                continue
+            valid = facts & action.tested == action.required
+            if valid and timers.busy:
+                valid = not timers.busy_steps(action.player)
+            applied.append(valid)
+            if valid:
+                facts = (facts | action.touched) ^ action.removed
+                if action.effects or action.duration > 1:
+                    touched, removed, timers = timers.begin(action, facts)
+                    facts = (facts | touched) ^ removed
+        if timers.entries or timers.busy:
+            touched, removed, timers = timers.tick(facts)
+            facts = (facts | touched) ^ removed
+        return State(self, facts, timers), tuple(applied)
+
     def step(
         self,
         state: State,

@@ -63,6 +63,10 @@ class Encoding:
             player: {action: number for number, action in enumerate(actions)}
             for player, actions in self._actions.items()
         }
+        self._serials = {
+            player: {action.serial: number for number, action in enumerate(actions)}
+            for player, actions in self._actions.items()
+        }
         self._place: dict[EffectLabel, int] = {}
         place = len(self.atoms)
         for effect in self.effects:
@@ -178,9 +182,9 @@ class Encoding:
             for action in valid:
                 mask[self.number(facts, player, action)] = 1
         else:
-            numbers = self._numbers[player]
+            numbers = self._serials[player]  # twice as fast as by the actions themselves
             for action in valid:
-                mask[numbers[action]] = 1
+                mask[numbers[action.serial]] = 1
         return np.frombuffer(mask, dtype=np.bool_)
 
     # States
