@@ -8,8 +8,8 @@ from robotouille import ProtocolError, World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning import solve
 from robotouille.replay import Recording
+from robotouille.replay.analysis.transitions import Transition
 from robotouille.replay.recorder import Recorder, header
-from robotouille.replay.transitions import Transition
 
 TEAM = World("multi_agent/01")
 BAD = "place-item(robot1, lettuce1, table1)"

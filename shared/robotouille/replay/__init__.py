@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille.replay.measures import Measures, SeatMeasures
+    from robotouille.replay.analysis.measures import Measures, SeatMeasures
+    from robotouille.replay.analysis.transitions import Transition
     from robotouille.replay.recorder import Recorder, header
     from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
     from robotouille.replay.rejection_notes import rejection_kind, rejections
-    from robotouille.replay.transitions import Transition
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -21,8 +21,8 @@ else:
         "robotouille.replay.recorder",
         "robotouille.replay.recording",
         "robotouille.replay.rejection_notes",
-        "robotouille.replay.transitions",
-        "robotouille.replay.measures",
+        "robotouille.replay.analysis.transitions",
+        "robotouille.replay.analysis.measures",
     )
 
 __all__ = [

@@ -11,6 +11,8 @@ from typing import Any
 from robotouille.domain.task import Task
 from robotouille.errors import RecordingError, RobotouilleError, UnknownNameError
 from robotouille.protocol.states import StateReader, StateWriter
+from robotouille.replay.analysis.measures import Measures, measures
+from robotouille.replay.analysis.transitions import Transition, transitions
 from robotouille.replay.container import (
     MAGIC,
     MAX_FILE,
@@ -24,9 +26,7 @@ from robotouille.replay.container import (
     version_of,
 )
 from robotouille.replay.frame_schema import check_frame
-from robotouille.replay.measures import Measures, measures
 from robotouille.replay.recorder import keyframe, step_frames
-from robotouille.replay.transitions import Transition, transitions
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
 from robotouille.world.world import State, Step, World
