@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import ProtocolError, World
+from robotouille import ProtocolError, State, World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning import solve
 from robotouille.replay import Recording
 from robotouille.replay.analysis.transitions import Transition
 from robotouille.replay.recorder import Recorder, header
+from robotouille.world.grounding.objects import Atom
 
 TEAM = World("multi_agent/01")
 BAD = "place-item(robot1, lettuce1, table1)"
@@ -94,3 +95,26 @@ def test_stale_answers_are_there() -> None:
     assert isinstance(row, Transition)
     assert (row.action, row.valid, row.text) == (None, False, "99")
     assert row.reasons == ("step 0 is past",)
+
+
+def test_what_chance_took_back_is_in_the_next_state() -> None:
+    world = World("synchronous/01")
+
+    def undone(state: State) -> list[Atom]:
+        return [atom for atom in state.atoms() if atom[0] == "has_item"]
+
+    rules = Rules()
+    episode, recorder = Episode(world, rules, undone=undone), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="e"))
+    episode.join("robot1", "ada", "bot", 0.0)
+    for seq, name in enumerate(("move", "pick-up-item", "wait"), 1):
+        actions = episode.state.actions("robot1")
+        wanted = [a for a in actions if a.name == name and "table1" in a.arguments[2:]]
+        episode.submit("robot1", seq, (wanted or list(actions[-1:]))[0], float(seq))
+    recording = Recording(stream + recorder.record(episode.events()))
+    rows = list(recording.transitions())
+    states = [state for _, state in recording.states()]
+    assert [row.state for row in rows] == states[:-1]
+    assert [row.next_state for row in rows] == states[1:]
+    assert rows[1].action is not None and rows[1].action.name == "pick-up-item"
+    assert not any(atom[0] == "has_item" for atom in rows[1].next_state.atoms())
