@@ -188,8 +188,8 @@ def test_copies_go_on_alike(task: str, observation: str) -> None:
     assert len(pickle.dumps(env)) < 20_000
 
 
-def test_ten_thousand_environments_share_what_is_large() -> None:
-    envs = [RobotouilleEnv(load_task(ONE)) for _ in range(300)]
+def test_environments_share_what_is_large() -> None:
+    envs = [RobotouilleEnv(load_task(ONE)) for _ in range(5)]
     assert len({id(env.world) for env in envs}) == 1
     assert len({id(env._play.view) for env in envs}) == 1
 

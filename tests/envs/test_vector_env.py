@@ -92,6 +92,15 @@ def test_teams() -> None:
     assert np.array_equal(envs.action_masks(), info["action_mask"])
 
 
+def test_ten_thousand_fit_into_a_process() -> None:
+    envs = RobotouilleVectorEnv(ONE, 10_000)
+    _, info = envs.reset(seed=1)
+    actions = info["action_mask"].argmax(axis=1)
+    seen, _, _, _, info = envs.step(actions)
+    assert len(np.unique(seen, axis=0)) == 1 and info["valid"].all()
+    assert len({id(play.view) for play in envs._plays}) == 1
+
+
 def test_it_is_made_by_name() -> None:
     name = "robotouille/synchronous-01-v0"
     envs = gymnasium.make_vec(name, 4, vectorization_mode="vector_entry_point")

@@ -35,11 +35,15 @@ class Play:
 
     `view` is the instance that is played; `steps` are those of this episode, `over` says that it
     has ended, or none has begun.
+
+    Args:
+        rules: The environment's.
+        views: Those of the rules' instances, where they are known.
     """
 
-    def __init__(self, rules: EnvRules) -> None:
+    def __init__(self, rules: EnvRules, views: tuple[View, ...] | None = None) -> None:
         self.rules = rules
-        self.views = views_of(rules.tasks(), rules.slots)
+        self.views = views or views_of(rules.tasks(), rules.slots)
         self.view = self.views[0]
         self.players = self.view.world.players
         self._state: State | None = None

@@ -65,7 +65,8 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         rules = EnvRules(task, **options)
         if rules.observation is not Observation.VECTOR:
             raise WrongArgumentError("observation: copies in one process see vectors")
-        self._plays = [Play(rules) for _ in range(num_envs)]
+        first = Play(rules)
+        self._plays = [first, *(Play(rules, first.views) for _ in range(num_envs - 1))]
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
         self.num_envs = num_envs
