@@ -22,7 +22,12 @@ class Game(GameReplica):
         self._news = asyncio.Event()
 
     def submit(
-        self, action: ActionRequest, *, think_ms: int = 0, reasoning: str | None = None
+        self,
+        action: ActionRequest,
+        *,
+        think_ms: int = 0,
+        reasoning: str | None = None,
+        anticipates: bool = False,
     ) -> asyncio.Future[ActResult]:
         """Send an action (None: do nothing); the future tells what became of it.
 
@@ -34,20 +39,33 @@ class Game(GameReplica):
                 of valid ones.
             think_ms: Milliseconds of thought, which count where thinking is declared.
             reasoning: Is recorded, and shown to nobody; at most 8,000 characters.
+            anticipates: It need not be valid yet: another's action in the same step is to make it
+                so. A server that does not know this rejects it where it is not.
 
         Raises:
             ProtocolError: `seat/none`: spectators do not act.
             ValueError: The message cannot have such an argument.
         """
         loop = asyncio.get_running_loop()
-        seq = self.propose(action, loop.time(), think_ms=think_ms, reasoning=reasoning)
+        seq = self.propose(
+            action,
+            loop.time(),
+            think_ms=think_ms,
+            reasoning=reasoning,
+            anticipates=anticipates,
+        )
         future = self._futures[seq] = loop.create_future()
         self.wake()
         self._flush()
         return future
 
     async def act(
-        self, action: ActionRequest, *, think_ms: int = 0, reasoning: str | None = None
+        self,
+        action: ActionRequest,
+        *,
+        think_ms: int = 0,
+        reasoning: str | None = None,
+        anticipates: bool = False,
     ) -> ActResult:
         """Send an action and wait until it was taken into a step or rejected.
 
@@ -57,7 +75,9 @@ class Game(GameReplica):
             ProtocolError: `seat/none`: spectators do not act.
             ValueError: The message cannot have such an argument.
         """
-        return await self.submit(action, think_ms=think_ms, reasoning=reasoning)
+        return await self.submit(
+            action, think_ms=think_ms, reasoning=reasoning, anticipates=anticipates
+        )
 
     def say(self, text: str) -> None:
         """Say something to everybody in the episode.

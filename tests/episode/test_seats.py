@@ -25,7 +25,7 @@ def pending(player: str, seq: int, order: int, due_step: int = 0) -> PendingActi
 def test_moves_come_in_seat_order_or_in_that_of_their_arrival() -> None:
     for by_arrival, players in ((False, [ADA, BOB]), (True, [BOB, ADA])):
         seats = [seat(ADA, pending(ADA, 1, order=2)), seat(BOB, pending(BOB, 4, order=1))]
-        moves, idle = joint_action(seats, 0, by_arrival=by_arrival)
+        moves, idle = joint_action(seats, STATE, 0, by_arrival=by_arrival)
         assert [move.player for move in moves] == players
         assert idle == ()
         assert [one.pending for one in seats] == [None, None]
@@ -34,9 +34,9 @@ def test_moves_come_in_seat_order_or_in_that_of_their_arrival() -> None:
 
 def test_a_decision_for_later_waits() -> None:
     sat = seat(ADA, pending(ADA, 1, order=1, due_step=2))
-    assert joint_action([sat], 1, by_arrival=False) == ((), ())
+    assert joint_action([sat], STATE, 1, by_arrival=False) == ((), ())
     assert sat.pending is not None
-    moves, _ = joint_action([sat], 2, by_arrival=False)
+    moves, _ = joint_action([sat], STATE, 2, by_arrival=False)
     assert (len(moves), sat.answer) == (1, ActionAnswer(1, 3))
 
 
@@ -45,7 +45,7 @@ def test_nothing_is_a_decision_of_a_participant_and_none_of_a_stand_in() -> None
         seat(ADA, PendingAction(None, 3, 0.0, 1, 0)),
         seat(BOB, PendingAction(None, 0, 0.0, 2, 0)),
     ]
-    assert joint_action(seats, 5, by_arrival=False) == ((), ((ADA, 3),))
+    assert joint_action(seats, STATE, 5, by_arrival=False) == ((), ((ADA, 3),))
     assert [one.answer for one in seats] == [ActionAnswer(3, 6), ActionAnswer(0, 0)]
 
 

@@ -70,6 +70,7 @@ class GameReplica:
         self.pause: messages.Pause | None = None
         self.waits_for: tuple[str, ...] = ()
         self.said = joined.said
+        self.can_anticipate = joined.anticipates
         self._reader: StateReader | None = None
         self._seq = joined.seq
         self._undecided: set[int] = set()
@@ -151,7 +152,13 @@ class GameReplica:
     # Acting
 
     def propose(
-        self, action: ActionRequest, now: float, *, think_ms: int = 0, reasoning: str | None = None
+        self,
+        action: ActionRequest,
+        now: float,
+        *,
+        think_ms: int = 0,
+        reasoning: str | None = None,
+        anticipates: bool = False,
     ) -> int:
         """An action is to be sent (None: do nothing); `results` tell of its number what became
         of it.
@@ -171,6 +178,7 @@ class GameReplica:
             basis=self.step,
             think_ms=think_ms,
             reasoning=reasoning,
+            anticipates=anticipates and self.can_anticipate,
         )
         if self.ended:
             self._results.append(

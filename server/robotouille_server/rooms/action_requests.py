@@ -57,7 +57,13 @@ class ActionRequests:
             self._episode.reject(player, seq, words, error, now, reasoning=reasoning)
         else:
             self._episode.submit(
-                player, seq, action, now, think_ms=request.think_ms, reasoning=reasoning
+                player,
+                seq,
+                action,
+                now,
+                think_ms=request.think_ms,
+                reasoning=reasoning,
+                anticipates=request.anticipates,
             )
         session.recorded_bytes += len(reasoning.encode())
 

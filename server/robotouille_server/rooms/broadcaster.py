@@ -133,7 +133,7 @@ class Broadcaster:
         joined = messages.Joined(
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
             name=session.name, seq=self._seq(session), step=self._episode.step,
-            said=self._episode.said, resume=resume,
+            said=self._episode.said, resume=resume, anticipates=True,
         )  # fmt: skip
         self.send(session, joined)
 

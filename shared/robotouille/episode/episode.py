@@ -249,6 +249,7 @@ class Episode(EpisodeState):
         *,
         think_ms: int = 0,
         reasoning: str = "",
+        anticipates: bool = False,
     ) -> None:
         """A seat's action for the next step; None decides to do nothing.
 
@@ -261,6 +262,8 @@ class Episode(EpisodeState):
                 (`Seat.answer` tells its fate); a lower one is stale.
             think_ms: Milliseconds of thought, which count where thinking is declared.
             reasoning: Is recorded, and shown to nobody.
+            anticipates: Another's action in the same step is to make this one possible: its
+                preconditions are not looked at before its turn in the step, which is after that.
 
         Raises:
             ProtocolError: `seat/unknown`, `episode/waiting`, `episode/over` or `action/stale`; or
@@ -278,7 +281,7 @@ class Episode(EpisodeState):
                 unmet = only_words(str(error))
                 self._reject(seat, seq, text, unmet, now, reasoning, ACTION_UNKNOWN)
                 return
-        if unmet := self._faults(seat, action):
+        if unmet := self._faults(seat, action, anticipates=anticipates):
             self._reject(seat, seq, _sentence(action), unmet, now, reasoning, text=text)
             return
         pending = seat.pending
@@ -286,7 +289,8 @@ class Episode(EpisodeState):
             superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
             words = _sentence(pending.action)
             self._reject(seat, pending.seq, words, (superseded,), now, pending.reasoning)
-        self._decide(seat, action, seq, now, self._clock.delay(think_ms), reasoning)
+        delay = self._clock.delay(think_ms)
+        self._decide(seat, action, seq, now, delay, reasoning, anticipates=anticipates)
 
     def reject(
         self,
@@ -345,11 +349,14 @@ class Episode(EpisodeState):
         now: float,
         delay: int = 0,
         reasoning: str = "",
+        anticipates: bool = False,
     ) -> None:
         self._arrivals += 1
         latency = max(0.0, now - seat.asked_at)
         due = self.step + delay
-        seat.pending = PendingAction(action, seq, latency, self._arrivals, due, reasoning)
+        seat.pending = PendingAction(
+            action, seq, latency, self._arrivals, due, reasoning, anticipates
+        )
         self._take_decided_steps(now)
 
     def _check_begun(self) -> None:
@@ -359,7 +366,9 @@ class Episode(EpisodeState):
             raise ProtocolError("episode/waiting", message, "episode")
         self._check_open()
 
-    def _faults(self, seat: Seat, action: GroundAction | None) -> tuple[Unmet, ...]:
+    def _faults(
+        self, seat: Seat, action: GroundAction | None, *, anticipates: bool = False
+    ) -> tuple[Unmet, ...]:
         """Why an action cannot be taken; empty if it can."""
         turn = self.on_turn
         if turn is not None and turn != seat.player:
@@ -369,7 +378,7 @@ class Episode(EpisodeState):
         if action.player is not None and action.player != seat.player:
             words = f"{action.player} is not yours to move: you play {seat.player}"
             return (Unmet(UnmetKind.SEAT, words, objects=(action.player,)),)
-        if self.world.applicable(self.state, action):
+        if anticipates or self.world.applicable(self.state, action):
             return ()
         return self.world.unmet(self.state, action)
 
@@ -449,7 +458,9 @@ class Episode(EpisodeState):
             self._take_step(at)
 
     def _take_step(self, now: float) -> None:
-        moves, idle = joint_action(self.seats.values(), self.step, by_arrival=self.scheduled)
+        moves, idle = joint_action(
+            self.seats.values(), self.state, self.step, by_arrival=self.scheduled
+        )
         if not self._end_if_finished(now, goal=self._transition(moves, idle, self._elapsed(now))):
             self._start_move_timer(now)
 

@@ -26,7 +26,7 @@ __all__ = ["ActionAnswer", "PendingAction", "Seat", "joint_action", "tally"]
 @dataclass(slots=True)
 class PendingAction:
     """An action that waits for its step; None is the decision to do nothing. A stand-in's has
-    the sequence number 0."""
+    the sequence number 0. One that `anticipates` is to be made possible by another's."""
 
     action: GroundAction | None
     seq: int
@@ -34,6 +34,7 @@ class PendingAction:
     order: int
     due_step: int
     reasoning: str = ""
+    anticipates: bool = False
 
 
 class ActionAnswer(NamedTuple):
@@ -170,12 +171,14 @@ class Seat:
 
 
 def joint_action(
-    seats: Collection[Seat], step: int, *, by_arrival: bool
+    seats: Collection[Seat], state: State, step: int, *, by_arrival: bool
 ) -> tuple[tuple[Move, ...], tuple[tuple[str, int], ...]]:
     """What all seats do in the step after `step`: their moves, in the order in which they decided
-    or else in seat order; and the decisions to do nothing, with their sequence numbers."""
+    or else in seat order, those that anticipate after those that make them possible; and the
+    decisions to do nothing, with their sequence numbers."""
     idle = []
     ready = []
+    anticipating = set()
     for seat in seats:
         pending = seat.take_pending(step)
         if pending is None:
@@ -184,11 +187,30 @@ def joint_action(
         if action is not None:
             move = Move(seat.player, action, pending.seq, pending.latency, pending.reasoning)
             ready.append((pending.order, move))
+            if pending.anticipates:
+                anticipating.add(seat.player)
         elif pending.seq > 0:
             idle.append((seat.player, pending.seq))
     if by_arrival and len(ready) > 1:
         ready.sort(key=lambda pair: pair[0])
-    return tuple([move for _, move in ready]), tuple(idle)
+    moves = [move for _, move in ready]
+    return tuple(_arranged(state, moves, anticipating) if anticipating else moves), tuple(idle)
+
+
+def _arranged(state: State, moves: list[Move], anticipating: Collection[str]) -> list[Move]:
+    """The moves, each that anticipates as soon as it is possible after others; else last."""
+    arranged = [move for move in moves if move.player not in anticipating]
+    late = [move for move in moves if move.player in anticipating]
+    while late:
+        move = next((m for m in late if _applies(state, [*arranged, m])), late[0])
+        late.remove(move)
+        arranged.append(move)
+    return arranged
+
+
+def _applies(state: State, moves: Collection[Move]) -> bool:
+    """Whether the last of some moves would be applied."""
+    return state.step([move.action for move in moves]).attempts[-1].applied
 
 
 def tally(seats: Collection[Seat], applied: Mapping[str, bool], turn: str | None) -> None:

@@ -211,7 +211,8 @@ class Act(Message):
 
     `seq` rises by at least one with each new action; the same again is the same action. `basis`
     is the step the choice was made on. `think_ms` is the declared thinking time, `reasoning` is
-    recorded and shown to nobody.
+    recorded and shown to nobody. An action that `anticipates` need not be valid yet: another's
+    action in the same step is to make it so.
     """
 
     type: Literal["act"] = "act"
@@ -220,6 +221,7 @@ class Act(Message):
     basis: Position | None = None
     think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = 0
     reasoning: Annotated[str, Field(max_length=8000)] | None = None
+    anticipates: bool = False
 
 
 class Say(Message):
@@ -393,7 +395,7 @@ class Joined(FromServer):
     what cannot be seen, and with a number where somebody else has it. `seq` is the seat's last
     sequence number: the next action's is higher. `said` is the number of chat messages so far.
     `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
-    server is started anew meanwhile.
+    server is started anew meanwhile. `anticipates` says that the server knows this field of `act`.
     """
 
     type: Literal["joined"] = "joined"
@@ -407,6 +409,7 @@ class Joined(FromServer):
     step: int = 0
     said: int = 0
     resume: Token | None = None
+    anticipates: bool = False
 
 
 class Moved(FromServer):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from robotouille.planners.kitchen.plan_ends import shorten_ends
 from robotouille.planners.kitchen.search.nodes import (
     COUNT,
     CUT,
@@ -39,7 +42,7 @@ class KitchenAnytimeSearch:
     """A search from one state of a kitchen, by one player or two.
 
     One player has a plan at once, then the shortest. Two get another one, where theirs is not near
-    to what is proven.
+    to what is proven, and shorter ends for both.
     """
 
     def __init__(self, search: KitchenSearch) -> None:
@@ -52,7 +55,14 @@ class KitchenAnytimeSearch:
     def improve(self, known: Plan | None, limits: Limits) -> SearchResult:
         if self._alone:
             return self._search.solve(limits)
-        return _weighted(self._search, known, limits)
+        found = _weighted(self._search, known, limits)
+        plans = [plan for plan in (found.plan, known) if plan is not None]
+        if not plans or len(known or ()) == found.bound:
+            return found
+        ends = [shorten_ends(plan, self._search.start, limits) for plan in plans]
+        spent = found.expansions + sum(expansions for _, expansions in ends)
+        best = min((plan for plan, _ in ends), key=len)
+        return replace(found, plan=best, expansions=spent)
 
 
 def _greedy_best_first(search: KitchenSearch, limits: Limits) -> SearchResult:
