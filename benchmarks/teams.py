@@ -1,34 +1,98 @@
-"""Planner bots in teams: steps by the certified plan, with a person who stands still, over sockets.
+"""Planner bots in teams: steps by the certified plan, and with a person who stands still.
 
-    python -m benchmarks.teams                      # every multi-agent task, 2, 3 and 4 bots
-    python -m benchmarks.teams --idle               # each seat in turn a person who stands still
-    python -m benchmarks.teams --network 01 04@3    # real servers and sockets, in lockstep
-    python -m benchmarks.teams --seats 2 --clock realtime 01 09
+    python -m benchmarks.teams                            # all multi-agent tasks, 2, 3 and 4 bots
+    python -m benchmarks.teams --idle                     # each seat in turn stands still
+    python -m benchmarks.teams --network --clock realtime --seats 2 -- 01 04
 
-In process the bots are asked as over the network: what is refused is decided anew, and what they
-say is heard by all. Thinking is in plain Python, as bots think.
+In process the bots are told what they are told over the network, in its order; with `--network`
+each plays over a socket of a real server. They think in plain Python, as bots do.
 """
 
 from __future__ import annotations
 
 import argparse
-import asyncio
 import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from robotouille import World, load_task
-from robotouille.certification.dataset import task_certificate
-from robotouille.domain.task import Task
-from robotouille.episode import Clock, Outcome
+from robotouille import load_certificate, load_task
+from robotouille.episode import Clock
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.support.bot_games import finish
 from tests.support.team_games import Idle, play_team
 from tests.support.virtual_time import run
+
+LIMIT = 200
+NUMBERS = [f"{number:02d}" for number in range(1, 11)]
+
+
+def together(name: str, clock: Clock) -> dict[str, Any]:
+    """The outcome of a game of planner bots in this process."""
+    outcome = play_team(name, clock=clock, limit=LIMIT).outcome
+    return outcome.to_json() if outcome is not None else {}
+
+
+def over_network(name: str, clock: Clock) -> dict[str, Any]:
+    """The outcome of such a game on a server, in virtual time."""
+    seats = load_task(name).seats
+    bot = policy_maker(BotKind.PLANNER)
+    options = {"timing": "benchmark"} if clock is Clock.REALTIME else {}
+    with tempfile.TemporaryDirectory() as folder:
+        return run(finish(Path(folder), name, clock, seats, bot, **options))  # type: ignore[no-any-return]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("tasks", nargs="*", default=NUMBERS, help="01 to 10; all if left out")
+    parser.add_argument("--seats", type=int, nargs="+", default=[2, 3, 4])
+    parser.add_argument("--clock", type=Clock, default=Clock.LOCKSTEP)
+    parser.add_argument("--idle", action="store_true", help="with a person who stands still")
+    parser.add_argument("--network", action="store_true", help="over sockets of a real server")
+    options = parser.parse_args(arguments)
+    for number in options.tasks:
+        for seats in options.seats:
+            name = f"multi_agent/{number}@{seats}"
+            if options.idle:
+                with_idle(name, seats, options.clock)
+            else:
+                tell(name, options.clock, options.network)
+
+
+def tell(name: str, clock: Clock, network: bool) -> None:
+    """Play one task, and print how many steps that took."""
+    length = load_certificate(load_task(name)).length or 0
+    begun = time.perf_counter()
+    outcome = over_network(name, clock) if network else together(name, clock)
+    spent = time.perf_counter() - begun
+    steps, rejected = outcome["steps"], sum(seat["rejected"] for seat in outcome["seats"])
+    print(
+        f"{name:18} {outcome['reason']:10} {steps:4} steps, certified {length:3}:"
+        f" {steps / length:5.2f} ×, {rejected} rejected, {spent:.0f} s",
+        flush=True,
+    )
+
+
+def with_idle(name: str, seats: int, clock: Clock) -> None:
+    """Play one task with each seat in turn a person who stands still, and print what came of it."""
+    for idle in load_task(name).players[:seats]:
+        begun = time.perf_counter()
+        game = play_team(name, {idle: Idle(idle)}, clock=clock, limit=LIMIT)
+        spent = time.perf_counter() - begun
+        outcome = game.outcome
+        asked = [text for _, _, text in game.said if text.startswith("I need")]
+        if outcome is not None:
+            print(
+                f"{name:18} {idle} stands: {outcome.reason.value:10} {outcome.steps:4} steps,"
+                f" {sum(t.rejected for t in outcome.seats)} rejected, {spent:.0f} s {asked[:1]}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

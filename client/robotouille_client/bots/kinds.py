@@ -7,12 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robotouille.errors import Fault, FileError, RobotouilleError
-from robotouille.program import tell
 
 if TYPE_CHECKING:
-    from robotouille.planning.policies.planner_policy import PlannerPolicy
     from robotouille.planning.policies.policy import Policy
-    from robotouille.world.grounding.actions import GroundAction
     from robotouille.world.world import State
     from robotouille_client.bots.player import MakePolicy
 
@@ -39,28 +36,11 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
             return RandomPolicy(player, seed)
         if kind is BotKind.SCRIPTED:
             return _scripted(state, player, plan)
-        from robotouille.planning.policies.planner_policy import PlannerPolicy
+        from robotouille_client.bots.planner import TellingPlanner
 
-        return _Telling(PlannerPolicy(state.world, player, seed=seed), player)
+        return TellingPlanner(state.world, player, seed=seed, start=state)
 
     return make
-
-
-class _Telling:
-    """A planner that says when it finds no plan, and when it has one again."""
-
-    def __init__(self, planner: PlannerPolicy, player: str) -> None:
-        self._planner = planner
-        self._player = player
-        self.observe = planner.observe
-
-    def act(self, state: State) -> GroundAction | None:
-        had_plan = self._planner.has_plan
-        action = self._planner.act(state)
-        if self._planner.has_plan != had_plan:
-            found = "has a plan again" if self._planner.has_plan else "finds no plan from here"
-            tell(f"{self._player} {found}", err=True)
-        return action
 
 
 def _scripted(state: State, player: str, plan: Path | None) -> Policy:

@@ -6,11 +6,11 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from robotouille.planning.policies.policy import Policy
+from robotouille.planning.policies.policy import Policy, TeamPolicy
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 from robotouille_client.game import Game
-from robotouille_client.sansio.game_events import Changed, GameEvent
+from robotouille_client.sansio.game_events import Changed, GameEvent, Heard, RosterChanged
 
 __all__ = ["MakePolicy", "play"]
 
@@ -46,6 +46,7 @@ class _Player:
                 self._policy = self._make_policy(
                     self._copy(self._game.state), self._game.seat or ""
                 )
+                self._meet()
             for event in self._game.poll():
                 self._heed(event)
             if self._game.has_state and self._game.my_move and self._decided < self._game.step:
@@ -54,8 +55,29 @@ class _Player:
                 self._heed(await self._game.next_event())
 
     def _heed(self, event: GameEvent) -> None:
-        if isinstance(event, Changed) and event.did and self._policy is not None:
-            self._policy.observe(event.did)
+        policy = self._policy
+        if policy is None:
+            return
+        if isinstance(event, Changed) and event.previous is not None:
+            policy.observe(event.did)
+        if not isinstance(policy, TeamPolicy):
+            return
+        if isinstance(event, Heard) and event.seat:
+            policy.hear(event.seat, event.text)
+        if isinstance(event, RosterChanged):
+            self._meet()
+        self._say(policy)
+
+    def _meet(self) -> None:
+        """Tell the policy who plays, and have it say what it has to say."""
+        if isinstance(self._policy, TeamPolicy) and self._game.seats:
+            kinds = {seat.player: str(seat.controller) for seat in self._game.seats}
+            self._policy.meet(kinds, str(self._game.clock["clock"]))
+            self._say(self._policy)
+
+    def _say(self, policy: TeamPolicy) -> None:
+        for text in policy.speak():
+            self._game.say(text)
 
     async def _move(self) -> None:
         """Decide and act once. What was rejected is decided anew, but not for ever."""
@@ -63,7 +85,17 @@ class _Player:
         action = await self._decide(game.state) if self._tries < MAX_TRIES else None
         if game.ended or not game.my_move:
             return
-        if action is not None and not game.world.applicable(game.state, action):
+        policy = self._policy
+        anticipates = isinstance(policy, TeamPolicy) and policy.anticipating
+        if isinstance(policy, TeamPolicy):
+            self._say(policy)
+        if anticipates and (game.step != step or not game.can_anticipate):
+            action, anticipates = None, False
+        if (
+            action is not None
+            and not anticipates
+            and not game.world.applicable(game.state, action)
+        ):
             self._tries += 1
             return
         if (
@@ -73,7 +105,7 @@ class _Player:
         ):
             self._decided, self._tries = step, 0
             return
-        result = await game.act(action)
+        result = await game.act(action, anticipates=anticipates)
         if result.applied:
             self._decided, self._tries = step, 0
         else:

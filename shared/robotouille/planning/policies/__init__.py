@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from robotouille.planning.policies.planner_policy import PlannerPolicy
-    from robotouille.planning.policies.policy import Policy, RandomPolicy
+    from robotouille.planning.policies.policy import Policy, RandomPolicy, TeamPolicy
     from robotouille.planning.policies.script import Did, Script
 else:
     from robotouille.lazy_exports import lazy_exports
@@ -24,4 +24,5 @@ __all__ = [
     "Policy",
     "RandomPolicy",
     "Script",
+    "TeamPolicy",
 ]

@@ -1,20 +1,33 @@
 """A seat that plans for itself: alone, or with others that plan alike.
 
 Planners in several seats make the same plan from the same state, each for the whole team, and each
-plays its own part: they work together without a word. A seat that does something else, or keeps the
-others waiting, is no longer counted on; those that are left plan around it, anew whenever it gets
-in their way.
+plays its own part. What makes them plan anew is something that all of them are told, in the same
+order: an action that the plan does not say, a step too many in which nothing goes on, somebody who
+comes or says something. So they plan from the same state, whenever each gets around to it.
+
+Whoever is not of the team is taken to stand still. Those that are left plan around them, anew
+whenever they get in the way; where there is no way, they ask for it, and make way themselves.
 """
 
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping
 
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.script import Did, Script
-from robotouille.planning.search_result import Limits
+from robotouille.planning.policies.standing import standing_at, walks_aside
+from robotouille.planning.policies.team_talk import (
+    VERSION,
+    announced_version,
+    announcement,
+    intention,
+    request,
+    requested,
+)
+from robotouille.planning.search_result import Limits, SearchResult
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
@@ -27,8 +40,32 @@ ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
 """What may be spent on a decision, or on a plan for two, to find a shorter plan: about 0.1 s for
 one player and 0.5 s for two in plain Python."""
 
-PATIENCE = 4
-"""Decisions that a seat waits, while nobody does anything, before it plans anew."""
+ATTEMPTS = 3
+"""Plans that are made for a team where nobody is in a hurry; the shortest is followed."""
+
+NEAR = 1.11
+"""By how much a plan may be longer than what is proven before a team makes another."""
+
+PATIENCE = 2
+"""Steps for each seat in which nothing goes on, before a team plans anew."""
+
+SLOW = 10
+"""How much more of them a team waits in real time for one of it that thinks."""
+
+MAX_CATCHING_UP = 3
+"""Plans that are made for one decision, because what was done meanwhile was something else."""
+
+RETRY = 5
+"""Steps after which a plan is sought again where there was none, if others have moved."""
+
+ASK_AGAIN, TELL_AGAIN = 20, 6
+"""Steps between two requests to make way, and between two intentions that are told."""
+
+YIELDING = 4
+"""Steps for which somebody who has made way stays away."""
+
+TOLD = 3
+"""Actions of an intention."""
 
 
 class PlannerPolicy:
@@ -36,6 +73,8 @@ class PlannerPolicy:
 
     One seed, one course: nothing here reads a clock. `alone` counts on nobody else from the start,
     which makes decisions quicker; so does an `anytime` of the task that knows it already.
+
+    `anticipating` says of the last action that another's in the same step is to make it possible.
     """
 
     def __init__(
@@ -47,21 +86,34 @@ class PlannerPolicy:
         expansions: int = EXPANSIONS,
         alone: bool = False,
         anytime: AnytimePlanner | None = None,
+        start: State | None = None,
     ) -> None:
-        self._player = player
-        self._seed = seed
+        self.player = player
         self._expansions = expansions
         self._random = random.Random(f"{seed}:{player}")
         self._team = {player} if alone else set(world.players)
-        self._alone = len(self._team) == 1
+        self._unlike: set[str] = set()
+        self._known: Mapping[str, str] = {}
         self._only = len(world.players) == 1
+        self._seed = seed if alone or self._only else 0
         self._punctual = world.task.timing is Timing.BENCHMARK
+        self._hurried = not self._punctual
+        self._lockstep = False
+        self._patience = PATIENCE * len(world.players)
         self._anytime = anytime or AnytimePlanner(World(world.task))
-        self._script: Script | None = None
+        self._world = world
+        self._state = start
+        self._said = [] if alone or self._only else [announcement()]
+        self.anticipating = False
+        self._has_plan = True
         self._steps_left = 0
         self._may_improve = False
-        self._waited = 0
-        self._has_plan = True
+        self._step = self._asked = self._told = self._planned = 0
+        self._asked = self._told = -ASK_AGAIN
+        self._yielding: dict[str, int] = {}
+        self._plan_anew()
+
+    # What the seat is told, in the same order as all others
 
     @property
     def has_plan(self) -> bool:
@@ -69,53 +121,202 @@ class PlannerPolicy:
         it can, and then does nothing but make way for others."""
         return self._has_plan
 
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        """Who moves each player now: `bot`, `human`, `model` and the like; and the clock. Only
+        bots are counted on."""
+        self._lockstep = clock == "lockstep"
+        self._hurried = clock == "realtime"
+        if self._only or self._team == {self.player} and not self._said and not self._known:
+            return
+        before, self._known = self._known, dict(kinds)
+        for player, kind in kinds.items():
+            if player == self.player or kind == before.get(player, "bot"):
+                continue
+            self._unlike.discard(player)
+            if kind == "bot":
+                self._team.add(player)
+            elif kind:
+                self._leave_out({player})
+
+    def hear(self, player: str, text: str) -> None:
+        """What somebody says: a bot that plans alike, or a person who wants to get somewhere."""
+        version = announced_version(text)
+        if version == VERSION:
+            self._unlike.discard(player)
+            self._team |= {p for p in self._world.players if self._counted_on(p)}
+            if self._step:
+                self._plan_anew()
+        elif version is not None:
+            self._unlike.add(player)
+            self._leave_out({player})
+        elif player not in self._team and self._state is not None:
+            for mate in sorted(self._team):
+                station = standing_at(self._state, mate)
+                if station is not None and requested(text, station, self._world):
+                    self._yielding[mate] = self._step + YIELDING
+
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
+        self._step += 1
         self._steps_left -= 1
+        own = [(player, self._own(action), applied) for player, action, applied in did]
+        if self._state is not None:
+            self._state = self._state.step([a for _, a, applied in own if applied]).state
+        self._since.append(own)
+        outsiders_acted = any(ok and player not in self._team for player, _, ok in did)
         if self._script is None:
             return
-        self._script.observe(did)
-        astray = (self._script.astray & self._team) - {self._player}
-        if astray or self._player in self._script.astray:
-            self._team -= astray
-            self._script = None
-        busy = {player for player, action, applied in did if applied and _does_something(action)}
-        if busy & self._team:
-            self._waited = 0
+        self._script.observe(own)
+        if self._heed_astray():
+            return
+        if not self._has_plan:
+            if outsiders_acted and self._step - self._planned >= RETRY:
+                self._plan_anew()
+        elif self._state is not None:
+            self._heed_delay(self._state, own, outsiders_acted)
+
+    def speak(self) -> list[str]:
+        """What there is to be said since this was last asked."""
+        said, self._said = self._said, []
+        return said
+
+    def _counted_on(self, player: str) -> bool:
+        return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
+
+    def _own(self, action: GroundAction) -> GroundAction:
+        """An action of another copy of the world."""
+        if action.source is self._world:
+            return action
+        self._world.admit(action.arguments)
+        return self._world.action(action.name, *action.arguments)
+
+    def _plan_anew(self) -> None:
+        """Plan from here, once an action is asked for."""
+        self._script: Script | None = None
+        self._base = self._state
+        self._since: list[Did] = []
+        self._stuck = 0
+        self._blocked = 0
+
+    def _leave_out(self, players: set[str]) -> None:
+        """Do not count on some players any more."""
+        players = players & self._team - {self.player}
+        if players:
+            self._team -= players
+            self._plan_anew()
+
+    def _heed_astray(self) -> bool:
+        """Plan anew where somebody of the team does what the plan does not say."""
+        astray = self._script.astray & self._team if self._script is not None else set()
+        if not astray:
+            return False
+        self._team -= {p for p in astray if p != self.player and p not in self._yielding}
+        if self.player in astray and not self._only and self.player not in self._yielding:
+            self._announce()
+        self._plan_anew()
+        return True
+
+    def _announce(self) -> None:
+        if len(self._team) > 1 and announcement() not in self._said:
+            self._said.append(announcement())
+
+    def _heed_delay(self, state: State, did: Did, outsiders_acted: bool) -> None:
+        """Plan anew where others are in the way, or somebody of the team does nothing."""
+        script = self._script
+        if script is None or state.goal_reached:
+            return
+        busy = any(p in self._team and ok and _does_something(a) for p, a, ok in did)
+        due = {p: script.due(p, state) for p in self._team if not state.busy_steps(p)}
+        blocked = {p for p, a in due.items() if a and not state.world.applicable(state, a)}
+        waiting = _is_something_running(state)
+        self._blocked = self._blocked + 1 if blocked and not waiting else 0
+        self._stuck = 0 if busy or waiting else self._stuck + 1
+        meddled = outsiders_acted and any(
+            ok and player not in self._team and not action.schema.definition.travel
+            for player, action, ok in did
+        )
+        if blocked and meddled or self._blocked > self._patience:
+            self._plan_anew()
+        elif self._stuck > self._patience:
+            late = {p for p, a in due.items() if a and p not in blocked} - {self.player}
+            if not late:
+                self._plan_anew()
+            elif not self._hurried or self._stuck > SLOW * self._patience:
+                self._leave_out(late)
+
+    # What the seat does
 
     def act(self, state: State) -> GroundAction | None:
         """The action to take in a state; None to do nothing this step."""
-        if state.goal_reached or state.busy_steps(self._player):
+        self.anticipating = False
+        if self._state is None or self._state != state:
+            returning = self._state is not None
+            self._state = state
+            self._plan_anew()
+            if returning:
+                self._announce()
+        self._state = state
+        if state.goal_reached or state.busy_steps(self.player):
             return None
+        if any(until > self._step for until in self._yielding.values()):
+            return self._yield_to_others(state)
+        if self._yielding:
+            self._yielding.clear()
+            self._plan_anew()
+        for _ in range(MAX_CATCHING_UP):
+            if self._script is None:
+                self._plan(self._base or state)
         if self._script is None:
-            self._plan(state)
-        elif self._may_improve:
+            return None
+        if self._may_improve:
             self._improve(state)
-        action = self._script.act(state) if self._script is not None else None
-        if action is not None:
-            self._waited = 0
-            return action
-        return self._wait(state)
+        action = self._scripted(state)
+        if action is None and self._is_idle(state):
+            return self._step_aside(state)
+        self._tell_others(action)
+        return action
 
-    def _plan(self, state: State) -> None:
+    def _scripted(self, state: State) -> GroundAction | None:
+        if self._script is None:
+            return None
+        if not self._lockstep:
+            return self._script.act(state)
+        action, self.anticipating = self._script.joint(state).get(self.player, (None, False))
+        return action
+
+    def _plan(self, base: State) -> None:
+        """Make a plan from the state in which it was found to be needed."""
         team = tuple(sorted(self._team))
-        *_, result = self._anytime.search(
-            state,
-            ALONE if self._alone else TOGETHER,
-            team=team,
-            seed=self._seed,
-            beam=self._expansions,
-        )
+        result = self._search(base, team)
+        self._planned = self._step
         self._has_plan = result.plan is not None
         if result.plan is not None:
-            self._follow(result.plan, state)
+            self._follow(result.plan, base)
         elif result.unsolvable:
-            self._follow(Plan(()), state)
+            self._follow(Plan(()), base)
         else:
-            plan = self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)
-            self._follow(plan, state)
+            plan = self._anytime.towards(base, team=team, seed=self._seed, beam=self._expansions)
+            self._follow(plan, base)
+        if not self._has_plan:
+            self._ask_for_a_way(base)
         unproven = result.plan is not None and not result.optimal
         self._may_improve = unproven and self._only and self._punctual
+
+    def _search(self, state: State, team: tuple[str, ...]) -> SearchResult:
+        """The best of some plans for a team."""
+        best: SearchResult | None = None
+        attempts = 1 if len(team) == 1 or self._hurried else ATTEMPTS
+        limits = ALONE if len(team) == 1 else TOGETHER
+        for seed in range(self._seed, self._seed + attempts):
+            *_, found = self._anytime.search(
+                state, limits, team=team, seed=seed, beam=self._expansions
+            )
+            if best is None or best.plan is None or _is_shorter(found, best):
+                best = found
+            if best.unsolvable or best.plan is not None and len(best.plan) <= NEAR * best.bound:
+                break
+        assert best is not None
+        return best
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -125,37 +326,71 @@ class PlannerPolicy:
         """
         for result in self._anytime.search(state, ALONE, beam=0):
             if result.plan is not None and len(result.plan) < self._steps_left:
+                self._since = []
                 self._follow(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
 
-    def _follow(self, plan: Plan, state: State) -> None:
-        self._script = Script(self._player, plan, self._anytime.in_model(state))
-        self._steps_left = len(plan)
-        self._waited = 0
+    def _follow(self, plan: Plan, base: State) -> None:
+        self._script = Script(self.player, plan, self._anytime.in_model(base))
+        self._steps_left = len(plan) - len(self._since)
+        for did in self._since:
+            self._script.observe(did)
+        self._heed_astray()
 
-    def _wait(self, state: State) -> GroundAction | None:
-        """Nothing to do now: be patient, but neither for ever nor in others' way."""
-        self._waited += 1
-        if self._waited <= PATIENCE or self._somebody_is_busy(state):
-            return None
-        script, self._script, self._waited = self._script, None, 0
-        if script is not None:
-            self._team -= set(script.waits_for())
-        if self._only:
-            return None
-        helpless = script is None or script.finished or not self._has_plan
-        return self._step_aside(state) if helpless or self._random.random() < 0.25 else None
+    # Others who are no planners
 
-    def _somebody_is_busy(self, state: State) -> bool:
-        """Whether time alone will bring something: a walk ends, a patty is done."""
-        if state.timers.busy:
-            return True
-        return any(row.timed and row.running for row in state.progress())
+    @property
+    def _outsiders(self) -> list[str]:
+        return [p for p in self._world.players if p not in self._team]
+
+    def _is_idle(self, state: State) -> bool:
+        """Whether the seat has nothing to do, and may be in the way of others."""
+        if self._only or self._script is None or not self._script.finished:
+            return False
+        return bool(self._outsiders)
 
     def _step_aside(self, state: State) -> GroundAction | None:
-        """Walk somewhere else, so as not to stand where somebody wants to be."""
-        walks = [a for a in state.actions(self._player) if a.schema.definition.travel]
+        """Walk to where nobody wants to be, unless the seat is there."""
+        walks = walks_aside(state, self.player)
         return self._random.choice(walks) if walks else None
+
+    def _yield_to_others(self, state: State) -> GroundAction | None:
+        return self._step_aside(state) if self.player in self._yielding else None
+
+    def _tell_others(self, action: GroundAction | None) -> None:
+        """Tell people and others who cannot know where this seat is about to go."""
+        if action is None or self._script is None or not action.schema.definition.travel:
+            return
+        others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
+        if others and self._step - self._told >= TELL_AGAIN:
+            self._told = self._step
+            self._said.append(intention(self._script.coming(TOLD)))
+
+    def _ask_for_a_way(self, state: State) -> None:
+        """Where there is a way if somebody else walks: ask them to. One of the team asks."""
+        if self.player != min(self._team) or self._step - self._asked < ASK_AGAIN:
+            return
+        for player in self._outsiders:
+            team = tuple(sorted({*self._team, player}))
+            found = self._anytime.first(state, team=team, seed=self._seed)
+            station = standing_at(state, player)
+            if found.plan is not None and station is not None:
+                self._asked = self._step
+                self._said.append(request(station, player))
+                return
+
+
+def _is_shorter(one: SearchResult, other: SearchResult) -> bool:
+    if one.plan is None or other.plan is None:
+        return one.plan is not None
+    return len(one.plan) < len(other.plan)
+
+
+def _is_something_running(state: State) -> bool:
+    """Whether time alone will bring something: a walk ends, a patty is done."""
+    if state.timers.busy:
+        return True
+    return any(row.timed and row.running for row in state.progress())
 
 
 def _does_something(action: GroundAction) -> bool:

@@ -6,13 +6,14 @@ A policy holds its own copy of the world and whatever memory it has explicitly; 
 from __future__ import annotations
 
 import random
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
 
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["Policy", "RandomPolicy"]
+__all__ = ["Policy", "RandomPolicy", "TeamPolicy"]
 
 
 class Policy(Protocol):
@@ -23,6 +24,26 @@ class Policy(Protocol):
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step; called once for each step before `act`."""
+
+
+@runtime_checkable
+class TeamPolicy(Policy, Protocol):
+    """A policy that knows of others in the game, hears what they say, and says something.
+
+    `anticipating` says of the last action that another's in the same step is to make it possible.
+    """
+
+    anticipating: bool
+
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        """Who moves each player now: `bot`, `human`, `model`, `absent` and the like, empty for a
+        free seat; and the clock. Called whenever this changes."""
+
+    def hear(self, player: str, text: str) -> None:
+        """Something that somebody says in the chat, oneself included."""
+
+    def speak(self) -> list[str]:
+        """What there is to be said since this was last asked."""
 
 
 class RandomPolicy:

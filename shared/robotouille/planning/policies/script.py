@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 from robotouille.planning.plan import Plan
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import State
+from robotouille.world.world import State, World
 
 __all__ = ["Did", "Script"]
 
@@ -14,21 +15,32 @@ Did = Sequence[tuple[str, GroundAction, bool]]
 """The actions of a step: player, action, and whether it was applied."""
 
 
+class _Row(NamedTuple):
+    """An action of one seat: its step of the plan, its place there, and what has to be done before.
+
+    `needs` has the number of actions of other seats, for each on whose actions this one depends.
+    """
+
+    step: int
+    place: int
+    action: GroundAction
+    needs: Mapping[str, int]
+
+
 class Script:
     """A plan as an order of actions.
 
     A plan says what happens in which step; elsewhere things take longer. So an action waits for
-    all actions of earlier steps of the plan, the other seats' included, and for every effect that
-    had run its course by then in the plan (a patty is not picked up before it is cooked).
+    those actions of other seats that come before it in the plan and have to do with the same
+    things, and for every effect that had run its course by then (a patty is not picked up before it
+    is cooked).
     """
 
     def __init__(self, player: str, plan: Plan, start: State) -> None:
         self.player = player
         self.astray: set[str] = set()
         self._finished: list[frozenset[str]] = []
-        self._rows: dict[str, list[tuple[int, GroundAction]]] = {
-            name: [] for name in start.world.players
-        }
+        self._rows: dict[str, list[_Row]] = {name: [] for name in start.world.players}
         self._done = dict.fromkeys(self._rows, 0)
         self._rehearse(plan, start)
 
@@ -37,21 +49,36 @@ class Script:
         for step, actions in enumerate(plan):
             running = _running(state)
             self._finished.append(frozenset(begun - running))
-            for action in actions:
-                self._rows[action.player or self.player].append((step, action))
+            for place, action in enumerate(actions):
+                player = action.player or self.player
+                row = _Row(step, place, action, self._needs(player, action))
+                self._rows[player].append(row)
             state = state.step(list(actions)).state
             begun |= _running(state)
 
+    def _needs(self, player: str, action: GroundAction) -> dict[str, int]:
+        needs = {}
+        for other, rows in self._rows.items():
+            if other == player:
+                continue
+            for number in range(len(rows), 0, -1):
+                if _depend(rows[number - 1].action, action):
+                    needs[other] = number
+                    break
+        return needs
+
     def observe(self, did: Did) -> None:
-        """What everybody did in a step; who does what the plan does not say is `astray`."""
+        """What everybody did in a step; who does what the plan does not say is `astray`. A seat
+        with nothing left to do may walk."""
         for player, action, applied in did:
             row = self._next(player)
-            if applied and row is not None and str(row[1]) == str(action):
+            if applied and row is not None and str(row.action) == str(action):
                 self._done[player] += 1
             elif applied and str(action.schema.parameters) != "()":
-                self.astray.add(player)
+                if row is not None or not action.schema.definition.travel:
+                    self.astray.add(player)
 
-    def _next(self, player: str) -> tuple[int, GroundAction] | None:
+    def _next(self, player: str) -> _Row | None:
         rows, done = self._rows[player], self._done[player]
         return rows[done] if done < len(rows) else None
 
@@ -60,27 +87,61 @@ class Script:
         """Whether this seat has nothing left to do."""
         return self._next(self.player) is None
 
-    def waits_for(self) -> list[str]:
-        """The seats whose part has to come before this seat's next action."""
-        mine = self._next(self.player)
-        if mine is None:
-            return []
-        others = [(p, self._next(p)) for p in self._rows if p != self.player]
-        return [p for p, row in others if row is not None and row[0] < mine[0]]
+    def coming(self, count: int) -> list[GroundAction]:
+        """The next actions of this seat, so many at most."""
+        done = self._done[self.player]
+        return [row.action for row in self._rows[self.player][done : done + count]]
+
+    def due(self, player: str, state: State, chosen: Collection[str] = ()) -> GroundAction | None:
+        """The next action of a seat if the plan waits for nothing else, valid or not.
+
+        Args:
+            chosen: The seats whose next action is done before in the same step.
+        """
+        row = self._next(player)
+        if row is None or _running(state) & self._finished[row.step]:
+            return None
+        if any(self._done[p] + (p in chosen) < count for p, count in row.needs.items()):
+            return None
+        return _here(state.world, row.action)
 
     def act(self, state: State) -> GroundAction | None:
         """The next action of the seat, if it is its time; None to wait."""
-        mine = self._next(self.player)
-        if mine is None or self.waits_for():
+        action = self.due(self.player, state)
+        if action is None or not state.world.applicable(state, action):
             return None
-        step, action = mine
-        if _running(state) & self._finished[step]:
-            return None
-        # The plan may be of another copy of the world, in which more has been created.
-        if not state.world.thing_names.issuperset(action.arguments):
-            return None
-        here = state.world.action(action.name, *action.arguments)
-        return here if state.world.applicable(state, here) else None
+        return action
+
+    def joint(self, state: State) -> dict[str, tuple[GroundAction, bool]]:
+        """What all seats do in a step in which all decide at the same time: their actions, in the
+        order in which they apply, and whether each counts on one before it in the step."""
+        chosen: dict[str, tuple[GroundAction, bool]] = {}
+        now = state
+        rows = ((self._next(p), p) for p in self._rows)
+        order = [p for _, _, p in sorted((r.step, r.place, p) for r, p in rows if r is not None)]
+        while True:
+            for player in order:
+                action = None if player in chosen else self.due(player, state, chosen)
+                if action is not None and now.world.applicable(now, action):
+                    chosen[player] = (action, self.due(player, state) is None)
+                    facts = (now.facts | action.touched) ^ action.removed
+                    now = State(now.world, facts, now.timers)
+                    break
+            else:
+                return chosen
+
+
+def _depend(one: GroundAction, other: GroundAction) -> bool:
+    """Whether it matters which of two actions comes first."""
+    reads, other_reads = one.tested | one.reads, other.tested | other.reads
+    return bool(one.touched & (other_reads | other.touched) or other.touched & reads)
+
+
+def _here(world: World, action: GroundAction) -> GroundAction | None:
+    """An action of a plan in another copy of the world, in which less may have been created."""
+    if not world.thing_names.issuperset(action.arguments):
+        return None
+    return world.action(action.name, *action.arguments)
 
 
 def _running(state: State) -> set[str]:

@@ -1,0 +1,49 @@
+"""Where players stand, and where they are in nobody's way."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import State
+
+__all__ = ["standing_at", "walks_aside"]
+
+
+def standing_at(state: State, player: str) -> str | None:
+    """The station at which a player stands, judged by where it could walk from; None if it cannot
+    walk at all."""
+    walks = (a for a in state.actions(player) if a.schema.definition.travel)
+    walk = next(walks, None)
+    return None if walk is None else _ends(walk)[0]
+
+
+def walks_aside(state: State, player: str) -> list[GroundAction]:
+    """A player's walks to stations that are plain and empty; none if it stands at one.
+
+    Plain are those of the kind of which there are most.
+    """
+    walks = [a for a in state.actions(player) if a.schema.definition.travel]
+    if not walks:
+        return []
+    here = _ends(walks[0])[0]
+    stations = [t for t in state.objects if t.type == state.world.thing(here).type]
+    plain = Counter(t.kind for t in stations).most_common(1)[0][0]
+    used = {
+        name
+        for _, *arguments in state.atoms()
+        if len(arguments) > 1 and arguments[0] not in state.world.players
+        for name in arguments[1:]
+    }
+    quiet = {t.name for t in stations if t.kind == plain and t.name not in used}
+    if here in quiet:
+        return []
+    aside = [walk for walk in walks if _ends(walk)[1] in quiet]
+    return aside or [walk for walk in walks if state.world.thing(_ends(walk)[1]).kind == plain]
+
+
+def _ends(walk: GroundAction) -> tuple[str, str]:
+    """Where a walk begins, and where it ends."""
+    names = [name for name, _ in walk.schema.parameters]
+    here, there = walk.schema.definition.travel or ("", "")
+    return walk.arguments[names.index(here)], walk.arguments[names.index(there)]
