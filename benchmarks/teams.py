@@ -21,12 +21,13 @@ from typing import Any
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from robotouille import load_certificate, load_task
-from robotouille.episode import Clock
-from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.support.bot_games import finish
 from tests.support.team_games import Idle, play_team
 from tests.support.virtual_time import run
+
+from robotouille import World, load_certificate, load_task
+from robotouille.episode import Clock
+from robotouille_client.bots.kinds import BotKind, policy_maker
 
 LIMIT = 200
 NUMBERS = [f"{number:02d}" for number in range(1, 11)]
@@ -48,7 +49,9 @@ def over_network(name: str, clock: Clock) -> dict[str, Any]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("tasks", nargs="*", default=NUMBERS, help="01 to 10; all if left out")
     parser.add_argument("--seats", type=int, nargs="+", default=[2, 3, 4])
     parser.add_argument("--clock", type=Clock, default=Clock.LOCKSTEP)
@@ -59,7 +62,7 @@ def main(arguments: list[str] | None = None) -> None:
         for seats in options.seats:
             name = f"multi_agent/{number}@{seats}"
             if options.idle:
-                with_idle(name, seats, options.clock)
+                with_idle(name, options.clock)
             else:
                 tell(name, options.clock, options.network)
 
@@ -78,9 +81,9 @@ def tell(name: str, clock: Clock, network: bool) -> None:
     )
 
 
-def with_idle(name: str, seats: int, clock: Clock) -> None:
+def with_idle(name: str, clock: Clock) -> None:
     """Play one task with each seat in turn a person who stands still, and print what came of it."""
-    for idle in load_task(name).players[:seats]:
+    for idle in World(load_task(name)).players:
         begun = time.perf_counter()
         game = play_team(name, {idle: Idle(idle)}, clock=clock, limit=LIMIT)
         spent = time.perf_counter() - begun

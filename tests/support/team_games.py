@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.domain.task import Task
 from robotouille.episode import Clock, Episode, Outcome, Phase, RosterChanged, Rules, Said, Stepped
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.beam.planner import EXPANSIONS
 from robotouille.planning.policies import PlannerPolicy, Policy, TeamPolicy
 from robotouille.planning.policies.script import Did
+from robotouille.planning.search_result import UNLIMITED, Limits, SearchResult
 
 __all__ = ["Chance", "Idle", "TeamGame", "play_team"]
 
@@ -41,11 +44,32 @@ class Chance(Idle):
 
     def act(self, state: State) -> GroundAction | None:
         actions = [
-            a
-            for a in state.actions(self.player)
-            if a.schema.definition.travel or not self._travel
+            a for a in state.actions(self.player) if a.schema.definition.travel or not self._travel
         ]
         return self._random.choice(actions) if actions else None
+
+
+class SharedPlanner(AnytimePlanner):
+    """Answers each question once: all bots of a team ask the same."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._answered: dict[tuple[object, ...], list[SearchResult]] = {}
+
+    def search(
+        self,
+        state: State,
+        limits: Limits = UNLIMITED,
+        *,
+        team: Sequence[str] = (),
+        seed: int = 0,
+        beam: int = EXPANSIONS,
+    ) -> Iterator[SearchResult]:
+        question = (state, limits, tuple(team), seed, beam)
+        if question not in self._answered:
+            answers = super().search(state, limits, team=team, seed=seed, beam=beam)
+            self._answered[question] = list(answers)
+        return iter(self._answered[question])
 
 
 @dataclass
@@ -75,8 +99,11 @@ def play_team(
     """
     world = World(load_task(task) if isinstance(task, str) else task)
     episode = Episode(world, Rules(clock=clock, max_steps=limit, step_rate=10))
+    anytime = SharedPlanner(World(world.task))
     policies: dict[str, Policy] = {
-        player: PlannerPolicy(world, player, start=world.initial, expansions=expansions)
+        player: PlannerPolicy(
+            world, player, start=world.initial, expansions=expansions, anytime=anytime
+        )
         for player in world.players
         if player not in (others or {})
     } | dict(others or {})

@@ -91,11 +91,7 @@ class _Player:
             self._say(policy)
         if anticipates and (game.step != step or not game.can_anticipate):
             action, anticipates = None, False
-        if (
-            action is not None
-            and not anticipates
-            and not game.world.applicable(game.state, action)
-        ):
+        if action is not None and not anticipates and not game.world.applicable(game.state, action):
             self._tries += 1
             return
         if (

@@ -34,6 +34,9 @@ MAX_GREEDY_EXPANSIONS = 2_000
 NEAR = 1.05
 """By how much a plan may be longer than what is proven before another is sought for a team."""
 
+HOPEFUL = 1.25
+"""By how much a plan may be longer than another for its end to be looked at."""
+
 TEAM_WEIGHT = 6
 """The weight of the heuristic in the search for a team, in quarters."""
 
@@ -59,7 +62,8 @@ class KitchenAnytimeSearch:
         plans = [plan for plan in (found.plan, known) if plan is not None]
         if not plans or len(known or ()) == found.bound:
             return found
-        ends = [shorten_ends(plan, self._search.start, limits) for plan in plans]
+        near = HOPEFUL * min(map(len, plans))
+        ends = [shorten_ends(p, self._search.start, limits) for p in plans if len(p) <= near]
         spent = found.expansions + sum(expansions for _, expansions in ends)
         best = min((plan for plan, _ in ends), key=len)
         return replace(found, plan=best, expansions=spent)

@@ -103,7 +103,8 @@ class PlannerPolicy:
         self._anytime = anytime or AnytimePlanner(World(world.task))
         self._world = world
         self._state = start
-        self._said = [] if alone or self._only else [announcement()]
+        self._silent = alone or self._only
+        self._said = [] if self._silent else [announcement()]
         self.anticipating = False
         self._has_plan = True
         self._steps_left = 0
@@ -126,7 +127,7 @@ class PlannerPolicy:
         bots are counted on."""
         self._lockstep = clock == "lockstep"
         self._hurried = clock == "realtime"
-        if self._only or self._team == {self.player} and not self._said and not self._known:
+        if self._silent:
             return
         before, self._known = self._known, dict(kinds)
         for player, kind in kinds.items():
@@ -170,7 +171,8 @@ class PlannerPolicy:
         if self._heed_astray():
             return
         if not self._has_plan:
-            if outsiders_acted and self._step - self._planned >= RETRY:
+            changed = outsiders_acted or self._is_elsewhere()
+            if changed and self._step - self._planned >= RETRY:
                 self._plan_anew()
         elif self._state is not None:
             self._heed_delay(self._state, own, outsiders_acted)
@@ -182,6 +184,11 @@ class PlannerPolicy:
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
+
+    def _is_elsewhere(self) -> bool:
+        """Whether the seat has come as near to the goal as it could, and may see a way now."""
+        finished = self._script is not None and self._script.finished
+        return finished and self._state != self._base
 
     def _own(self, action: GroundAction) -> GroundAction:
         """An action of another copy of the world."""
@@ -211,13 +218,13 @@ class PlannerPolicy:
         if not astray:
             return False
         self._team -= {p for p in astray if p != self.player and p not in self._yielding}
-        if self.player in astray and not self._only and self.player not in self._yielding:
+        if self.player in astray and self.player not in self._yielding:
             self._announce()
         self._plan_anew()
         return True
 
     def _announce(self) -> None:
-        if len(self._team) > 1 and announcement() not in self._said:
+        if not self._silent and announcement() not in self._said:
             self._said.append(announcement())
 
     def _heed_delay(self, state: State, did: Did, outsiders_acted: bool) -> None:
@@ -235,7 +242,7 @@ class PlannerPolicy:
             ok and player not in self._team and not action.schema.definition.travel
             for player, action, ok in did
         )
-        if blocked and meddled or self._blocked > self._patience:
+        if (blocked and meddled) or self._blocked > self._patience:
             self._plan_anew()
         elif self._stuck > self._patience:
             late = {p for p, a in due.items() if a and p not in blocked} - {self.player}
@@ -304,19 +311,19 @@ class PlannerPolicy:
 
     def _search(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """The best of some plans for a team."""
-        best: SearchResult | None = None
+        best = self._attempt(state, team, self._seed)
         attempts = 1 if len(team) == 1 or self._hurried else ATTEMPTS
-        limits = ALONE if len(team) == 1 else TOGETHER
-        for seed in range(self._seed, self._seed + attempts):
-            *_, found = self._anytime.search(
-                state, limits, team=team, seed=seed, beam=self._expansions
-            )
-            if best is None or best.plan is None or _is_shorter(found, best):
-                best = found
-            if best.unsolvable or best.plan is not None and len(best.plan) <= NEAR * best.bound:
+        for seed in range(self._seed + 1, self._seed + attempts):
+            if best.unsolvable or (best.plan is not None and len(best.plan) <= NEAR * best.bound):
                 break
-        assert best is not None
+            found = self._attempt(state, team, seed)
+            best = found if _is_shorter(found, best) else best
         return best
+
+    def _attempt(self, state: State, team: tuple[str, ...], seed: int) -> SearchResult:
+        limits = ALONE if len(team) == 1 else TOGETHER
+        *_, found = self._anytime.search(state, limits, team=team, seed=seed, beam=self._expansions)
+        return found
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -361,6 +368,8 @@ class PlannerPolicy:
         """Tell people and others who cannot know where this seat is about to go."""
         if action is None or self._script is None or not action.schema.definition.travel:
             return
+        if self._silent:
+            return
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
         if others and self._step - self._told >= TELL_AGAIN:
             self._told = self._step
@@ -368,7 +377,8 @@ class PlannerPolicy:
 
     def _ask_for_a_way(self, state: State) -> None:
         """Where there is a way if somebody else walks: ask them to. One of the team asks."""
-        if self.player != min(self._team) or self._step - self._asked < ASK_AGAIN:
+        asks = not self._silent and self.player == min(self._team)
+        if not asks or self._step - self._asked < ASK_AGAIN:
             return
         for player in self._outsiders:
             team = tuple(sorted({*self._team, player}))

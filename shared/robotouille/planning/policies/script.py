@@ -74,9 +74,10 @@ class Script:
             row = self._next(player)
             if applied and row is not None and str(row.action) == str(action):
                 self._done[player] += 1
-            elif applied and str(action.schema.parameters) != "()":
-                if row is not None or not action.schema.definition.travel:
-                    self.astray.add(player)
+                continue
+            walks = action.schema.definition.travel is not None
+            if applied and _does_something(action) and (row is not None or not walks):
+                self.astray.add(player)
 
     def _next(self, player: str) -> _Row | None:
         rows, done = self._rows[player], self._done[player]
@@ -129,6 +130,11 @@ class Script:
                     break
             else:
                 return chosen
+
+
+def _does_something(action: GroundAction) -> bool:
+    """Whether an action is more than to wait."""
+    return str(action.schema.parameters) != "()"
 
 
 def _depend(one: GroundAction, other: GroundAction) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
-__all__ = ["VERSION", "announcement", "announced_version", "intention", "request", "requested"]
+__all__ = ["VERSION", "announced_version", "announcement", "intention", "request", "requested"]
 
 VERSION = 1
 """Of how planner bots make and follow the plan of a team: those of another one plan differently."""
