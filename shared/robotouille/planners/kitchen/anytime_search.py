@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from robotouille.planners.kitchen.plan_ends import shorten_ends
+from robotouille.planners.kitchen.goal_assignments import TooManyChoicesError
 from robotouille.planners.kitchen.search.nodes import (
     COUNT,
     CUT,
@@ -21,10 +21,16 @@ from robotouille.planners.kitchen.search.nodes import (
     pop,
 )
 from robotouille.planners.kitchen.search.one_player import best_successor
-from robotouille.planners.kitchen.solver import PLANNER, KitchenSearch, SolverRun
-from robotouille.planning.plan import Plan
+from robotouille.planners.kitchen.solver import (
+    PLANNER,
+    KitchenSearch,
+    SolverRun,
+    kitchen_search,
+)
+from robotouille.planning.plan import Joint, Plan
 from robotouille.planning.search_result import Limits, Proof, SearchResult
 from robotouille.planning.validation import replay
+from robotouille.world.world import State
 
 __all__ = ["KitchenAnytimeSearch"]
 
@@ -39,6 +45,18 @@ HOPEFUL = 1.25
 
 TEAM_WEIGHT = 6
 """The weight of the heuristic in the search for a team, in quarters."""
+
+LAST_STEPS = 6
+"""An end of fewer steps is not looked at: it is hardly ever too long."""
+
+STRIDE = 2
+"""Steps between two states from which an end is sought."""
+
+SHARE = 8
+"""The part of all expansions that may be spent on one end."""
+
+END_EXPANSIONS = 64
+"""For one end, where there is no limit."""
 
 
 class KitchenAnytimeSearch:
@@ -63,7 +81,7 @@ class KitchenAnytimeSearch:
         if not plans or len(known or ()) == found.bound:
             return found
         near = HOPEFUL * min(map(len, plans))
-        ends = [shorten_ends(p, self._search.start, limits) for p in plans if len(p) <= near]
+        ends = [_shorten_ends(p, self._search.start, limits) for p in plans if len(p) <= near]
         spent = found.expansions + sum(expansions for _, expansions in ends)
         best = min((plan for plan, _ in ends), key=len)
         return replace(found, plan=best, expansions=spent)
@@ -126,3 +144,47 @@ def _weighted(search: KitchenSearch, known: Plan | None, limits: Limits) -> Sear
         run.go(None)
         plan = search.plan(run.path()) if run.best is not None else None
     return SearchResult(plan, int(bound), Proof.HEURISTIC, PLANNER, run.expansions)
+
+
+def _shorten_ends(plan: Plan, start: State, limits: Limits) -> tuple[Plan, int]:
+    """The plan or one with a shorter end, and the expansions it took.
+
+    From late states on the shortest way to the goal is soon found. So ends are looked at from the
+    last steps forward. Where one gets shorter, the search goes back a few steps: what is behind has
+    changed.
+    """
+    steps, spent = list(plan), 0
+    states = _states(steps, start)
+    at = len(steps) - LAST_STEPS
+    while at >= 0 and not (limits.stop is not None and limits.stop()):
+        found, expansions = _end(states[at], len(steps) - at, limits)
+        spent += expansions
+        if found is not None:
+            steps[at:] = found
+            states[at:] = _states(found, states[at])
+            at = min(len(steps) - LAST_STEPS, at + 2 * STRIDE)
+        at -= STRIDE
+    return Plan(tuple(steps)), spent
+
+
+def _states(steps: list[Joint], start: State) -> list[State]:
+    states = [start]
+    for joint in steps:
+        states.append(states[-1].step(joint).state)
+    return states
+
+
+def _end(start: State, length: int, limits: Limits) -> tuple[list[Joint] | None, int]:
+    """The steps from a state to the goal, if fewer than some length are found."""
+    try:
+        search = kitchen_search(start.world, start)
+    except TooManyChoicesError:
+        return None, 0
+    if search is None:
+        return None, 0
+    most = END_EXPANSIONS if limits.expansions is None else limits.expansions // SHARE
+    run = SolverRun(search, UNIT, Limits(most, limits.states, limits.stop), None)
+    run.improve_on(length)
+    run.go(None)
+    found = None if run.goal_node is None else list(search.plan(run.path()))
+    return found, run.expansions
