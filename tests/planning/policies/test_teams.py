@@ -1,0 +1,219 @@
+"""Planner bots in one game: they follow one plan, go around people, ask for a way and make way."""
+
+from __future__ import annotations
+
+from math import floor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import World, load_certificate, load_task
+from robotouille.episode import Clock, Episode, Rules
+from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy, TeamPolicy
+from robotouille.planning.policies.standing import standing_at, walks_aside
+from robotouille.planning.policies.team_talk import (
+    VERSION,
+    announced_version,
+    announcement,
+    request,
+    requested,
+)
+from robotouille_client.bots.kinds import BotKind, policy_maker
+from tests.support.bot_games import finish
+from tests.support.samples import first_quickly
+from tests.support.team_games import Chance, Idle, TeamGame, play_team
+from tests.support.virtual_time import run
+
+QUICK = 500
+"""Expansions that are enough where lengths do not matter."""
+
+NEAR = [f"multi_agent/{number:02d}" for number in (1, 4, 3, 2, 5, 8, 9)]
+
+
+def steps(game: TeamGame) -> int:
+    """The steps to the goal; nothing was asked for in vain."""
+    assert game.outcome is not None
+    assert game.outcome.success, game.said
+    assert [tally.rejected for tally in game.outcome.seats] == [0] * len(game.outcome.seats)
+    return game.outcome.steps
+
+
+@pytest.mark.parametrize("name", first_quickly(NEAR, 3, nightly=5))
+def test_two_bots_take_as_long_as_the_certified_plan_of_a_team(name: str) -> None:
+    certified = load_certificate(load_task(name)).length or 0
+    assert steps(play_team(name)) <= floor(1.05 * certified)
+
+
+def test_so_they_do_over_the_network(tmp_path: Path) -> None:
+    bots = policy_maker(BotKind.PLANNER)
+    outcome = run(finish(tmp_path, "multi_agent/01", Clock.LOCKSTEP, 2, bots))
+    assert (outcome["reason"], outcome["steps"]) == ("goal", 14)
+    assert [(seat["rejected"], seat["said"]) for seat in outcome["seats"]] == [(0, 1), (0, 1)]
+
+
+@pytest.mark.parametrize("clock", first_quickly([Clock.TURN, Clock.REALTIME]))
+def test_under_other_clocks_nothing_is_asked_for_in_vain(clock: Clock) -> None:
+    assert steps(play_team("multi_agent/01", clock=clock, expansions=QUICK)) <= 32
+
+
+@pytest.mark.parametrize("idle", first_quickly(["robot1", "robot2"]))
+def test_a_person_who_stands_still_is_gone_around(idle: str) -> None:
+    game = play_team("multi_agent/01@3", {idle: Idle(idle)}, expansions=QUICK)
+    assert steps(game) <= 40
+
+
+def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:
+    """Somebody stands at the only sink until asked, and walks away then."""
+    task = "multi_agent/07@4"
+    start = World(load_task(task)).initial
+    at_sink = next(p for p in start.world.players if "sink" in (standing_at(start, p) or ""))
+    person = Asked(at_sink)
+    game = play_team(task, {at_sink: person}, expansions=QUICK, limit=80)
+    assert person.asked == request(standing_at(start, at_sink) or "", at_sink)
+    assert sum(text == person.asked for _, _, text in game.said) == 1
+    assert steps(game) < 80
+
+
+class Asked(Idle):
+    """Walks aside once somebody asks."""
+
+    anticipating = False
+    asked = ""
+
+    def meet(self, kinds: Any, clock: str) -> None:
+        pass
+
+    def hear(self, player: str, text: str) -> None:
+        if text.startswith("I need"):
+            self.asked = text
+
+    def speak(self) -> list[str]:
+        return []
+
+    def act(self, state: Any) -> Any:
+        return next(iter(walks_aside(state, self.player)), None) if self.asked else None
+
+
+@pytest.mark.parametrize(
+    ("seed", "travel"), first_quickly([(5, True), (5, False), (6, True), (7, False)])
+)
+def test_a_person_who_wanders_does_not_stop_them(seed: int, travel: bool) -> None:
+    person = Chance("robot2", seed, travel=travel)
+    game = play_team("multi_agent/01@3", {"robot2": person}, expansions=QUICK)
+    assert game.outcome is not None
+    assert game.outcome.success
+    assert [tally.rejected for tally in game.outcome.seats if tally.player != "robot2"] == [0, 0]
+
+
+def test_people_are_told_where_a_bot_is_going() -> None:
+    game = play_team("multi_agent/01", {"robot2": Idle("robot2")}, expansions=QUICK)
+    told = [text for _, player, text in game.said if player == "robot1"]
+    assert told[0] == announcement()
+    assert told[1].startswith("Next: Move robot1 from ")
+    assert len(told) <= 2 + game.outcome.steps // 6 if game.outcome else False
+
+
+def test_a_bot_that_leaves_is_done_without_and_counted_on_when_it_is_back() -> None:
+    world = World(load_task("multi_agent/01"))
+
+    def alter(step: int, policies: dict[str, Policy]) -> None:
+        gone = 4 <= step < 9
+        if step == 4:
+            policies["robot2"] = Idle("robot2")
+        if step == 9:
+            policies["robot2"] = PlannerPolicy(world, "robot2", expansions=QUICK)
+        for policy in policies.values():
+            if isinstance(policy, TeamPolicy):
+                kinds = {"robot1": "bot", "robot2": "absent" if gone else "bot"}
+                policy.meet(kinds, Clock.LOCKSTEP)
+
+    game = play_team(world.task, alter=alter, expansions=QUICK)
+    assert steps(game) <= 30
+    done = [player for did in game.steps[9:] for player, *_ in did]
+    assert done.count("robot2") > 2
+
+
+def test_bots_of_another_kind_or_version_are_not_counted_on() -> None:
+    for other in (RandomPolicy("robot2"), Stranger("robot2", seed=3, travel=False)):
+        game = play_team("multi_agent/01", {"robot2": other}, expansions=QUICK)
+        assert game.outcome is not None
+        assert game.outcome.success
+        assert game.outcome.seats[0].rejected == 0
+
+
+class Stranger(Chance):
+    """A planner bot of another version, which plans as it likes."""
+
+    kind = "bot"
+    anticipating = False
+
+    def __init__(self, player: str, seed: int, *, travel: bool) -> None:
+        super().__init__(player, seed, travel=travel)
+        self._said = [f"I plan together with all who say this (team planner {VERSION + 1})"]
+
+    def meet(self, kinds: Any, clock: str) -> None:
+        pass
+
+    def hear(self, player: str, text: str) -> None:
+        pass
+
+    def speak(self) -> list[str]:
+        said, self._said = self._said, []
+        return said
+
+
+def test_a_bot_makes_way_for_whoever_asks_and_comes_back() -> None:
+    world = World(load_task("multi_agent/01"))
+    bot = PlannerPolicy(world, "robot1", start=world.initial, expansions=QUICK)
+    bot.meet({"robot1": "bot", "robot2": "human"}, Clock.LOCKSTEP)
+    station, state = "", world.initial
+    for _ in range(20):
+        station = standing_at(state, "robot1") or ""
+        if station and world.thing(station).kind != "table":
+            break
+        state = _next(bot, state)
+    bot.hear("robot2", f"please, I need the {world.thing(station).kind}")
+    state = _next(bot, state)
+    assert standing_at(state, "robot1") != station
+    for _ in range(60):
+        state = _next(bot, state)
+    assert state.goal_reached
+
+
+def _next(bot: PlannerPolicy, state: Any) -> Any:
+    action = bot.act(state)
+    step = state.step([action])
+    bot.observe([("robot1", a.action, a.applied) for a in step.attempts])
+    return step.state
+
+
+def test_what_is_said_is_understood() -> None:
+    world = World(load_task("multi_agent/01"))
+    sink = next(o.name for o in world.initial.objects if o.type == "station")
+    assert announced_version(announcement()) == VERSION
+    assert announced_version("team planner 1") is None
+    assert requested(request(sink, "robot1"), sink, world)
+    assert requested(f"I NEED the {world.thing(sink).kind}!", sink, world)
+    assert not requested(f"I am at {sink}", sink, world)
+    assert not requested("I need a break", sink, world)
+
+
+def test_an_action_may_count_on_another_in_the_same_step() -> None:
+    """robot2 takes the place that robot1 leaves, whoever sends first."""
+    world = World(load_task("multi_agent/01"))
+    here = {p: standing_at(world.initial, p) or "" for p in world.players}
+    free = next(a for a in world.initial.actions("robot2") if a.schema.definition.travel).arguments[
+        2
+    ]
+    leave = world.action("move", "robot2", here["robot2"], free)
+    follow = world.action("move", "robot1", here["robot1"], here["robot2"])
+    for both in (True, False):
+        episode = Episode(world, Rules(clock=Clock.LOCKSTEP))
+        for player in world.players:
+            episode.join(player, player, "bot", 0.0)
+        episode.submit("robot1", 1, follow, 0.1, anticipates=True)
+        episode.submit("robot2", 1, leave if both else None, 0.2)
+        assert episode.step == 1
+        assert episode.state.holds("loc", "robot1", here["robot2" if both else "robot1"])
+        assert episode.seats["robot1"].tally.rejected == int(not both)
