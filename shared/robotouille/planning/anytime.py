@@ -32,6 +32,9 @@ __all__ = ["AnytimePlanner"]
 MAX_KEPT = 256
 """Plans by general searches that are kept."""
 
+CHOICES = 6
+"""Choices of objects that are tried where some players stand still, perhaps in the way."""
+
 EXPANSIONS_PER_STATE = 4
 """How many expansions of a beam search take about the time of a state in greedy search."""
 
@@ -191,9 +194,21 @@ class AnytimePlanner:
     def _beam_search(self, query: _Query) -> Solution:
         def search() -> Solution:
             self.searches += 1
-            return self._planner.solve(
+            found = self._planner.solve(
                 query.start, query.team, seed=query.seed, expansions=query.expansions
             )
+            everybody = not query.team or set(query.team).issuperset(self.model.players)
+            if found.reached or everybody:
+                return found
+            # What the first choice of objects needs may be where somebody stands.
+            other = self._planner.solve(
+                query.start,
+                query.team,
+                seed=query.seed,
+                expansions=query.expansions,
+                choices=CHOICES,
+            )
+            return other if other.reached else found
 
         return self._solutions.get(query, search)
 

@@ -12,7 +12,7 @@ whenever they get in the way; where there is no way, they ask for it, and make w
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
@@ -27,6 +27,7 @@ from robotouille.planning.policies.team_talk import (
     request,
     requested,
 )
+from robotouille.planning.search.unsolvable import is_cut_off
 from robotouille.planning.search_result import Limits, SearchResult
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
@@ -107,6 +108,8 @@ class PlannerPolicy:
         self._said = [] if self._silent else [announcement()]
         self.anticipating = False
         self._has_plan = True
+        self._cut_off = False
+        self._others = 0
         self._steps_left = 0
         self._may_improve = False
         self._step = self._asked = self._told = self._planned = 0
@@ -171,8 +174,7 @@ class PlannerPolicy:
         if self._heed_astray():
             return
         if not self._has_plan:
-            changed = outsiders_acted or self._is_elsewhere()
-            if changed and self._step - self._planned >= RETRY:
+            if self._step - self._planned >= RETRY and self._may_see_a_way():
                 self._plan_anew()
         elif self._state is not None:
             self._heed_delay(self._state, own, outsiders_acted)
@@ -185,10 +187,21 @@ class PlannerPolicy:
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
 
-    def _is_elsewhere(self) -> bool:
-        """Whether the seat has come as near to the goal as it could, and may see a way now."""
-        finished = self._script is not None and self._script.finished
-        return finished and self._state != self._base
+    def _may_see_a_way(self) -> bool:
+        """Whether what has changed may have opened a way."""
+        if self._state is None or self._script is None:
+            return False
+        if self._about_others(self._state) != self._others:
+            return True
+        done = self._script.is_finished(self._team)
+        return not self._cut_off and done and self._state != self._base
+
+    def _about_others(self, state: State) -> int:
+        """The facts about players who are not of the team."""
+        facts = 0
+        for player in self._outsiders:
+            facts |= state.facts & self._world.table.mentions(player)
+        return facts
 
     def _own(self, action: GroundAction) -> GroundAction:
         """An action of another copy of the world."""
@@ -294,20 +307,28 @@ class PlannerPolicy:
     def _plan(self, base: State) -> None:
         """Make a plan from the state in which it was found to be needed."""
         team = tuple(sorted(self._team))
-        result = self._search(base, team)
         self._planned = self._step
-        self._has_plan = result.plan is not None
-        if result.plan is not None:
+        self._others = self._about_others(base)
+        self._cut_off = self._is_cut_off(base, team)
+        result = None if self._cut_off else self._search(base, team)
+        self._has_plan = result is not None and result.plan is not None
+        if result is not None and result.plan is not None:
             self._follow(result.plan, base)
-        elif result.unsolvable:
+            self._may_improve = not result.optimal and self._only and self._punctual
+            return
+        self._may_improve = False
+        if result is not None and result.unsolvable:
             self._follow(Plan(()), base)
         else:
             plan = self._anytime.towards(base, team=team, seed=self._seed, beam=self._expansions)
             self._follow(plan, base)
-        if not self._has_plan:
-            self._ask_for_a_way(base)
-        unproven = result.plan is not None and not result.optimal
-        self._may_improve = unproven and self._only and self._punctual
+        self._ask_for_a_way(base)
+
+    def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
+        """Whether others stand where the team has to get."""
+        if self._silent:
+            return False
+        return is_cut_off(self._anytime.model, self._anytime.in_model(state), team)
 
     def _search(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """The best of some plans for a team."""
@@ -381,13 +402,18 @@ class PlannerPolicy:
         if not asks or self._step - self._asked < ASK_AGAIN:
             return
         for player in self._outsiders:
-            team = tuple(sorted({*self._team, player}))
-            found = self._anytime.first(state, team=team, seed=self._seed)
             station = standing_at(state, player)
-            if found.plan is not None and station is not None:
+            if station is not None and self._opens_a_way(state, player):
                 self._asked = self._step
                 self._said.append(request(station, player))
                 return
+
+    def _opens_a_way(self, state: State, player: str) -> bool:
+        """Whether there is a way if one of the others walks."""
+        team = tuple(sorted({*self._team, player}))
+        if self._cut_off:
+            return not self._is_cut_off(state, team)
+        return self._anytime.first(state, team=team, seed=self._seed).plan is not None
 
 
 def _is_shorter(one: SearchResult, other: SearchResult) -> bool:

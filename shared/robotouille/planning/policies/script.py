@@ -88,6 +88,10 @@ class Script:
         """Whether this seat has nothing left to do."""
         return self._next(self.player) is None
 
+    def is_finished(self, players: Collection[str]) -> bool:
+        """Whether none of some seats has anything left to do."""
+        return all(self._next(player) is None for player in players)
+
     def coming(self, count: int) -> list[GroundAction]:
         """The next actions of this seat, so many at most."""
         done = self._done[self.player]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from robotouille.domain.schema import GoalTerm
 from robotouille.planning.search.joint_actions import Transitions
 from robotouille.planning.search.relaxation.relaxed_task import Relaxation
 from robotouille.planning.search.relaxation.schema_grounding import TooLargeError
 from robotouille.planning.search_result import Limits
+from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.text import describe
 from robotouille.world.world import State, World
 
-__all__ = ["unreachable_goal"]
+__all__ = ["is_cut_off", "unreachable_goal"]
 
 EXHAUSTIVE = Limits(states=100_000)
 
@@ -27,6 +30,23 @@ def unreachable_goal(
     start = world.initial if state is None else state
     terms = _relaxed(world, start) or _visited(world, start, limits)
     return tuple(dict.fromkeys(_in_words(world, term) for term in terms))
+
+
+def is_cut_off(world: World, state: State, team: Collection[str]) -> bool:
+    """Whether it is proven that a team cannot reach the goal while all others stand still: not
+    even if nothing is ever undone. Where players act on one another nothing is proven."""
+    others = set(world.players) - set(team)
+    if not others or any(_players(world, schema) > 1 for schema in world.schemas):
+        return False
+    facts = state.facts
+    for player in others:  # Who is nowhere and has nothing can do nothing, and leaves nothing.
+        facts &= ~world.table.mentions(player)
+    return bool(_relaxed(world, State(world, facts, state.timers)))
+
+
+def _players(world: World, schema: ActionSchema) -> int:
+    kinds = world.task.domain.player_types
+    return sum(kind in kinds for _, kind in schema.parameters)
 
 
 def _relaxed(world: World, start: State) -> list[GoalTerm]:
