@@ -47,6 +47,9 @@ ATTEMPTS = 3
 NEAR = 1.11
 """By how much a plan may be longer than what is proven before a team makes another."""
 
+RECONSIDER = 4
+"""Steps after which a team whose plan may be too long looks for a shorter one."""
+
 PATIENCE = 2
 """Steps for each seat in which nothing goes on, before a team plans anew."""
 
@@ -288,8 +291,10 @@ class PlannerPolicy:
                 self._plan(self._base or state)
         if self._script is None:
             return None
-        if self._may_improve:
+        if self._may_improve and self._only:
             self._improve(state)
+        elif self._may_improve and self._step % RECONSIDER == 0:
+            self._improve_together(state)
         action = self._scripted(state)
         if action is None and self._is_idle(state):
             return self._step_aside(state)
@@ -314,7 +319,7 @@ class PlannerPolicy:
         self._has_plan = result is not None and result.plan is not None
         if result is not None and result.plan is not None:
             self._follow(result.plan, base)
-            self._may_improve = not result.optimal and self._only and self._punctual
+            self._may_improve = self._punctual and self._is_worth_improving(result)
             return
         self._may_improve = False
         if result is not None and result.unsolvable:
@@ -357,6 +362,20 @@ class PlannerPolicy:
                 self._since = []
                 self._follow(result.plan, state)
             self._may_improve = result.plan is None or self._steps_left > result.bound
+
+    def _is_worth_improving(self, result: SearchResult) -> bool:
+        """A player who is alone always tries; a team that decides together, if there is a bound."""
+        if self._only or len(self._team) == 1 or not self._lockstep:
+            return self._only and not result.optimal
+        return result.bound > 0 and self._steps_left > NEAR * result.bound
+
+    def _improve_together(self, state: State) -> None:
+        """Look for a shorter plan for the rest: all of the team do, in the same step."""
+        found = self._attempt(state, tuple(sorted(self._team)), self._seed + self._step)
+        if found.plan is not None and len(found.plan) < self._steps_left:
+            self._base, self._since = state, []
+            self._follow(found.plan, state)
+        self._may_improve = self._steps_left > NEAR * found.bound
 
     def _follow(self, plan: Plan, base: State) -> None:
         self._script = Script(self.player, plan, self._anytime.in_model(base))

@@ -41,7 +41,13 @@ def is_cut_off(world: World, state: State, team: Collection[str]) -> bool:
     facts = state.facts
     for player in others:  # Who is nowhere and has nothing can do nothing, and leaves nothing.
         facts &= ~world.table.mentions(player)
-    return bool(_relaxed(world, State(world, facts, state.timers)))
+    try:
+        relaxation = Relaxation(world, State(world, facts, state.timers))
+    except TooLargeError:
+        return False
+    if not all(relaxation.may_come_true(term) for term in world.goal.terms):
+        return True
+    return not relaxation.may_reach_goal(facts)
 
 
 def _players(world: World, schema: ActionSchema) -> int:

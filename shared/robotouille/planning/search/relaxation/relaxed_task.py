@@ -160,6 +160,22 @@ class Relaxation:
         """Whether one predicate of the goal can be reached from the start."""
         return self._parts[term] in self._reached
 
+    def may_reach_goal(self, facts: int) -> bool:
+        """Whether all of the goal can hold of the same objects, if nothing is undone.
+
+        Args:
+            facts: Those of the start.
+        """
+        bits = self._world.table.bit
+        for sign, *atom in self._reached:
+            if sign != "+":
+                continue
+            bit = bits.get(atom[0])
+            if bit is None:  # It is about what is created on the way.
+                return True
+            facts |= bit
+        return self._world.goal.reached(facts)
+
     def task(self, facts: int, timers: Timers) -> RelaxedTask:
         """The relaxed task of a state."""
         key = facts & self._world.table.internal
