@@ -127,6 +127,7 @@ def play_team(
                 action = policy.act(episode.state)
                 late = isinstance(policy, TeamPolicy) and policy.anticipating
                 episode.submit(player, seq, action, now, anticipates=late)
+                _hear(episode, policies, game, now)
         episode.tick(now)
         _hear(episode, policies, game, now)
     game.outcome = episode.outcome

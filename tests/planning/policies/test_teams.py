@@ -58,9 +58,12 @@ def test_under_other_clocks_nothing_is_asked_for_in_vain(clock: Clock) -> None:
     assert steps(play_team("multi_agent/01", clock=clock, expansions=QUICK)) <= 32
 
 
-@pytest.mark.parametrize("idle", first_quickly(["robot1", "robot2"]))
-def test_a_person_who_stands_still_is_gone_around(idle: str) -> None:
-    game = play_team("multi_agent/04@3", {idle: Idle(idle)}, expansions=QUICK)
+@pytest.mark.parametrize(
+    ("name", "idle"),
+    first_quickly([("04@3", "robot2"), ("04@3", "robot3"), ("01@2", "robot2"), ("05@2", "robot1")]),
+)
+def test_a_person_who_stands_still_is_gone_around(name: str, idle: str) -> None:
+    game = play_team(f"multi_agent/{name}", {idle: Idle(idle)}, expansions=QUICK)
     assert steps(game) <= 40
 
 

@@ -112,6 +112,7 @@ class PlannerPolicy:
         self.anticipating = False
         self._has_plan = True
         self._cut_off = False
+        self._request = ""
         self._others = 0
         self._steps_left = 0
         self._may_improve = False
@@ -177,6 +178,8 @@ class PlannerPolicy:
         if self._heed_astray():
             return
         if not self._has_plan:
+            if self._request and self._step - self._asked >= ASK_AGAIN:
+                self._ask(self._request)
             if self._step - self._planned >= RETRY and self._may_see_a_way():
                 self._plan_anew()
         elif self._state is not None:
@@ -313,6 +316,7 @@ class PlannerPolicy:
         """Make a plan from the state in which it was found to be needed."""
         team = tuple(sorted(self._team))
         self._planned = self._step
+        self._request = ""
         self._others = self._about_others(base)
         self._cut_off = self._is_cut_off(base, team)
         result = None if self._cut_off else self._search(base, team)
@@ -423,9 +427,12 @@ class PlannerPolicy:
         for player in self._outsiders:
             station = standing_at(state, player)
             if station is not None and self._opens_a_way(state, player):
-                self._asked = self._step
-                self._said.append(request(station, player))
+                self._ask(request(station, player))
                 return
+
+    def _ask(self, text: str) -> None:
+        self._asked, self._request = self._step, text
+        self._said.append(text)
 
     def _opens_a_way(self, state: State, player: str) -> bool:
         """Whether there is a way if one of the others walks."""
