@@ -74,8 +74,7 @@ def test_where_there_is_no_way_that_is_proven() -> None:
     assert not is_cut_off(start.world, start, start.world.players)
     game = play_team("multi_agent/01@3", {"robot1": Idle("robot1")}, expansions=QUICK, limit=45)
     asked = [step for step, _, text in game.said if text == request("table2", "robot1")]
-    assert len(asked) == 2
-    assert asked[1] - asked[0] >= 20
+    assert asked == [0, 20, 40]
 
 
 def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:

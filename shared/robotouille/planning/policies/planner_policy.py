@@ -41,6 +41,9 @@ ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
 """What may be spent on a decision, or on a plan for two, to find a shorter plan: about 0.1 s for
 one player and 0.5 s for two in plain Python."""
 
+STUBBORN = Limits(expansions=2_000)
+"""What is spent on any plan at all, where a player who is alone has found none: seconds."""
+
 ATTEMPTS = 3
 """Plans that are made for a team where nobody is in a hurry; the shortest is followed."""
 
@@ -342,6 +345,8 @@ class PlannerPolicy:
     def _search(self, state: State, team: tuple[str, ...]) -> SearchResult:
         """The best of some plans for a team."""
         best = self._attempt(state, team, self._seed)
+        if self._only and best.plan is None and not best.unsolvable:
+            return self._anytime.first(state, STUBBORN, seed=self._seed)
         attempts = 1 if len(team) == 1 or self._hurried else ATTEMPTS
         for seed in range(self._seed + 1, self._seed + attempts):
             if best.unsolvable or (best.plan is not None and len(best.plan) <= NEAR * best.bound):
