@@ -64,10 +64,13 @@ class SharedPlanner(AnytimePlanner):
         team: Sequence[str] = (),
         seed: int = 0,
         beam: int = EXPANSIONS,
+        choices: int = 1,
     ) -> Iterator[SearchResult]:
-        question = (state, limits, tuple(team), seed, beam)
+        question = (state, limits, tuple(team), seed, beam, choices)
         if question not in self._answered:
-            answers = super().search(state, limits, team=team, seed=seed, beam=beam)
+            answers = super().search(
+                state, limits, team=team, seed=seed, beam=beam, choices=choices
+            )
             self._answered[question] = list(answers)
         return iter(self._answered[question])
 

@@ -32,9 +32,6 @@ __all__ = ["AnytimePlanner"]
 MAX_KEPT = 256
 """Plans by general searches that are kept."""
 
-CHOICES = 6
-"""Choices of objects that are tried where some players stand still, perhaps in the way."""
-
 EXPANSIONS_PER_STATE = 4
 """How many expansions of a beam search take about the time of a state in greedy search."""
 
@@ -48,6 +45,7 @@ class _Query(NamedTuple):
     team: tuple[str, ...]
     seed: int
     expansions: int
+    choices: int = 1
 
 
 class _Recent(Generic[T]):
@@ -118,6 +116,7 @@ class AnytimePlanner:
         team: Sequence[str] = (),
         seed: int = 0,
         beam: int = EXPANSIONS,
+        choices: int = 1,
     ) -> Iterator[SearchResult]:
         """Plans for the players of `team` (all, if empty), the others doing nothing.
 
@@ -133,6 +132,8 @@ class AnytimePlanner:
             limits: Those of the plug-in's search.
             seed: Another one leads a beam search to other plans.
             beam: About how many expansions a beam search takes.
+            choices: Of objects for the goal that a beam search tries where the first has no plan:
+                somebody may stand where that one is.
 
         Yields:
             What is known so far; its `plan` is None where none was found.
@@ -144,7 +145,7 @@ class AnytimePlanner:
         start = self.in_model(state)
         search = self._domain_search(start, team)
         at_once = search.greedy(limits) if search is not None else None
-        query = _Query(start, tuple(sorted(team)), seed, beam)
+        query = _Query(start, tuple(sorted(team)), seed, beam, choices)
         result = at_once or self._general(query)
         yield result
         if search is None or result.optimal or result.unsolvable:
@@ -197,16 +198,14 @@ class AnytimePlanner:
             found = self._planner.solve(
                 query.start, query.team, seed=query.seed, expansions=query.expansions
             )
-            everybody = not query.team or set(query.team).issuperset(self.model.players)
-            if found.reached or everybody:
+            if found.reached or query.choices == 1:
                 return found
-            # What the first choice of objects needs may be where somebody stands.
             other = self._planner.solve(
                 query.start,
                 query.team,
                 seed=query.seed,
                 expansions=query.expansions,
-                choices=CHOICES,
+                choices=query.choices,
             )
             return other if other.reached else found
 

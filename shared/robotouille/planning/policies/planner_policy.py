@@ -50,6 +50,9 @@ ATTEMPTS = 3
 NEAR = 1.11
 """By how much a plan may be longer than what is proven before a team makes another."""
 
+CHOICES = 6
+"""Choices of objects that are tried where others may stand in the way of the first."""
+
 RECONSIDER = 4
 """Steps after which a team whose plan may be too long looks for a shorter one."""
 
@@ -357,7 +360,10 @@ class PlannerPolicy:
 
     def _attempt(self, state: State, team: tuple[str, ...], seed: int) -> SearchResult:
         limits = ALONE if len(team) == 1 else TOGETHER
-        *_, found = self._anytime.search(state, limits, team=team, seed=seed, beam=self._expansions)
+        choices = CHOICES if self._outsiders and not self._silent else 1
+        *_, found = self._anytime.search(
+            state, limits, team=team, seed=seed, beam=self._expansions, choices=choices
+        )
         return found
 
     def _improve(self, state: State) -> None:
