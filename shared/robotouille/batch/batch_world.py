@@ -1,0 +1,241 @@
+"""Many copies of one world at once, as arrays (batch.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from robotouille.batch.batch_kernels import step_copies
+from robotouille.batch.kernels import work_for
+from robotouille.batch.mask_kernels import mask_copies, random_copies, vector_copies
+from robotouille.batch.rows import row_of, state_of
+from robotouille.batch.rules import Rules
+from robotouille.batch.tables import tables
+from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.world.world import State, World
+
+__all__ = ["BatchStep", "BatchWorld"]
+
+Bools = npt.NDArray[np.bool_]
+
+
+class BatchStep(NamedTuple):
+    """What became of a step: arrays with a row for each copy.
+
+    `rewards` are 1 where the goal holds after it, else 0; `terminated` says where; `applied` which
+    players' actions were applied. What was asked for and not applied was rejected.
+    """
+
+    rewards: npt.NDArray[np.float32]
+    terminated: Bools
+    applied: Bools
+
+
+class BatchWorld:
+    """Copies of a world, all in their initial state at first.
+
+    Actions, masks and vectors are those of the world's `encoding`. Steps are `World.step`'s, each
+    player's action being applied in the order of their seats. Nothing is random but
+    `random_actions`; the same seed and steps give the same, with any number of threads.
+
+    `rows` holds the states, a row for each copy: copy it to keep them, and assign to it to go back.
+    `overflowed` says which copies had more created objects than there are slots; these stand still
+    until they are reset.
+
+    Args:
+        world: Whose copies they are.
+        copies: How many.
+        seed: Of `random_actions`.
+        threads: In how many threads kernels run, if they are compiled.
+        auto_reset: Whether a copy that reaches its goal or overflows is reset in the same step.
+
+    Raises:
+        WrongArgumentError: There is to be no copy, or no thread.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        copies: int,
+        *,
+        seed: int = 0,
+        threads: int = 1,
+        auto_reset: bool = False,
+    ) -> None:
+        if copies < 1 or threads < 1:
+            raise WrongArgumentError(f"expected a copy and a thread at least: {copies}, {threads}")
+        self.world = world
+        self.copies = copies
+        self.players = world.players
+        self.auto_reset = auto_reset
+        self._rules = Rules(world)
+        self._tables = tables(self._rules)
+        self.action_counts = tuple(len(actions) for actions in self._rules.actions)
+        self.vector_size = world.encoding.size
+        self.rows = np.tile(self._tables.initial, (copies, 1))
+        self.overflowed: Bools = np.zeros(copies, dtype=np.bool_)
+        self._random = np.random.default_rng(seed)
+        bounds = [copies * i // threads for i in range(threads + 1)]
+        self._ranges = [(first, last) for first, last in pairwise(bounds) if first < last]
+        self._work = [work_for(self._tables) for _ in self._ranges]
+        widest = max(self.action_counts)
+        self._stacks = [
+            np.zeros(self._tables.tree.deepest + 1, dtype=np.int64) for _ in self._ranges
+        ]
+        self._found = [np.zeros(widest + 1, dtype=np.int64) for _ in self._ranges]
+        self._pool = ThreadPoolExecutor(threads) if len(self._ranges) > 1 else None
+
+    def reset(self, mask: npt.ArrayLike | None = None) -> None:
+        """Put copies into the initial state: all, or those of which `mask` is true.
+
+        Raises:
+            WrongArgumentError: The mask has not one truth value for each copy.
+        """
+        chosen = np.ones(self.copies, dtype=np.bool_) if mask is None else np.asarray(mask)
+        if chosen.shape != (self.copies,) or chosen.dtype != np.bool_:
+            raise WrongArgumentError(
+                f"expected {self.copies} booleans, found {chosen.dtype} {chosen.shape}"
+            )
+        self.rows[chosen] = self._tables.initial
+        self.overflowed[chosen] = False
+
+    def step(self, actions: npt.ArrayLike) -> BatchStep:
+        """Take a joint action in each copy.
+
+        Args:
+            actions: For each copy and player the number of an action, or -1 for nothing; with one
+                player, one number for each copy will do.
+
+        Raises:
+            WrongArgumentError: There is no such number, or not one for each copy and player.
+        """
+        chosen = self._actions(actions)
+        applied = np.zeros(chosen.shape, dtype=np.bool_)
+        terminated = np.zeros(self.copies, dtype=np.bool_)
+
+        def work(part: int, first: int, last: int) -> None:
+            step_copies(
+                self._tables,
+                self.rows,
+                self._work[part],
+                chosen,
+                first,
+                last,
+                terminated,
+                applied,
+                self.overflowed,
+                self.auto_reset,
+            )
+
+        self._run(work)
+        return BatchStep(terminated.astype(np.float32), terminated, applied)
+
+    def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[np.int64]:
+        chosen = np.asarray(actions)
+        shape = (self.copies, len(self.players))
+        if chosen.dtype.kind not in "iu" or chosen.size != shape[0] * shape[1]:
+            raise WrongArgumentError(
+                f"expected integers of shape {shape}, found {chosen.dtype} {chosen.shape}"
+            )
+        chosen = np.ascontiguousarray(chosen.reshape(shape), dtype=np.int64)
+        if chosen.min() < -1 or np.any(chosen.max(axis=0) >= self.action_counts):
+            wrong = np.argwhere((chosen < -1) | (chosen >= self.action_counts))
+            copy, seat = wrong[0].tolist()
+            raise WrongArgumentError(
+                f"{self.players[seat]} has {self.action_counts[seat]} actions, "
+                f"found number {chosen[copy, seat]}"
+            )
+        return chosen
+
+    def masks(self, player: str, out: Bools | None = None) -> Bools:
+        """Which of a player's actions are valid, for each copy: see `State.mask`.
+
+        Args:
+            player: Whose they are.
+            out: An array of this shape to write them into.
+
+        Raises:
+            UnknownNameError: There is no such player.
+            WrongArgumentError: `out` is of another shape or type.
+        """
+        seat = self._seat(player)
+        shape = (self.copies, self.action_counts[seat])
+        masks = np.empty(shape, dtype=np.bool_) if out is None else out
+        if masks.shape != shape or masks.dtype != np.bool_ or not masks.flags.c_contiguous:
+            raise WrongArgumentError(f"expected booleans of shape {shape}, in rows")
+
+        def work(part: int, first: int, last: int) -> None:
+            scratch = self._stacks[part], self._found[part]
+            mask_copies(self._tables, self.rows, seat, first, last, masks, *scratch)
+
+        self._run(work)
+        return masks
+
+    def random_actions(self) -> npt.NDArray[np.int64]:
+        """A valid action of each player in each copy, all as likely; -1 where there is none."""
+        shape = (self.copies, len(self.players))
+        draws = self._random.random(shape)
+        actions = np.empty(shape, dtype=np.int64)
+
+        def work(part: int, first: int, last: int) -> None:
+            scratch = self._stacks[part], self._found[part]
+            random_copies(self._tables, self.rows, draws, first, last, actions, *scratch)
+
+        self._run(work)
+        return actions
+
+    def vectors(self) -> npt.NDArray[np.float32]:
+        """The states as numbers, for each copy: see `State.vector`."""
+        vectors = np.empty((self.copies, self.vector_size), dtype=np.float32)
+        self._run(lambda _, first, last: vector_copies(
+            self._tables, self.rows, first, last, vectors
+        ))  # fmt: skip
+        return vectors
+
+    def state(self, copy: int) -> State:
+        """The state of a copy, as one of the world's: to look at, show or plan from.
+
+        Created objects are called by the slots that they stand in, so their numbers may be lower
+        than on the course of play that led there.
+
+        Raises:
+            WrongArgumentError: The copy has overflowed, and has no state.
+        """
+        if self.overflowed[copy]:
+            raise WrongArgumentError(f"copy {copy} has overflowed: reset it")
+        return state_of(self.rows[copy], self._rules, self._tables)
+
+    def set_state(self, copy: int, state: State) -> None:
+        """Put a copy into a state.
+
+        Raises:
+            SlotOverflowError: It has more created objects than there are slots.
+            WrongWorldError: It is one of another task.
+        """
+        self.rows[copy] = row_of(state, self._rules, self._tables)
+        self.overflowed[copy] = False
+
+    def _seat(self, player: str) -> int:
+        try:
+            return self.players.index(player)
+        except ValueError:
+            near = did_you_mean(player, self.players)
+            raise UnknownNameError(f"no player {player!r}{near}") from None
+
+    def _run(self, work: Callable[[int, int, int], None]) -> None:
+        """Have each thread do its part of the copies."""
+        if self._pool is None:
+            for part, (first, last) in enumerate(self._ranges):
+                work(part, first, last)
+            return
+        tasks = [
+            self._pool.submit(work, part, first, last)
+            for part, (first, last) in enumerate(self._ranges)
+        ]
+        for task in tasks:
+            task.result()

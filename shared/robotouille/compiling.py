@@ -1,0 +1,66 @@
+"""Functions that are compiled where the extra `fast` is installed, and plain Python else.
+
+Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeVar
+
+__all__ = ["COMPILED", "cache_folder", "compiler"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _numba_module() -> Any:
+    if os.environ.get("ROBOTOUILLE_COMPILE") == "0":
+        return None
+    try:
+        return import_module("numba")
+    except ImportError:
+        return None
+
+
+_numba: Any = _numba_module()
+
+COMPILED = _numba is not None
+"""Whether functions are compiled."""
+
+
+def compiler(folder: Path, nogil: bool = False) -> Callable[[F], F]:
+    """A decorator for the functions of a folder: the function, compiled if possible.
+
+    What is compiled is kept on disk for the next time.
+
+    Args:
+        folder: Where all that is called from compiled functions is defined.
+        nogil: Whether other threads run meanwhile.
+    """
+
+    def kernel(function: F) -> F:
+        if not COMPILED:
+            return function
+        before = _numba.config.CACHE_DIR
+        _numba.config.CACHE_DIR = str(cache_folder(folder))
+        try:
+            compiled: F = _numba.njit(cache=True, nogil=nogil)(function)
+        finally:
+            _numba.config.CACHE_DIR = before
+        return compiled
+
+    return kernel
+
+
+@cache
+def cache_folder(folder: Path) -> Path:
+    """Where the compiled functions of a folder are kept: one for each version of their source,
+    since a function contains those it calls."""
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    source = b"".join(p.read_bytes() for p in sorted(folder.rglob("*.py")))
+    return Path(home) / "robotouille" / hashlib.blake2b(source, digest_size=8).hexdigest()
