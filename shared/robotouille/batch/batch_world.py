@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from robotouille.batch.batch_kernels import step_copies
-from robotouille.batch.kernels import work_for
+from robotouille.batch import layout as at
+from robotouille.batch.kernels import step_copies
 from robotouille.batch.mask_kernels import mask_copies, random_copies, vector_copies
+from robotouille.batch.match_tree import match_tree
 from robotouille.batch.rows import row_of, state_of
 from robotouille.batch.rules import Rules
-from robotouille.batch.tables import tables
+from robotouille.batch.tables import Ints, initial_row, tables
 from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
 from robotouille.world.world import State, World
 
@@ -75,19 +76,18 @@ class BatchWorld:
         self.auto_reset = auto_reset
         self._rules = Rules(world)
         self._tables = tables(self._rules)
+        self._tree = match_tree(self._rules)
+        self._initial = initial_row(self._rules, self._tables)
         self.action_counts = tuple(len(actions) for actions in self._rules.actions)
         self.vector_size = world.encoding.size
-        self.rows = np.tile(self._tables.initial, (copies, 1))
+        self.rows = np.tile(self._initial, (copies, 1))
         self.overflowed: Bools = np.zeros(copies, dtype=np.bool_)
         self._random = np.random.default_rng(seed)
         bounds = [copies * i // threads for i in range(threads + 1)]
         self._ranges = [(first, last) for first, last in pairwise(bounds) if first < last]
-        self._work = [work_for(self._tables) for _ in self._ranges]
-        widest = max(self.action_counts)
-        self._stacks = [
-            np.zeros(self._tables.tree.deepest + 1, dtype=np.int64) for _ in self._ranges
-        ]
-        self._found = [np.zeros(widest + 1, dtype=np.int64) for _ in self._ranges]
+        self._work = self._room(int(self._tables[at.WORK_SIZE]))
+        self._stacks = self._room(self._tree.deepest + 1)
+        self._found = self._room(max(self.action_counts) + 1)
         self._pool = ThreadPoolExecutor(threads) if len(self._ranges) > 1 else None
 
     def reset(self, mask: npt.ArrayLike | None = None) -> None:
@@ -101,7 +101,7 @@ class BatchWorld:
             raise WrongArgumentError(
                 f"expected {self.copies} booleans, found {chosen.dtype} {chosen.shape}"
             )
-        self.rows[chosen] = self._tables.initial
+        self.rows[chosen] = self._initial
         self.overflowed[chosen] = False
 
     def step(self, actions: npt.ArrayLike) -> BatchStep:
@@ -121,6 +121,7 @@ class BatchWorld:
         def work(part: int, first: int, last: int) -> None:
             step_copies(
                 self._tables,
+                self._initial,
                 self.rows,
                 self._work[part],
                 chosen,
@@ -171,7 +172,7 @@ class BatchWorld:
 
         def work(part: int, first: int, last: int) -> None:
             scratch = self._stacks[part], self._found[part]
-            mask_copies(self._tables, self.rows, seat, first, last, masks, *scratch)
+            mask_copies(self._tables, self._tree, self.rows, seat, first, last, masks, *scratch)
 
         self._run(work)
         return masks
@@ -184,7 +185,9 @@ class BatchWorld:
 
         def work(part: int, first: int, last: int) -> None:
             scratch = self._stacks[part], self._found[part]
-            random_copies(self._tables, self.rows, draws, first, last, actions, *scratch)
+            random_copies(
+                self._tables, self._tree, self.rows, draws, first, last, actions, *scratch
+            )
 
         self._run(work)
         return actions
@@ -193,7 +196,7 @@ class BatchWorld:
         """The states as numbers, for each copy: see `State.vector`."""
         vectors = np.empty((self.copies, self.vector_size), dtype=np.float32)
         self._run(lambda _, first, last: vector_copies(
-            self._tables, self.rows, first, last, vectors
+            self._tables, self._tree, self.rows, first, last, vectors
         ))  # fmt: skip
         return vectors
 
@@ -219,6 +222,10 @@ class BatchWorld:
         """
         self.rows[copy] = row_of(state, self._rules, self._tables)
         self.overflowed[copy] = False
+
+    def _room(self, size: int) -> list[Ints]:
+        """Arrays to write on, one for each thread."""
+        return [np.zeros(size, dtype=np.int64) for _ in self._ranges]
 
     def _seat(self, player: str) -> int:
         try:

@@ -6,86 +6,80 @@ agree with those chosen before, and whose atoms hold.
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from robotouille.batch.tables import Ints, Tables
-from robotouille.compiling import compiler
+from robotouille.batch import layout as at
+from robotouille.batch.compiled import get, kernel
+from robotouille.batch.tables import Ints
 
 __all__ = ["goal_reached"]
 
-kernel = compiler(Path(__file__).parent, nogil=True)
-
-WORD = 63
-
 
 @kernel
-def goal_reached(t: Tables, row: Ints, cursor: Ints, binding: Ints) -> bool:
-    """Whether the goal holds; most states fail at once, one of its conditions being met nowhere.
-
-    `cursor` has room for a number for each condition, and one more; `binding` for each variable.
-    """
-    conditions = len(t.variable_at) - 1
+def goal_reached(t: Ints, row: Ints, work: Ints) -> bool:
+    """Whether the goal holds; most states fail at once, one of its conditions being met nowhere."""
+    conditions = t[at.CONDITIONS]
     for condition in range(conditions):
         if not _possible(t, row, condition):
             return False
-    binding[:] = -1
+    work[t[at.BINDING] : t[at.WORK_SIZE]] = -1
     depth = 0
-    cursor[0] = t.choice_at[0]
+    work[t[at.CURSOR]] = get(t, at.CHOICE_AT, 0)
     while 0 <= depth < conditions:
-        _unbind(t, binding, depth)
-        choice = cursor[depth]
-        while choice < t.choice_at[depth + 1] and not _bind(t, row, binding, depth, choice):
+        _unbind(t, work, depth)
+        choice = work[t[at.CURSOR] + depth]
+        while choice < get(t, at.CHOICE_AT, depth + 1) and not _bind(t, row, work, depth, choice):
             choice += 1
-        if choice == t.choice_at[depth + 1]:
+        if choice == get(t, at.CHOICE_AT, depth + 1):
             depth -= 1
         else:
-            cursor[depth] = choice + 1
+            work[t[at.CURSOR] + depth] = choice + 1
             depth += 1
-            cursor[depth] = t.choice_at[depth] if depth < conditions else 0
+            work[t[at.CURSOR] + depth] = get(t, at.CHOICE_AT, depth) if depth < conditions else 0
     return depth == conditions
 
 
 @kernel
-def _possible(t: Tables, row: Ints, condition: int) -> bool:
+def _possible(t: Ints, row: Ints, condition: int) -> bool:
     """Whether some atom that meets a condition holds."""
-    first, last = t.need_at[condition], t.need_at[condition + 1]
+    first, last = get(t, at.NEED_AT, condition), get(t, at.NEED_AT, condition + 1)
     for i in range(first, last):
-        if row[t.need_word[i]] & t.need_mask[i] != 0:
+        if row[get(t, at.NEED_WORD, i)] & get(t, at.NEED_MASK, i) != 0:
             return True
-    return first == last and t.choice_at[condition] < t.choice_at[condition + 1]
+    return first == last and get(t, at.CHOICE_AT, condition) < get(t, at.CHOICE_AT, condition + 1)
 
 
 @kernel
-def _unbind(t: Tables, binding: Ints, depth: int) -> None:
-    for i in range(t.variable_at[depth], t.variable_at[depth + 1]):
-        if t.fresh[i] != 0:
-            binding[t.variable[i]] = -1
+def _unbind(t: Ints, work: Ints, depth: int) -> None:
+    for i in range(get(t, at.VARIABLE_AT, depth), get(t, at.VARIABLE_AT, depth + 1)):
+        if get(t, at.FRESH, i) != 0:
+            work[t[at.BINDING] + get(t, at.VARIABLE, i)] = -1
 
 
 @kernel
-def _bind(t: Tables, row: Ints, binding: Ints, depth: int, choice: int) -> bool:
+def _bind(t: Ints, row: Ints, work: Ints, depth: int, choice: int) -> bool:
     """Take a choice, if it agrees with the objects chosen so far and its atoms hold."""
-    first, last = t.variable_at[depth], t.variable_at[depth + 1]
+    first, last = get(t, at.VARIABLE_AT, depth), get(t, at.VARIABLE_AT, depth + 1)
     for i in range(first, last):
-        thing = t.chosen[choice, i - first]
-        if t.fresh[i] == 0:
-            if binding[t.variable[i]] != thing:
+        thing = get(t, at.CHOSEN, choice * t[at.CHOSEN_WIDTH] + i - first)
+        if get(t, at.FRESH, i) == 0:
+            if work[t[at.BINDING] + get(t, at.VARIABLE, i)] != thing:
                 return False
-        elif _is_taken(t, binding, t.variable[i], thing):
+        elif _is_taken(t, work, get(t, at.VARIABLE, i), thing):
             return False
-    for i in range(t.chosen_atoms.shape[1]):
-        atom = t.chosen_atoms[choice, i]
-        if atom >= 0 and row[atom // WORD] >> (atom % WORD) & 1 == 0:
+    for i in range(t[at.CHOSEN_ATOMS_WIDTH]):
+        atom = get(t, at.CHOSEN_ATOMS, choice * t[at.CHOSEN_ATOMS_WIDTH] + i)
+        if atom >= 0 and row[atom // at.WORD] >> (atom % at.WORD) & 1 == 0:
             return False
     for i in range(first, last):
-        binding[t.variable[i]] = t.chosen[choice, i - first]
+        thing = get(t, at.CHOSEN, choice * t[at.CHOSEN_WIDTH] + i - first)
+        work[t[at.BINDING] + get(t, at.VARIABLE, i)] = thing
     return True
 
 
 @kernel
-def _is_taken(t: Tables, binding: Ints, variable: int, thing: int) -> bool:
+def _is_taken(t: Ints, work: Ints, variable: int, thing: int) -> bool:
     """Whether an object stands for another variable of the same kind."""
-    for other in range(len(binding)):
-        if binding[other] == thing and t.variable_kind[other] == t.variable_kind[variable]:
+    for other in range(t[at.VARIABLES]):
+        alike = get(t, at.VARIABLE_KIND, other) == get(t, at.VARIABLE_KIND, variable)
+        if alike and work[t[at.BINDING] + other] == thing:
             return True
     return False

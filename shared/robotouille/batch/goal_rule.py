@@ -54,9 +54,7 @@ def goal_rule(world: World, atoms: Mapping[Atom, int], objects: Mapping[str, int
             if all(name in objects for name in names) and _suits(world, term, names)
         )
         rules.append(ConditionRule(tuple(numbers[i] for i in distinct), choices))
-    initial = {
-        i for atom, i in atoms.items() if world.initial.facts & world.table.bit.get(atom, 0)
-    }
+    initial = {i for atom, i in atoms.items() if world.initial.facts & world.table.bit.get(atom, 0)}
     order = _in_order(rules, initial)
     return GoalRule(tuple(order), tuple(kinds.index(kind) for kind in kinds))
 

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 
-from robotouille.batch.tables import Ints, Tables
-from robotouille.compiling import compiler
+from robotouille.batch import layout as at
+from robotouille.batch.compiled import get, kernel
+from robotouille.batch.match_tree import MatchTree
+from robotouille.batch.tables import Ints
 
-__all__ = ["find_valid", "mask_copies", "random_copies", "vector_copies"]
-
-kernel = compiler(Path(__file__).parent, nogil=True)
-
-WORD = 63
+__all__ = ["mask_copies", "random_copies", "vector_copies"]
 
 
 @kernel
-def _forbidden(t: Tables, row: Ints, action: int) -> bool:
-    for i in range(t.test_at[action], t.test_at[action + 1]):
-        if row[t.test_word[i]] & t.tested[i] != t.required[i]:
+def _forbidden(t: Ints, row: Ints, action: int) -> bool:
+    for i in range(get(t, at.TEST_AT, action), get(t, at.TEST_AT, action + 1)):
+        if row[get(t, at.TEST_WORD, i)] & get(t, at.TESTED, i) != get(t, at.REQUIRED, i):
             return True
     return False
 
 
 @kernel
-def find_valid(t: Tables, row: Ints, player: int, stack: Ints, found: Ints) -> int:
+def _find_valid(t: Ints, tree: MatchTree, row: Ints, player: int, stack: Ints, found: Ints) -> int:
     """Write the numbers of a player's valid actions, in no order; returns how many there are."""
     count = 0
-    if row[t.busy + player] != 0:
+    if row[t[at.BUSY] + player] != 0:
         return 0
-    tree, first = t.tree, t.action_at[player]
+    first = get(t, at.ACTION_AT, player)
     stack[0] = tree.root[player]
     waiting = 1
     while waiting > 0:
@@ -62,7 +58,8 @@ def find_valid(t: Tables, row: Ints, player: int, stack: Ints, found: Ints) -> i
 
 @kernel
 def mask_copies(
-    t: Tables,
+    t: Ints,
+    tree: MatchTree,
     rows: npt.NDArray[np.int64],
     player: int,
     first: int,
@@ -75,13 +72,14 @@ def mask_copies(
     masks[first:last] = False
     for copy in range(first, last):
         mask = masks[copy]
-        for i in range(find_valid(t, rows[copy], player, stack, found)):
+        for i in range(_find_valid(t, tree, rows[copy], player, stack, found)):
             mask[found[i]] = True
 
 
 @kernel
 def random_copies(
-    t: Tables,
+    t: Ints,
+    tree: MatchTree,
     rows: npt.NDArray[np.int64],
     draws: npt.NDArray[np.float64],
     first: int,
@@ -92,14 +90,15 @@ def random_copies(
 ) -> None:
     """One of each player's valid actions for some copies, by numbers from 0 up to 1."""
     for copy in range(first, last):
-        for player in range(t.players):
-            count = find_valid(t, rows[copy], player, stack, found)
+        for player in range(t[at.PLAYERS]):
+            count = _find_valid(t, tree, rows[copy], player, stack, found)
             actions[copy, player] = found[int(draws[copy, player] * count)] if count > 0 else -1
 
 
 @kernel
 def vector_copies(
-    t: Tables,
+    t: Ints,
+    tree: MatchTree,
     rows: npt.NDArray[np.int64],
     first: int,
     last: int,
@@ -109,19 +108,19 @@ def vector_copies(
     vectors[first:last] = 0
     for copy in range(first, last):
         row, vector = rows[copy], vectors[copy]
-        for word in range(t.words):
+        for word in range(t[at.WORDS]):
             true = row[word]
             while true != 0:
                 bit = true & -true
                 true ^= bit
-                vector[word * WORD + t.tree.bit_of[bit % 67]] = 1
-        for i in range(row[t.count]):
-            effect = row[t.order + i]
+                vector[word * at.WORD + tree.bit_of[bit % 67]] = 1
+        for i in range(row[t[at.COUNT]]):
+            effect = row[t[at.ORDER] + i]
             # Each effect before it has a number of its own beside its counters.
-            place = t.atoms + effect + t.effect_at[effect]
+            place = t[at.ATOMS] + effect + get(t, at.EFFECT_AT, effect)
             vector[place] = 1
-            for node in range(t.effect_at[effect], t.effect_at[effect + 1]):
-                vector[place + 1 + node - t.effect_at[effect]] = row[t.progress + node]
-        place = t.atoms + len(t.effect_at) - 1 + t.effect_at[-1]
-        for player in range(t.players):
-            vector[place + player] = row[t.busy + player]
+            for node in range(get(t, at.EFFECT_AT, effect), get(t, at.EFFECT_AT, effect + 1)):
+                vector[place + 1 + node - get(t, at.EFFECT_AT, effect)] = row[t[at.PROGRESS] + node]
+        place = t[at.ATOMS] + t[at.EFFECTS] + get(t, at.EFFECT_AT, t[at.EFFECTS])
+        for player in range(t[at.PLAYERS]):
+            vector[place + player] = row[t[at.BUSY] + player]

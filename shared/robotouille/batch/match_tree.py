@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from robotouille.batch.layout import WORD
 from robotouille.batch.rules import ActionRule, Rules
 
 __all__ = ["MatchTree", "match_tree"]
-
-WORD = 63
 
 Left = tuple[int, frozenset[int]]
 """An action, and the atoms that it needs beside those on the way."""

@@ -105,8 +105,8 @@ class Rules:
     """The rules of a world, in the numbers of its encoding.
 
     `nodes` are those of all effects; a node's number is also its counter's. `kinds` are the kinds
-    of objects that have slots, and `exists` the atom of each slot of each; of a kind that play cannot
-    come to there are none.
+    of objects that have slots, and `exists` the atom of each slot of each; those of a kind that
+    play cannot come to have none.
     """
 
     def __init__(self, world: World) -> None:
@@ -207,7 +207,8 @@ class Rules:
         if not any(node.subject in in_slots for node in self.nodes):
             return ()
         return tuple(
-            tuple(self._shift(names, gone) for gone in range(len(names))) for names in self.slots
+            tuple(self._shift(names, gone) for gone in range(len(atoms)))
+            for names, atoms in zip(self.slots, self.exists, strict=True)
         )
 
     def _shift(self, names: tuple[str, ...], gone: int) -> Shift:

@@ -1,0 +1,130 @@
+"""Where things are in the arrays that kernels work on.
+
+Kernels get few arrays, since each argument costs time where they are compiled and called. All
+tables of a world are one array of 64-bit integers, `t`: its first numbers, which are named here,
+are sizes and places, or say where in `t` a list begins. A list of lists of unequal length is two:
+`X_AT`, where the i-th begins, and `X`; the i-th ends where the next begins.
+
+A copy's state is a row: words of atoms, then for each kind of created objects how many slots are
+in use (`TOP`), for each player how many steps it is busy (`BUSY`), the number of active effects
+(`COUNT`), these in order of creation (`ORDER`), and a counter for each node (`PROGRESS`). A word
+holds 63 atoms, so it is never negative.
+
+Tests and writes go by words: a test holds where `word & TESTED == REQUIRED`, a write makes of a
+word `word & ~CLEARS | SETS`. They have the numbers of actions, all players' one behind the other,
+then of nodes (from `FIRST_NODE` on), then of what creations and deletions do (`FIRST_OUTCOME`).
+
+What a step writes on meanwhile is `work`: `STARTED` and `DELETED` say how many effects a run has
+started and how many objects it has deleted, `HOLES` and `OVERFLOWED` whether a slot has become
+empty, or was missing, in this step. Behind these are the atoms about deleted objects (`GONE`, by
+word), whether each object was deleted, the effects started, a copy of a row, and for the goal the
+next choice of each condition and the object that stands for each variable.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "ABOUT",
+    "ABOUT_AT",
+    "ACTION_AT",
+    "ATOMS",
+    "ATOM_FROM",
+    "BINDING",
+    "BORN",
+    "BORN_AT",
+    "BUSY",
+    "CHOICE_AT",
+    "CHOSEN",
+    "CHOSEN_ATOMS",
+    "CHOSEN_ATOMS_WIDTH",
+    "CHOSEN_WIDTH",
+    "CLEARS",
+    "CONDITIONS",
+    "COUNT",
+    "CREATES",
+    "CURSOR",
+    "DELETED",
+    "DURATION",
+    "EFFECTS",
+    "EFFECT_AT",
+    "EFFECT_FROM",
+    "END",
+    "EXISTS",
+    "FIRST_NODE",
+    "FIRST_OUTCOME",
+    "FRESH",
+    "GONE",
+    "HOLES",
+    "IS_DELETED",
+    "IS_STARTED",
+    "KIND",
+    "KINDS",
+    "MENTIONS",
+    "MENTION_AT",
+    "MENTION_WORD",
+    "NEED_AT",
+    "NEED_MASK",
+    "NEED_WORD",
+    "NUMBERS",
+    "OBJECTS",
+    "ORDER",
+    "OUTCOME",
+    "OVERFLOWED",
+    "PLAYERS",
+    "POSSIBLE",
+    "PROGRESS",
+    "REQUIRED",
+    "ROW_COPY",
+    "SETS",
+    "SHIFTS",
+    "SLOT_AT",
+    "SLOT_OF",
+    "STARTED",
+    "STARTS",
+    "STARTS_AT",
+    "SUBJECT",
+    "TESTED",
+    "TEST_AT",
+    "TEST_WORD",
+    "TOP",
+    "TOTAL",
+    "VARIABLE",
+    "VARIABLES",
+    "VARIABLE_AT",
+    "VARIABLE_KIND",
+    "WIDTH",
+    "WORD",
+    "WORDS",
+    "WORK_SIZE",
+    "WRITE_AT",
+    "WRITE_WORD",
+]
+
+WORD = 63
+"""Atoms in a word."""
+
+# Sizes; places in a row; places in `work`.
+(
+    WORDS, ATOMS, PLAYERS, EFFECTS, OBJECTS, KINDS, SHIFTS, CONDITIONS, VARIABLES, CHOSEN_WIDTH,
+    CHOSEN_ATOMS_WIDTH, FIRST_NODE, FIRST_OUTCOME,
+    TOP, BUSY, COUNT, ORDER, PROGRESS, WIDTH,
+    GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, WORK_SIZE,
+) = range(26)  # fmt: skip
+
+# Lists: of actions, tests, writes; of effects, their nodes and what these do; of objects and their
+# slots; of the goal's conditions.
+(
+    ACTION_AT, DURATION, STARTS_AT, STARTS,
+    TEST_AT, TEST_WORD, TESTED, REQUIRED, WRITE_AT, WRITE_WORD, SETS, CLEARS,
+    EFFECT_AT, ABOUT_AT, ABOUT, KIND, END, TOTAL, POSSIBLE, SUBJECT, CREATES, OUTCOME,
+    BORN_AT, BORN,
+    MENTION_AT, MENTION_WORD, MENTIONS, SLOT_OF, SLOT_AT, EXISTS, ATOM_FROM, EFFECT_FROM,
+    NEED_AT, NEED_WORD, NEED_MASK, VARIABLE_AT, VARIABLE, VARIABLE_KIND, FRESH, CHOICE_AT,
+    CHOSEN, CHOSEN_ATOMS,
+) = range(26, 68)  # fmt: skip
+
+NUMBERS = 68
+"""Named numbers at the beginning of `t`."""
+
+STARTED, DELETED, HOLES, OVERFLOWED = range(4)
+"""Places in `work`."""
