@@ -17,8 +17,9 @@ then of nodes (from `FIRST_NODE` on), then of what creations and deletions do (`
 What a step writes on meanwhile is `work`: `STARTED` and `DELETED` say how many effects a run has
 started and how many objects it has deleted, `HOLES` and `OVERFLOWED` whether a slot has become
 empty, or was missing, in this step. Behind these are the atoms about deleted objects (`GONE`, by
-word), whether each object was deleted, the effects started, a copy of a row, and for the goal the
-next choice of each condition and the object that stands for each variable.
+word), whether each object was deleted, the effects started, a copy of a row, and for the goal, of
+each condition, the next choice, of each variable, the object that stands for it, and the choices
+that each condition has now.
 """
 
 from __future__ import annotations
@@ -30,10 +31,12 @@ __all__ = [
     "ATOMS",
     "ATOM_FROM",
     "BINDING",
+    "BIT_OF",
     "BORN",
     "BORN_AT",
     "BUSY",
     "CHOICE_AT",
+    "CHOICE_OF",
     "CHOSEN",
     "CHOSEN_ATOMS",
     "CHOSEN_ATOMS_WIDTH",
@@ -59,10 +62,13 @@ __all__ = [
     "IS_STARTED",
     "KIND",
     "KINDS",
+    "LIVE",
+    "LIVE_COUNT",
     "MENTIONS",
     "MENTION_AT",
     "MENTION_WORD",
     "NEED_AT",
+    "NEED_CHOICE",
     "NEED_MASK",
     "NEED_WORD",
     "NUMBERS",
@@ -72,6 +78,7 @@ __all__ = [
     "OVERFLOWED",
     "PLAYERS",
     "POSSIBLE",
+    "PRIME",
     "PROGRESS",
     "REQUIRED",
     "ROW_COPY",
@@ -103,16 +110,19 @@ __all__ = [
 WORD = 63
 """Atoms in a word."""
 
+PRIME = 67
+"""The powers of two below 2⁶³ are all different modulo this, and so say where a bit is."""
+
 # Sizes; places in a row; places in `work`.
 (
     WORDS, ATOMS, PLAYERS, EFFECTS, OBJECTS, KINDS, SHIFTS, CONDITIONS, VARIABLES, CHOSEN_WIDTH,
     CHOSEN_ATOMS_WIDTH, FIRST_NODE, FIRST_OUTCOME,
     TOP, BUSY, COUNT, ORDER, PROGRESS, WIDTH,
-    GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, WORK_SIZE,
-) = range(26)  # fmt: skip
+    GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, LIVE, LIVE_COUNT, WORK_SIZE,
+) = range(28)  # fmt: skip
 
 # Lists: of actions, tests, writes; of effects, their nodes and what these do; of objects and their
-# slots; of the goal's conditions.
+# slots; of the goal's conditions; of bits.
 (
     ACTION_AT, DURATION, STARTS_AT, STARTS,
     TEST_AT, TEST_WORD, TESTED, REQUIRED, WRITE_AT, WRITE_WORD, SETS, CLEARS,
@@ -120,10 +130,11 @@ WORD = 63
     BORN_AT, BORN,
     MENTION_AT, MENTION_WORD, MENTIONS, SLOT_OF, SLOT_AT, EXISTS, ATOM_FROM, EFFECT_FROM,
     NEED_AT, NEED_WORD, NEED_MASK, VARIABLE_AT, VARIABLE, VARIABLE_KIND, FRESH, CHOICE_AT,
-    CHOSEN, CHOSEN_ATOMS,
-) = range(26, 68)  # fmt: skip
+    CHOSEN, CHOSEN_ATOMS, NEED_CHOICE, CHOICE_OF,
+    BIT_OF,
+) = range(28, 73)  # fmt: skip
 
-NUMBERS = 68
+NUMBERS = 73
 """Named numbers at the beginning of `t`."""
 
 STARTED, DELETED, HOLES, OVERFLOWED = range(4)

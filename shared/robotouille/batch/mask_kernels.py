@@ -46,7 +46,7 @@ def _find_valid(t: Ints, tree: MatchTree, row: Ints, player: int, stack: Ints, f
             while true != 0:
                 bit = true & -true
                 true ^= bit
-                child = tree.child[tree.child_at[group] + tree.bit_of[bit % 67]]
+                child = tree.child[tree.child_at[group] + get(t, at.BIT_OF, bit % at.PRIME)]
                 if child < 0:
                     found[count] = -2 - child
                     count += 1
@@ -113,7 +113,7 @@ def vector_copies(
             while true != 0:
                 bit = true & -true
                 true ^= bit
-                vector[word * at.WORD + tree.bit_of[bit % 67]] = 1
+                vector[word * at.WORD + get(t, at.BIT_OF, bit % at.PRIME)] = 1
         for i in range(row[t[at.COUNT]]):
             effect = row[t[at.ORDER] + i]
             # Each effect before it has a number of its own beside its counters.

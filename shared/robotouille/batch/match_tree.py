@@ -29,8 +29,7 @@ class MatchTree(NamedTuple):
     The actions at node n are `action[action_at[n]:action_at[n + 1]]`: a number of the player's, or
     -1 - number, if atoms have to be false, too. Its tests are `group_at[n]` up to the next one's:
     the node below the atom of bit b of a word is `child[child_at[group] + b]`, or -2 - number where
-    nothing stands there but that action. `bit_of` has the
-    place of a word's only bit, modulo 67. `deepest` nodes wait to be visited at most.
+    nothing stands there but that action. `deepest` nodes wait to be visited at most.
     """
 
     root: npt.NDArray[np.int64]
@@ -41,7 +40,6 @@ class MatchTree(NamedTuple):
     group_mask: npt.NDArray[np.int64]
     child_at: npt.NDArray[np.int32]
     child: npt.NDArray[np.int32]
-    bit_of: npt.NDArray[np.int64]
     deepest: int
 
 
@@ -91,9 +89,6 @@ class _Builder:
 
     def tree(self, roots: list[int]) -> MatchTree:
         groups = [group for each in self._groups for group in each]
-        bit_of = np.zeros(67, dtype=np.int64)
-        for bit in range(WORD):
-            bit_of[(1 << bit) % 67] = bit
         return MatchTree(
             root=np.array(roots, dtype=np.int64),
             action_at=_starts(self._actions),
@@ -103,7 +98,6 @@ class _Builder:
             group_mask=np.array([mask for _, mask, _ in groups], dtype=np.int64),
             child_at=np.array([at for _, _, at in groups], dtype=np.int32),
             child=np.array(self._children, dtype=np.int32),
-            bit_of=bit_of,
             deepest=self.deepest,
         )
 

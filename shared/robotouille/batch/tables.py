@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate
 
 import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
+from robotouille.batch.goal_rule import ConditionRule
 from robotouille.batch.rules import NodeRule, Rules
 
 __all__ = ["Ints", "in_words", "initial_row", "tables"]
@@ -25,6 +26,7 @@ Lists = dict[int, Sequence[int]]
 def tables(rules: Rules) -> Ints:
     """The rules of a world, laid out for kernels."""
     lists = {**_actions(rules), **_effects(rules), **_objects(rules), **_goal(rules)}
+    lists[at.BIT_OF] = _bit_of()
     header = np.zeros(at.NUMBERS, dtype=np.int64)
     for name, number in _sizes(rules).items():
         header[name] = number
@@ -82,7 +84,7 @@ def _sizes(rules: Rules) -> dict[int, int]:
             FLAGS,
             {at.GONE: words, at.IS_DELETED: len(rules.object), at.IS_STARTED: effects,
              at.ROW_COPY: width, at.CURSOR: conditions + 1, at.BINDING: variables,
-             at.WORK_SIZE: 0},
+             at.LIVE: len(choices), at.LIVE_COUNT: conditions, at.WORK_SIZE: 0},
         ),
     }  # fmt: skip
 
@@ -156,14 +158,10 @@ def _objects(rules: Rules) -> Lists:
 def _goal(rules: Rules) -> Lists:
     conditions = rules.goal.conditions
     choices = [choice for condition in conditions for choice in condition.choices]
-    # A condition that needs an atom cannot hold while none of these is true.
-    needs: list[Iterable[int]] = [
-        {atom for choice in condition.choices for atom in choice.atoms}
-        if all(choice.atoms for choice in condition.choices)
-        else ()
-        for condition in conditions
-    ]
-    need_at, need_word, need_mask, _ = _pairs((atoms, ()) for atoms in needs)
+    choice_at = _starts(len(condition.choices) for condition in conditions)
+    by_atom = [_by_atom(c, first) for c, first in zip(conditions, choice_at, strict=False)]
+    need_at, need_word, need_mask, _ = _pairs((atoms, ()) for atoms in by_atom)
+    need_choice, choice_of = _by_bit(by_atom)
     variable_at, variable = _lists(condition.variables for condition in conditions)
     width = max((len(choice.objects) for choice in choices), default=0)
     atoms_width = max((len(choice.atoms) for choice in choices), default=0)
@@ -171,14 +169,42 @@ def _goal(rules: Rules) -> Lists:
         at.NEED_AT: need_at,
         at.NEED_WORD: need_word,
         at.NEED_MASK: need_mask,
+        at.NEED_CHOICE: need_choice,
+        at.CHOICE_OF: choice_of,
         at.VARIABLE_AT: variable_at,
         at.VARIABLE: variable,
         at.VARIABLE_KIND: rules.goal.kinds,
         at.FRESH: [number not in variable[:i] for i, number in enumerate(variable)],
-        at.CHOICE_AT: _starts(len(condition.choices) for condition in conditions),
+        at.CHOICE_AT: choice_at,
         at.CHOSEN: _filled((choice.objects for choice in choices), width),
         at.CHOSEN_ATOMS: _filled((choice.atoms for choice in choices), atoms_width),
     }
+
+
+def _by_atom(condition: ConditionRule, first: int) -> dict[int, int]:
+    """The choices of a condition by the one atom that each needs; none where one is otherwise."""
+    if any(len(choice.atoms) != 1 for choice in condition.choices):
+        return {}
+    return {choice.atoms[0]: first + i for i, choice in enumerate(condition.choices)}
+
+
+def _by_bit(by_atom: Iterable[Mapping[int, int]]) -> tuple[list[int], list[int]]:
+    """For each word of each condition where its choices begin, and choices by the bit of a word."""
+    starts: list[int] = []
+    table: list[int] = []
+    for choices in by_atom:
+        for word in sorted({atom // at.WORD for atom in choices}):
+            starts.append(len(table))
+            table += [choices.get(word * at.WORD + bit, -1) for bit in range(at.WORD)]
+    return starts, table
+
+
+def _bit_of() -> list[int]:
+    """The place of a bit, by its value modulo `PRIME`."""
+    places = [0] * at.PRIME
+    for bit in range(at.WORD):
+        places[(1 << bit) % at.PRIME] = bit
+    return places
 
 
 def _starts(sizes: Iterable[int]) -> list[int]:
