@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.compiled import get, kernel
+from robotouille.batch.compiled import get, holds, kernel
 from robotouille.batch.goal_kernel import goal_reached
 from robotouille.batch.rules import CONDITIONAL, CREATION, DELETION, REPETITIVE
 from robotouille.batch.tables import Ints
@@ -22,19 +22,18 @@ PAUSED, HOLDING, DONE = 0, 1, -1
 
 
 @kernel
-def _holds(t: Ints, row: Ints, test: int) -> bool:
-    for i in range(get(t, at.TEST_AT, test), get(t, at.TEST_AT, test + 1)):
-        if row[get(t, at.TEST_WORD, i)] & get(t, at.TESTED, i) != get(t, at.REQUIRED, i):
-            return False
-    return True
+def _writes_of(t: Ints, rule: int) -> int:
+    """Where in `t` a rule's writes are, with their number before them."""
+    place: int = t[at.RULE] + get(t, at.RULE_AT, rule)
+    return place + 1 + t[place]
 
 
 @kernel
-def _write(t: Ints, row: Ints, work: Ints, write: int, negated: bool) -> None:
+def _write(t: Ints, row: Ints, work: Ints, rule: int, negated: bool) -> None:
     """Make atoms false, then true, but none about what this run has deleted."""
-    for i in range(get(t, at.WRITE_AT, write), get(t, at.WRITE_AT, write + 1)):
-        word = get(t, at.WRITE_WORD, i)
-        sets, clears = get(t, at.SETS, i), get(t, at.CLEARS, i)
+    place = _writes_of(t, rule)
+    for write in range(place + 1, place + 1 + t[place], 3):
+        word, sets, clears = t[write], t[write + 1], t[write + 2]
         if negated:
             sets, clears = clears, sets
         row[word] = (row[word] & ~clears) | (sets & ~work[t[at.GONE] + word])
@@ -64,7 +63,7 @@ def _update(t: Ints, row: Ints, work: Ints, effect: int, active: bool) -> None:
         if row[place] == DONE:
             node = get(t, at.END, node)
         elif kind == CONDITIONAL:
-            if get(t, at.POSSIBLE, node) != 0 and _holds(t, row, t[at.FIRST_NODE] + node):
+            if get(t, at.POSSIBLE, node) != 0 and holds(t, row, t[at.FIRST_NODE] + node):
                 row[place] = HOLDING
                 _write(t, row, work, t[at.FIRST_NODE] + node, False)
                 node += 1
@@ -208,18 +207,20 @@ def _settle(t: Ints, row: Ints, work: Ints, ends: bool) -> None:
 def _apply(t: Ints, row: Ints, work: Ints, player: int, number: int) -> bool:
     """Apply a player's action if its preconditions hold now."""
     action = get(t, at.ACTION_AT, player) + number
-    if row[t[at.BUSY] + player] != 0 or not _holds(t, row, action):
+    if row[t[at.BUSY] + player] != 0 or not holds(t, row, action):
         return False
     _write(t, row, work, action, False)
-    if get(t, at.DURATION, action) != 0:
-        row[t[at.BUSY] + player] = get(t, at.DURATION, action)
-    if get(t, at.STARTS_AT, action) < get(t, at.STARTS_AT, action + 1):
-        for i in range(get(t, at.STARTS_AT, action), get(t, at.STARTS_AT, action + 1)):
-            effect = get(t, at.STARTS, i)
-            if not _concerns_deleted(t, work, effect):
-                if _place_of(t, row, effect) < 0:
-                    _append(t, row, effect)
-                _update(t, row, work, effect, True)
+    duration = _writes_of(t, action)
+    duration += 1 + t[duration]
+    if t[duration] != 0:
+        row[t[at.BUSY] + player] = t[duration]
+    starts = duration + 2
+    if t[duration + 1] != 0:
+        for i in range(starts, starts + t[duration + 1]):
+            if not _concerns_deleted(t, work, t[i]):
+                if _place_of(t, row, t[i]) < 0:
+                    _append(t, row, t[i])
+                _update(t, row, work, t[i], True)
         _settle(t, row, work, False)
     return True
 

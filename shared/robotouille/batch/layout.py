@@ -10,9 +10,11 @@ in use (`TOP`), for each player how many steps it is busy (`BUSY`), the number o
 (`COUNT`), these in order of creation (`ORDER`), and a counter for each node (`PROGRESS`). A word
 holds 63 atoms, so it is never negative.
 
-Tests and writes go by words: a test holds where `word & TESTED == REQUIRED`, a write makes of a
-word `word & ~CLEARS | SETS`. They have the numbers of actions, all players' one behind the other,
-then of nodes (from `FIRST_NODE` on), then of what creations and deletions do (`FIRST_OUTCOME`).
+A rule says what is tested and written by an action (all players', one behind the other), a node
+(from `FIRST_NODE` on), or a creation or deletion (`FIRST_OUTCOME`). It is a record of numbers: how
+many follow for tests, these, how many follow for writes, and these. A test is a word, a mask, and
+what the word has to be under that mask; a write is a word, what becomes true of it, and what
+becomes false. An action's has its duration behind that, how many effects it starts, and these.
 
 What a step writes on meanwhile is `work`: `STARTED` and `DELETED` say how many effects a run has
 started and how many objects it has deleted, `HOLES` and `OVERFLOWED` whether a slot has become
@@ -41,13 +43,11 @@ __all__ = [
     "CHOSEN_ATOMS",
     "CHOSEN_ATOMS_WIDTH",
     "CHOSEN_WIDTH",
-    "CLEARS",
     "CONDITIONS",
     "COUNT",
     "CREATES",
     "CURSOR",
     "DELETED",
-    "DURATION",
     "EFFECTS",
     "EFFECT_AT",
     "EFFECT_FROM",
@@ -80,19 +80,14 @@ __all__ = [
     "POSSIBLE",
     "PRIME",
     "PROGRESS",
-    "REQUIRED",
     "ROW_COPY",
-    "SETS",
+    "RULE",
+    "RULE_AT",
     "SHIFTS",
     "SLOT_AT",
     "SLOT_OF",
     "STARTED",
-    "STARTS",
-    "STARTS_AT",
     "SUBJECT",
-    "TESTED",
-    "TEST_AT",
-    "TEST_WORD",
     "TOP",
     "TOTAL",
     "VARIABLE",
@@ -103,8 +98,6 @@ __all__ = [
     "WORD",
     "WORDS",
     "WORK_SIZE",
-    "WRITE_AT",
-    "WRITE_WORD",
 ]
 
 WORD = 63
@@ -121,20 +114,19 @@ PRIME = 67
     GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, LIVE, LIVE_COUNT, WORK_SIZE,
 ) = range(28)  # fmt: skip
 
-# Lists: of actions, tests, writes; of effects, their nodes and what these do; of objects and their
+# Lists: of rules; of effects, their nodes and what these do; of objects and their
 # slots; of the goal's conditions; of bits.
 (
-    ACTION_AT, DURATION, STARTS_AT, STARTS,
-    TEST_AT, TEST_WORD, TESTED, REQUIRED, WRITE_AT, WRITE_WORD, SETS, CLEARS,
+    ACTION_AT, RULE_AT, RULE,
     EFFECT_AT, ABOUT_AT, ABOUT, KIND, END, TOTAL, POSSIBLE, SUBJECT, CREATES, OUTCOME,
     BORN_AT, BORN,
     MENTION_AT, MENTION_WORD, MENTIONS, SLOT_OF, SLOT_AT, EXISTS, ATOM_FROM, EFFECT_FROM,
     NEED_AT, NEED_WORD, NEED_MASK, VARIABLE_AT, VARIABLE, VARIABLE_KIND, FRESH, CHOICE_AT,
     CHOSEN, CHOSEN_ATOMS, NEED_CHOICE, CHOICE_OF,
     BIT_OF,
-) = range(28, 73)  # fmt: skip
+) = range(28, 64)  # fmt: skip
 
-NUMBERS = 73
+NUMBERS = 64
 """Named numbers at the beginning of `t`."""
 
 STARTED, DELETED, HOLES, OVERFLOWED = range(4)

@@ -6,19 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.compiled import get, kernel
+from robotouille.batch.compiled import get, holds, kernel
 from robotouille.batch.match_tree import MatchTree
 from robotouille.batch.tables import Ints
 
 __all__ = ["mask_copies", "random_copies", "vector_copies"]
-
-
-@kernel
-def _forbidden(t: Ints, row: Ints, action: int) -> bool:
-    for i in range(get(t, at.TEST_AT, action), get(t, at.TEST_AT, action + 1)):
-        if row[get(t, at.TEST_WORD, i)] & get(t, at.TESTED, i) != get(t, at.REQUIRED, i):
-            return True
-    return False
 
 
 @kernel
@@ -37,7 +29,7 @@ def _find_valid(t: Ints, tree: MatchTree, row: Ints, player: int, stack: Ints, f
             number = tree.action[i]
             if number < 0:
                 number = -1 - number
-                if _forbidden(t, row, first + number):
+                if not holds(t, row, first + number):
                     continue
             found[count] = number
             count += 1

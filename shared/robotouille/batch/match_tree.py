@@ -1,8 +1,8 @@
 """Which actions of a player are valid: a tree that visits little but the valid ones.
 
 At a node all atoms on the way to it hold. What needs nothing more is valid there; the other actions
-stand below an atom each, the one that most of those that are left need. The atoms below a node are
-tested by words, 63 at once, and only what is below a true one is visited.
+stand below an atom each, the one that is likely to rule out most of those that are left. The atoms
+below a node are tested by words, 63 at once, and only what is below a true one is visited.
 """
 
 from __future__ import annotations
@@ -45,13 +45,14 @@ class MatchTree(NamedTuple):
 
 def match_tree(rules: Rules) -> MatchTree:
     """The trees of all players."""
-    builder = _Builder()
+    builder = _Builder(_likely_false(rules))
     roots = [builder.add_player(actions) for actions in rules.actions]
     return builder.tree(roots)
 
 
 class _Builder:
-    def __init__(self) -> None:
+    def __init__(self, likely_false: list[float]) -> None:
+        self._likely_false = likely_false
         self._actions: list[list[int]] = []
         self._groups: list[list[tuple[int, int, int]]] = []
         self._children: list[int] = []
@@ -71,7 +72,7 @@ class _Builder:
         here = [number for number, atoms in left if not atoms]
         self._actions.append([-1 - n if actions[n].forbidden else n for n in here])
         self._groups.append([])
-        below = _split([each for each in left if each[1]])
+        below = self._split([each for each in left if each[1]])
         self.deepest = max(self.deepest, waiting + len(below))
         nodes = {
             atom: self._node(actions, chosen, waiting + len(below))
@@ -86,6 +87,19 @@ class _Builder:
             self._groups[place].append((word, mask, len(self._children) - low))
             self._children += [nodes.get(word * WORD + bit, -1) for bit in range(low, high + 1)]
         return place
+
+    def _split(self, left: list[Left]) -> dict[int, list[Left]]:
+        """Actions by the atom below which they stand, each atom taken from those that need it."""
+        below: dict[int, list[Left]] = {}
+        counts = Counter(atom for _, atoms in left for atom in atoms)
+        weight = self._likely_false
+        while left:
+            atom = max(counts, key=lambda a: (counts[a] * weight[a], -a))
+            below[atom] = [(number, atoms - {atom}) for number, atoms in left if atom in atoms]
+            left = [each for each in left if atom not in each[1]]
+            for _, atoms in below[atom]:
+                counts.subtract([*atoms, atom])
+        return below
 
     def tree(self, roots: list[int]) -> MatchTree:
         groups = [group for each in self._groups for group in each]
@@ -107,15 +121,10 @@ def _starts(lists: Iterable[list[object]] | Iterable[list[int]]) -> npt.NDArray[
     return np.cumsum(sizes, dtype=np.int32)
 
 
-def _split(left: list[Left]) -> dict[int, list[Left]]:
-    """Actions by the atom below which they stand, each atom taken from those that need it."""
-    below: dict[int, list[Left]] = {}
-    counts = Counter(atom for _, atoms in left for atom in atoms)
-    while left:
-        atom = max(counts, key=lambda a: (counts[a], -a))
-        chosen = [(number, atoms - {atom}) for number, atoms in left if atom in atoms]
-        left = [each for each in left if atom not in each[1]]
-        for _, atoms in chosen:
-            counts.subtract([*atoms, atom])
-        below[atom] = chosen
-    return below
+def _likely_false(rules: Rules) -> list[float]:
+    """How likely each atom is to be false: as most of its predicate are in the initial state."""
+    initial = set(rules.atoms_of(rules.world.initial.facts))
+    atoms = rules.encoding.atoms
+    all_of = Counter(atom[0] for atom in atoms)
+    true_of = Counter(atom[0] for i, atom in enumerate(atoms) if i in initial)
+    return [1 - (true_of[atom[0]] + 1) / (all_of[atom[0]] + 2) for atom in atoms]

@@ -25,7 +25,7 @@ Lists = dict[int, Sequence[int]]
 
 def tables(rules: Rules) -> Ints:
     """The rules of a world, laid out for kernels."""
-    lists = {**_actions(rules), **_effects(rules), **_objects(rules), **_goal(rules)}
+    lists = {**_rules(rules), **_effects(rules), **_objects(rules), **_goal(rules)}
     lists[at.BIT_OF] = _bit_of()
     header = np.zeros(at.NUMBERS, dtype=np.int64)
     for name, number in _sizes(rules).items():
@@ -94,28 +94,43 @@ def _places(first: int, sizes: dict[int, int]) -> dict[int, int]:
     return dict(zip(sizes, accumulate(sizes.values(), initial=first), strict=False))
 
 
-def _actions(rules: Rules) -> Lists:
-    """Actions, and all tests and writes."""
+def _rules(rules: Rules) -> Lists:
+    """What is tested and written, by actions, nodes and outcomes: see `layout`."""
     actions = [action for each in rules.actions for action in each]
-    tests = [*actions, *rules.nodes]
-    test_at, test_word, required, forbidden = _pairs((t.required, t.forbidden) for t in tests)
-    writes = [*tests, *(outcome for node in rules.nodes for outcome in node.outcomes)]
-    write_at, write_word, sets, clears = _pairs((each.sets, each.clears) for each in writes)
-    starts_at, starts = _lists(action.effects for action in actions)
+    outcomes = [outcome for node in rules.nodes for outcome in node.outcomes]
+    records = [
+        *(
+            [*_rule(a.required, a.forbidden, a.sets, a.clears), a.duration, len(a.effects)]
+            + [*a.effects]
+            for a in actions
+        ),
+        *(_rule(n.required, n.forbidden, n.sets, n.clears) for n in rules.nodes),
+        *(_rule((), (), outcome.sets, outcome.clears) for outcome in outcomes),
+    ]
+    rule_at, record = _lists(records)
     return {
         at.ACTION_AT: _starts(len(each) for each in rules.actions),
-        at.DURATION: [action.duration for action in actions],
-        at.STARTS_AT: starts_at,
-        at.STARTS: starts,
-        at.TEST_AT: test_at,
-        at.TEST_WORD: test_word,
-        at.TESTED: [one | other for one, other in zip(required, forbidden, strict=True)],
-        at.REQUIRED: required,
-        at.WRITE_AT: write_at,
-        at.WRITE_WORD: write_word,
-        at.SETS: sets,
-        at.CLEARS: clears,
+        at.RULE_AT: rule_at,
+        at.RULE: record,
     }
+
+
+def _rule(
+    required: Sequence[int], forbidden: Sequence[int], sets: Sequence[int], clears: Sequence[int]
+) -> list[int]:
+    """Tests as words, what is tested and required; writes as words, what is set and cleared."""
+    needed, excluded = in_words(required), in_words(forbidden)
+    tests = [
+        (word, needed.get(word, 0) | excluded.get(word, 0), needed.get(word, 0))
+        for word in sorted(needed.keys() | excluded.keys())
+    ]
+    made, unmade = in_words(sets), in_words(clears)
+    writes = [
+        (word, made.get(word, 0), unmade.get(word, 0))
+        for word in sorted(made.keys() | unmade.keys())
+    ]
+    flat = [[number for row in rows for number in row] for rows in (tests, writes)]
+    return [len(flat[0]), *flat[0], len(flat[1]), *flat[1]]
 
 
 def _effects(rules: Rules) -> Lists:
