@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.kernels import step_copies
+from robotouille.batch.kernels import first_wrong, step_copies
 from robotouille.batch.mask_kernels import mask_copies, random_copies, vector_copies
 from robotouille.batch.match_tree import match_tree
 from robotouille.batch.rows import row_of, state_of
@@ -23,6 +23,9 @@ from robotouille.world.world import State, World
 __all__ = ["BatchStep", "BatchWorld"]
 
 Bools = npt.NDArray[np.bool_]
+
+ROOM = 64
+"""Numbers kept for each mask, to make it false again."""
 
 
 class BatchStep(NamedTuple):
@@ -88,6 +91,10 @@ class BatchWorld:
         self._work = self._room(int(self._tables[at.WORK_SIZE]))
         self._stacks = self._room(self._tree.deepest + 1)
         self._found = self._room(max(self.action_counts) + 1)
+        self._masks = [
+            (np.zeros((copies, count), np.bool_), np.zeros((copies, ROOM), np.int32))
+            for count in self.action_counts
+        ]
         self._pool = ThreadPoolExecutor(threads) if len(self._ranges) > 1 else None
 
     def reset(self, mask: npt.ArrayLike | None = None) -> None:
@@ -144,35 +151,30 @@ class BatchWorld:
                 f"expected integers of shape {shape}, found {chosen.dtype} {chosen.shape}"
             )
         chosen = np.ascontiguousarray(chosen.reshape(shape), dtype=np.int64)
-        if chosen.min() < -1 or np.any(chosen.max(axis=0) >= self.action_counts):
-            wrong = np.argwhere((chosen < -1) | (chosen >= self.action_counts))
-            copy, seat = wrong[0].tolist()
+        wrong = first_wrong(self._tables, chosen)
+        if wrong >= 0:
+            copy, seat = divmod(wrong, shape[1])
             raise WrongArgumentError(
                 f"{self.players[seat]} has {self.action_counts[seat]} actions, "
                 f"found number {chosen[copy, seat]}"
             )
         return chosen
 
-    def masks(self, player: str, out: Bools | None = None) -> Bools:
+    def masks(self, player: str) -> Bools:
         """Which of a player's actions are valid, for each copy: see `State.mask`.
 
-        Args:
-            player: Whose they are.
-            out: An array of this shape to write them into.
+        The array is the batch's own: the next call for that player changes it. Copy it to keep it,
+        and do not write on it.
 
         Raises:
             UnknownNameError: There is no such player.
-            WrongArgumentError: `out` is of another shape or type.
         """
         seat = self._seat(player)
-        shape = (self.copies, self.action_counts[seat])
-        masks = np.empty(shape, dtype=np.bool_) if out is None else out
-        if masks.shape != shape or masks.dtype != np.bool_ or not masks.flags.c_contiguous:
-            raise WrongArgumentError(f"expected booleans of shape {shape}, in rows")
+        masks, true = self._masks[seat]
 
         def work(part: int, first: int, last: int) -> None:
-            scratch = self._stacks[part], self._found[part]
-            mask_copies(self._tables, self._tree, self.rows, seat, first, last, masks, *scratch)
+            tables, scratch = (self._tables, self._tree), (self._stacks[part], self._found[part])
+            mask_copies(*tables, self.rows, seat, first, last, masks, true, *scratch)
 
         self._run(work)
         return masks

@@ -16,7 +16,7 @@ from robotouille.batch.goal_kernel import goal_reached
 from robotouille.batch.rules import CONDITIONAL, CREATION, DELETION, REPETITIVE
 from robotouille.batch.tables import Ints
 
-__all__ = ["step_copies"]
+__all__ = ["first_wrong", "step_copies"]
 
 PAUSED, HOLDING, DONE = 0, 1, -1
 
@@ -36,7 +36,9 @@ def _write(t: Ints, row: Ints, work: Ints, rule: int, negated: bool) -> None:
         word, sets, clears = t[write], t[write + 1], t[write + 2]
         if negated:
             sets, clears = clears, sets
-        row[word] = (row[word] & ~clears) | (sets & ~work[t[at.GONE] + word])
+        before = row[word]
+        row[word] = (before & ~clears) | (sets & ~work[t[at.GONE] + word])
+        work[at.TOUCHED] |= (before ^ row[word]) & get(t, at.RELEVANT, word)
 
 
 # Effects
@@ -136,6 +138,7 @@ def _delete(t: Ints, row: Ints, work: Ints, node: int) -> None:
         word = get(t, at.MENTION_WORD, i)
         row[word] &= ~get(t, at.MENTIONS, i)
         work[t[at.GONE] + word] |= get(t, at.MENTIONS, i)
+    work[at.TOUCHED] = 1
     work[at.DELETED] += 1
     work[t[at.IS_DELETED] + subject] = 1
     if get(t, at.SLOT_OF, subject) != 0:
@@ -283,7 +286,7 @@ def _step(t: Ints, row: Ints, work: Ints, actions: Ints, applied: npt.NDArray[np
     `applied` says which were applied. Returns whether the goal holds. Where a slot was
     missing, `work[at.OVERFLOWED]` says so, and the row is of no use.
     """
-    work[: at.OVERFLOWED + 1] = 0
+    work[: at.TOUCHED + 1] = 0
     for player in range(t[at.PLAYERS]):
         applied[player] = False
         if actions[player] >= 0 and _apply(t, row, work, player, actions[player]):
@@ -291,7 +294,10 @@ def _step(t: Ints, row: Ints, work: Ints, actions: Ints, applied: npt.NDArray[np
     _tick(t, row, work)
     if work[at.HOLES] != 0 and t[at.SHIFTS] != 0:
         _move_up(t, row, work)
-    return goal_reached(t, row, work)
+    # In most steps nothing happens to what the goal is about.
+    if work[at.TOUCHED] != 0 or row[t[at.GOAL]] != 0:
+        row[t[at.GOAL]] = goal_reached(t, row, work)
+    return row[t[at.GOAL]] != 0
 
 
 @kernel
@@ -318,3 +324,14 @@ def step_copies(
             overflowed[copy] = True
         if auto_reset and (terminated[copy] or overflowed[copy]):
             rows[copy] = initial
+
+
+@kernel
+def first_wrong(t: Ints, actions: npt.NDArray[np.int64]) -> int:
+    """The place of the first number that is of no action, copy after copy; -1 if there is none."""
+    for copy in range(len(actions)):
+        for player in range(t[at.PLAYERS]):
+            count = get(t, at.ACTION_AT, player + 1) - get(t, at.ACTION_AT, player)
+            if not -1 <= actions[copy, player] < count:
+                return copy * t[at.PLAYERS] + player
+    return -1

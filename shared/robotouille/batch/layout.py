@@ -6,9 +6,9 @@ are sizes and places, or say where in `t` a list begins. A list of lists of uneq
 `X_AT`, where the i-th begins, and `X`; the i-th ends where the next begins.
 
 A copy's state is a row: words of atoms, then for each kind of created objects how many slots are
-in use (`TOP`), for each player how many steps it is busy (`BUSY`), the number of active effects
-(`COUNT`), these in order of creation (`ORDER`), and a counter for each node (`PROGRESS`). A word
-holds 63 atoms, so it is never negative.
+in use (`TOP`), for each player how many steps it is busy (`BUSY`), 0 where the goal is known not to
+hold (`GOAL`), the number of active effects (`COUNT`), these in order of creation (`ORDER`), and a
+counter for each node (`PROGRESS`). A word holds 63 atoms, so it is never negative.
 
 A rule says what is tested and written by an action (all players', one behind the other), a node
 (from `FIRST_NODE` on), or a creation or deletion (`FIRST_OUTCOME`). It is a record of numbers: how
@@ -18,7 +18,8 @@ becomes false. An action's has its duration behind that, how many effects it sta
 
 What a step writes on meanwhile is `work`: `STARTED` and `DELETED` say how many effects a run has
 started and how many objects it has deleted, `HOLES` and `OVERFLOWED` whether a slot has become
-empty, or was missing, in this step. Behind these are the atoms about deleted objects (`GONE`, by
+empty, or was missing, in this step, `TOUCHED` which atoms have changed that the goal is about
+(`RELEVANT`, by word). Behind these are the atoms about deleted objects (`GONE`, by
 word), whether each object was deleted, the effects started, a copy of a row, and for the goal, of
 each condition, the next choice, of each variable, the object that stands for it, and the choices
 that each condition has now.
@@ -56,6 +57,7 @@ __all__ = [
     "FIRST_NODE",
     "FIRST_OUTCOME",
     "FRESH",
+    "GOAL",
     "GONE",
     "HOLES",
     "IS_DELETED",
@@ -80,6 +82,7 @@ __all__ = [
     "POSSIBLE",
     "PRIME",
     "PROGRESS",
+    "RELEVANT",
     "ROW_COPY",
     "RULE",
     "RULE_AT",
@@ -90,6 +93,7 @@ __all__ = [
     "SUBJECT",
     "TOP",
     "TOTAL",
+    "TOUCHED",
     "VARIABLE",
     "VARIABLES",
     "VARIABLE_AT",
@@ -110,9 +114,9 @@ PRIME = 67
 (
     WORDS, ATOMS, PLAYERS, EFFECTS, OBJECTS, KINDS, SHIFTS, CONDITIONS, VARIABLES, CHOSEN_WIDTH,
     CHOSEN_ATOMS_WIDTH, FIRST_NODE, FIRST_OUTCOME,
-    TOP, BUSY, COUNT, ORDER, PROGRESS, WIDTH,
+    TOP, BUSY, GOAL, COUNT, ORDER, PROGRESS, WIDTH,
     GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, LIVE, LIVE_COUNT, WORK_SIZE,
-) = range(28)  # fmt: skip
+) = range(29)  # fmt: skip
 
 # Lists: of rules; of effects, their nodes and what these do; of objects and their
 # slots; of the goal's conditions; of bits.
@@ -123,11 +127,11 @@ PRIME = 67
     MENTION_AT, MENTION_WORD, MENTIONS, SLOT_OF, SLOT_AT, EXISTS, ATOM_FROM, EFFECT_FROM,
     NEED_AT, NEED_WORD, NEED_MASK, VARIABLE_AT, VARIABLE, VARIABLE_KIND, FRESH, CHOICE_AT,
     CHOSEN, CHOSEN_ATOMS, NEED_CHOICE, CHOICE_OF,
-    BIT_OF,
-) = range(28, 64)  # fmt: skip
+    RELEVANT, BIT_OF,
+) = range(29, 66)  # fmt: skip
 
-NUMBERS = 64
+NUMBERS = 66
 """Named numbers at the beginning of `t`."""
 
-STARTED, DELETED, HOLES, OVERFLOWED = range(4)
+STARTED, DELETED, HOLES, OVERFLOWED, TOUCHED = range(5)
 """Places in `work`."""

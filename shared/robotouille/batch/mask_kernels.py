@@ -57,15 +57,29 @@ def mask_copies(
     first: int,
     last: int,
     masks: npt.NDArray[np.bool_],
+    true: npt.NDArray[np.int32],
     stack: Ints,
     found: Ints,
 ) -> None:
-    """The masks of some copies for a player."""
-    masks[first:last] = False
+    """The masks of some copies for a player.
+
+    `true` lists what is true in each mask, behind the number of these, so that only that has to be
+    made false; -1 stands for more than there is room for.
+    """
+    room = true.shape[1] - 1
     for copy in range(first, last):
         mask = masks[copy]
-        for i in range(_find_valid(t, tree, rows[copy], player, stack, found)):
+        count = true[copy, 0]
+        if count < 0:
+            mask[:] = False
+        for i in range(count):
+            mask[true[copy, 1 + i]] = False
+        count = _find_valid(t, tree, rows[copy], player, stack, found)
+        true[copy, 0] = count if count <= room else -1
+        for i in range(count):
             mask[found[i]] = True
+            if i < room:
+                true[copy, 1 + i] = found[i]
 
 
 @kernel

@@ -32,6 +32,7 @@ def row_of(state: State, rules: Rules, t: Ints) -> Ints:
         row[t[at.TOP] + place] = np.count_nonzero(vector[list(atoms)])
     for place, player in enumerate(rules.players):
         row[t[at.BUSY] + place] = state.busy_steps(player)
+    row[t[at.GOAL]] = 1
     names = encoding.slots.filled(state.facts)
     slots = {name: slot for slot, name in names.items() if name}
     row[t[at.COUNT]] = len(state.timer_rows())

@@ -16,7 +16,7 @@ __all__ = ["Ints", "in_words", "initial_row", "tables"]
 
 Ints = npt.NDArray[np.int64]
 
-FLAGS = 4
+FLAGS = 5
 """Numbers before all others in `work`."""
 
 Lists = dict[int, Sequence[int]]
@@ -43,6 +43,7 @@ def initial_row(rules: Rules, t: Ints) -> Ints:
     row = np.zeros(t[at.WIDTH], dtype=np.int64)
     for word, mask in in_words(rules.atoms_of(rules.world.initial.facts)).items():
         row[word] = mask
+    row[t[at.GOAL]] = 1
     return row
 
 
@@ -58,8 +59,8 @@ def _sizes(rules: Rules) -> dict[int, int]:
     players, effects, nodes = len(rules.players), len(rules.effects), len(rules.nodes)
     conditions, variables = len(rules.goal.conditions), len(rules.goal.kinds)
     choices = [choice for condition in rules.goal.conditions for choice in condition.choices]
-    words = 1 + (len(rules.encoding.atoms) - 1) // at.WORD
-    width = words + len(rules.kinds) + players + 1 + effects + nodes
+    words = _words(rules)
+    width = words + len(rules.kinds) + players + 2 + effects + nodes
     actions = sum(len(each) for each in rules.actions)
     return {
         at.WORDS: words,
@@ -77,7 +78,7 @@ def _sizes(rules: Rules) -> dict[int, int]:
         at.FIRST_OUTCOME: actions + nodes,
         **_places(
             words,
-            {at.TOP: len(rules.kinds), at.BUSY: players, at.COUNT: 1, at.ORDER: effects,
+            {at.TOP: len(rules.kinds), at.BUSY: players, at.GOAL: 1, at.COUNT: 1, at.ORDER: effects,
              at.PROGRESS: nodes, at.WIDTH: 0},
         ),
         **_places(
@@ -87,6 +88,10 @@ def _sizes(rules: Rules) -> dict[int, int]:
              at.LIVE: len(choices), at.LIVE_COUNT: conditions, at.WORK_SIZE: 0},
         ),
     }  # fmt: skip
+
+
+def _words(rules: Rules) -> int:
+    return 1 + (len(rules.encoding.atoms) - 1) // at.WORD
 
 
 def _places(first: int, sizes: dict[int, int]) -> dict[int, int]:
@@ -100,8 +105,7 @@ def _rules(rules: Rules) -> Lists:
     outcomes = [outcome for node in rules.nodes for outcome in node.outcomes]
     records = [
         *(
-            [*_rule(a.required, a.forbidden, a.sets, a.clears), a.duration, len(a.effects)]
-            + [*a.effects]
+            [*_rule(a.required, a.forbidden, a.sets, a.clears), a.duration, *_counted(a.effects)]
             for a in actions
         ),
         *(_rule(n.required, n.forbidden, n.sets, n.clears) for n in rules.nodes),
@@ -130,7 +134,12 @@ def _rule(
         for word in sorted(made.keys() | unmade.keys())
     ]
     flat = [[number for row in rows for number in row] for rows in (tests, writes)]
-    return [len(flat[0]), *flat[0], len(flat[1]), *flat[1]]
+    return [*_counted(flat[0]), *_counted(flat[1])]
+
+
+def _counted(numbers: Sequence[int]) -> list[int]:
+    """Numbers, and before them how many there are."""
+    return [len(numbers), *numbers]
 
 
 def _effects(rules: Rules) -> Lists:
@@ -180,7 +189,9 @@ def _goal(rules: Rules) -> Lists:
     variable_at, variable = _lists(condition.variables for condition in conditions)
     width = max((len(choice.objects) for choice in choices), default=0)
     atoms_width = max((len(choice.atoms) for choice in choices), default=0)
+    relevant = in_words(atom for choice in choices for atom in choice.atoms)
     return {
+        at.RELEVANT: [relevant.get(word, 0) for word in range(_words(rules))],
         at.NEED_AT: need_at,
         at.NEED_WORD: need_word,
         at.NEED_MASK: need_mask,
