@@ -65,7 +65,7 @@ def _update(t: Ints, row: Ints, work: Ints, effect: int, active: bool) -> None:
         if row[place] == DONE:
             node = get(t, at.END, node)
         elif kind == CONDITIONAL:
-            if get(t, at.POSSIBLE, node) != 0 and holds(t, row, t[at.FIRST_NODE] + node):
+            if holds(t, row, t[at.FIRST_NODE] + node):
                 row[place] = HOLDING
                 _write(t, row, work, t[at.FIRST_NODE] + node, False)
                 node += 1

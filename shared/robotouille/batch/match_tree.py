@@ -60,7 +60,11 @@ class _Builder:
 
     def add_player(self, actions: Iterable[ActionRule]) -> int:
         listed = tuple(actions)
-        left = [(number, frozenset(action.required)) for number, action in enumerate(listed)]
+        left = [
+            (number, frozenset(action.required))
+            for number, action in enumerate(listed)
+            if action.possible
+        ]
         return self._node(listed, left, 1)
 
     def _node(self, actions: tuple[ActionRule, ...], left: list[Left], waiting: int) -> int:

@@ -37,12 +37,14 @@ KINDS = ("conditional", "delayed", "repetitive", "creation", "deletion")
 
 @dataclass(frozen=True, slots=True)
 class ActionRule:
-    """A ground action: it applies where all of `required` hold and none of `forbidden`.
+    """A ground action: it applies where all of `required` hold and none of `forbidden`, if that is
+    `possible` at all.
 
     It makes `clears` false and `sets` true, starts `effects` in this order, and keeps its player
     busy for `duration` steps, where that is more than one.
     """
 
+    possible: bool
     required: tuple[int, ...]
     forbidden: tuple[int, ...]
     sets: tuple[int, ...]
@@ -147,6 +149,7 @@ class Rules:
 
     def _action_rule(self, action: GroundAction) -> ActionRule:
         return ActionRule(
+            possible=not action.required & ~action.tested,
             required=self.atoms_of(action.required),
             forbidden=self.atoms_of(action.tested & ~action.required),
             sets=self.atoms_of(action.touched & ~action.removed),

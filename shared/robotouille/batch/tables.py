@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from robotouille.batch import layout as at
 from robotouille.batch.goal_rule import ConditionRule
-from robotouille.batch.rules import NodeRule, Rules
+from robotouille.batch.rules import ActionRule, NodeRule, Outcome, Rules
 
 __all__ = ["Ints", "in_words", "initial_row", "tables"]
 
@@ -104,12 +104,9 @@ def _rules(rules: Rules) -> Lists:
     actions = [action for each in rules.actions for action in each]
     outcomes = [outcome for node in rules.nodes for outcome in node.outcomes]
     records = [
-        *(
-            [*_rule(a.required, a.forbidden, a.sets, a.clears), a.duration, *_counted(a.effects)]
-            for a in actions
-        ),
-        *(_rule(n.required, n.forbidden, n.sets, n.clears) for n in rules.nodes),
-        *(_rule((), (), outcome.sets, outcome.clears) for outcome in outcomes),
+        *([*_rule(_tests(a), a), a.duration, *_counted(a.effects)] for a in actions),
+        *(_rule(_tests(node), node) for node in rules.nodes),
+        *(_rule([], outcome) for outcome in outcomes),
     ]
     rule_at, record = _lists(records)
     return {
@@ -119,22 +116,26 @@ def _rules(rules: Rules) -> Lists:
     }
 
 
-def _rule(
-    required: Sequence[int], forbidden: Sequence[int], sets: Sequence[int], clears: Sequence[int]
-) -> list[int]:
-    """Tests as words, what is tested and required; writes as words, what is set and cleared."""
-    needed, excluded = in_words(required), in_words(forbidden)
-    tests = [
-        (word, needed.get(word, 0) | excluded.get(word, 0), needed.get(word, 0))
-        for word in sorted(needed.keys() | excluded.keys())
+def _rule(tests: Sequence[int], writes: ActionRule | NodeRule | Outcome) -> list[int]:
+    """The record of a rule, up to its writes: word, what is set, what is cleared."""
+    sets, clears = in_words(writes.sets), in_words(writes.clears)
+    rows = [
+        (word, sets.get(word, 0), clears.get(word, 0))
+        for word in sorted(sets.keys() | clears.keys())
     ]
-    made, unmade = in_words(sets), in_words(clears)
-    writes = [
-        (word, made.get(word, 0), unmade.get(word, 0))
-        for word in sorted(made.keys() | unmade.keys())
+    return [*_counted(tests), *_counted([number for row in rows for number in row])]
+
+
+def _tests(rule: ActionRule | NodeRule) -> list[int]:
+    """Tests as words, what is tested and what is required; one that fails if it is impossible."""
+    if not rule.possible:
+        return [0, 0, 1]
+    required, forbidden = in_words(rule.required), in_words(rule.forbidden)
+    rows = [
+        (word, required.get(word, 0) | forbidden.get(word, 0), required.get(word, 0))
+        for word in sorted(required.keys() | forbidden.keys())
     ]
-    flat = [[number for row in rows for number in row] for rows in (tests, writes)]
-    return [*_counted(flat[0]), *_counted(flat[1])]
+    return [number for row in rows for number in row]
 
 
 def _counted(numbers: Sequence[int]) -> list[int]:
@@ -153,7 +154,6 @@ def _effects(rules: Rules) -> Lists:
         at.KIND: [node.kind for node in nodes],
         at.END: [node.end for node in nodes],
         at.TOTAL: [node.total for node in nodes],
-        at.POSSIBLE: [node.possible for node in nodes],
         at.SUBJECT: [node.subject for node in nodes],
         at.CREATES: [node.creates for node in nodes],
         at.OUTCOME: _starts(len(node.outcomes) for node in nodes),
