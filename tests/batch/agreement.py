@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -39,16 +40,26 @@ def world_of(name: str) -> World:
     return World(load_task(task, timing=timing) if timing else load_task(task))
 
 
-def agree(batch: Batch, world: World, copies: int, steps: int, seed: int) -> int:
+def agree(
+    batch: Batch,
+    world: World,
+    copies: int,
+    steps: int,
+    seed: int,
+    states: Sequence[State] | None = None,
+) -> int:
     """Take random steps in both: mostly valid actions, some others, some none.
 
-    Now and then a copy is put into its own state, or begins anew.
+    Now and then a copy is put into its own state, or begins anew. The first states are the initial
+    one, or those that are given.
 
     Returns:
         How often a copy reached the goal or overflowed.
     """
     choose = random.Random(seed)
-    states = [world.initial] * copies
+    states = list(states or [world.initial] * copies)
+    for copy, state in enumerate(states):
+        batch.set_state(copy, state)
     ends = 0
     for step in range(steps):
         compare(batch, world, states)
