@@ -1,4 +1,4 @@
-"""The batch engine beside `World.step`, in one run: joint steps a second on one core.
+"""The batch engine beside `World.step`, in one run: joint steps a second of one core's time.
 
 python -m benchmarks.batch
 
@@ -24,7 +24,8 @@ TASKS = {
     "multi_agent/09": 1_000_000,
     "multi_agent/10@4": None,
 }
-"""The smallest, a soup, two seats, four seats; joint steps a second with masks that are aimed at."""
+"""The smallest, a soup, two seats, four seats; with the joint steps a second, masks included, that
+are aimed at."""
 COPIES = 1024
 STEPS = 100_000
 
@@ -84,9 +85,9 @@ def joint_walk(world: World, steps: int) -> list[tuple[State, dict[str, GroundAc
 def rate(work: Callable[[], object], count: int) -> float:
     """How many a second, the second time."""
     work()
-    begun = time.perf_counter()
+    begun = time.process_time()
     work()
-    return count / (time.perf_counter() - begun)
+    return count / (time.process_time() - begun)
 
 
 def play(batch: BatchWorld, rounds: int) -> tuple[float, float, float]:
@@ -94,14 +95,14 @@ def play(batch: BatchWorld, rounds: int) -> tuple[float, float, float]:
     spent = [0.0, 0.0, 0.0]
     for _ in range(rounds):
         actions = batch.random_actions()
-        times = [time.perf_counter()]
+        times = [time.process_time()]
         batch.step(actions)
-        times.append(time.perf_counter())
+        times.append(time.process_time())
         for player in batch.players:
             batch.masks(player)
-        times.append(time.perf_counter())
+        times.append(time.process_time())
         batch.vectors()
-        times.append(time.perf_counter())
+        times.append(time.process_time())
         for i in range(3):
             spent[i] += times[i + 1] - times[i]
     return spent[0], spent[1], spent[2]
@@ -113,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if not COMPILED:
         print("The batch engine is not compiled: pip install 'robotouille[fast]'")
-    print("Joint steps a second, one core, random valid actions")
+    print("Joint steps a second of the processor's time, one core, random valid actions")
     print(f"{'':<18}{'World.step':>12}{'+ masks':>12}{'batch':>14}{'+ masks':>14}{'+ vectors':>14}")
     for name, target in TASKS.items():
         row = measure(name, options.steps)

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from robotouille.batch import layout as at
 from robotouille.batch.kernels import first_wrong, step_copies
 from robotouille.batch.mask_kernels import mask_copies, random_copies, vector_copies
-from robotouille.batch.match_tree import match_tree
 from robotouille.batch.rows import row_of, state_of
 from robotouille.batch.rules import Rules
 from robotouille.batch.tables import Ints, initial_row, tables
@@ -79,7 +78,6 @@ class BatchWorld:
         self.auto_reset = auto_reset
         self._rules = Rules(world)
         self._tables = tables(self._rules)
-        self._tree = match_tree(self._rules)
         self._initial = initial_row(self._rules, self._tables)
         self.action_counts = tuple(len(actions) for actions in self._rules.actions)
         self.vector_size = world.encoding.size
@@ -89,7 +87,7 @@ class BatchWorld:
         bounds = [copies * i // threads for i in range(threads + 1)]
         self._ranges = [(first, last) for first, last in pairwise(bounds) if first < last]
         self._work = self._room(int(self._tables[at.WORK_SIZE]))
-        self._stacks = self._room(self._tree.deepest + 1)
+        self._row = self._room(len(self._initial))
         self._found = self._room(max(self.action_counts) + 1)
         self._masks = [
             (np.zeros((copies, count), np.bool_), np.zeros((copies, ROOM), np.int32))
@@ -128,8 +126,9 @@ class BatchWorld:
         def work(part: int, first: int, last: int) -> None:
             step_copies(
                 self._tables,
-                self._initial,
                 self.rows,
+                self._initial,
+                self._row[part],
                 self._work[part],
                 chosen,
                 first,
@@ -173,8 +172,8 @@ class BatchWorld:
         masks, true = self._masks[seat]
 
         def work(part: int, first: int, last: int) -> None:
-            tables, scratch = (self._tables, self._tree), (self._stacks[part], self._found[part])
-            mask_copies(*tables, self.rows, seat, first, last, masks, true, *scratch)
+            states = self._tables, self.rows, self._row[part], self._work[part]
+            mask_copies(*states, seat, first, last, masks, true, self._found[part])
 
         self._run(work)
         return masks
@@ -186,10 +185,8 @@ class BatchWorld:
         actions = np.empty(shape, dtype=np.int64)
 
         def work(part: int, first: int, last: int) -> None:
-            scratch = self._stacks[part], self._found[part]
-            random_copies(
-                self._tables, self._tree, self.rows, draws, first, last, actions, *scratch
-            )
+            states = self._tables, self.rows, self._row[part], self._work[part]
+            random_copies(*states, draws, first, last, actions, self._found[part])
 
         self._run(work)
         return actions
@@ -198,7 +195,7 @@ class BatchWorld:
         """The states as numbers, for each copy: see `State.vector`."""
         vectors = np.empty((self.copies, self.vector_size), dtype=np.float32)
         self._run(lambda _, first, last: vector_copies(
-            self._tables, self._tree, self.rows, first, last, vectors
+            self._tables, self.rows, first, last, vectors
         ))  # fmt: skip
         return vectors
 

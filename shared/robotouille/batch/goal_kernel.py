@@ -23,7 +23,8 @@ def goal_reached(t: Ints, row: Ints, work: Ints) -> bool:
     for condition in range(conditions):
         if not _list_choices(t, row, work, condition):
             return False
-    work[t[at.BINDING] : t[at.LIVE]] = -1
+    for variable in range(t[at.VARIABLES]):
+        work[t[at.BINDING] + variable] = -1
     work[t[at.CURSOR]] = 0
     depth = 0
     while 0 <= depth < conditions:

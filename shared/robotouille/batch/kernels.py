@@ -280,17 +280,8 @@ def _shift(t: Ints, row: Ints, work: Ints, slot: int) -> None:
 
 
 @kernel
-def _step(t: Ints, row: Ints, work: Ints, actions: Ints, applied: npt.NDArray[np.bool_]) -> bool:
-    """One step of a copy: the players' actions in the order of their seats, then time.
-
-    `applied` says which were applied. Returns whether the goal holds. Where a slot was
-    missing, `work[at.OVERFLOWED]` says so, and the row is of no use.
-    """
-    work[: at.TOUCHED + 1] = 0
-    for player in range(t[at.PLAYERS]):
-        applied[player] = False
-        if actions[player] >= 0 and _apply(t, row, work, player, actions[player]):
-            applied[player] = True
+def _end_step(t: Ints, row: Ints, work: Ints) -> bool:
+    """Let time pass; returns whether the goal holds."""
     _tick(t, row, work)
     if work[at.HOLES] != 0 and t[at.SHIFTS] != 0:
         _move_up(t, row, work)
@@ -303,8 +294,9 @@ def _step(t: Ints, row: Ints, work: Ints, actions: Ints, applied: npt.NDArray[np
 @kernel
 def step_copies(
     t: Ints,
-    initial: Ints,
     rows: npt.NDArray[np.int64],
+    initial: Ints,
+    row: Ints,
     work: Ints,
     actions: npt.NDArray[np.int64],
     first: int,
@@ -314,16 +306,28 @@ def step_copies(
     overflowed: npt.NDArray[np.bool_],
     auto_reset: bool,
 ) -> None:
-    """One step of each copy from `first` up to `last`; those that have overflowed stand still."""
+    """One step of each copy from `first` up to `last`; those that have overflowed stand still.
+
+    The players' actions are applied in the order of their seats. A row is copied and put back,
+    since views of arrays cost more than that.
+    """
     for copy in range(first, last):
         if overflowed[copy]:
             continue
-        terminated[copy] = _step(t, rows[copy], work, actions[copy], applied[copy])
-        if work[at.OVERFLOWED] != 0:
-            terminated[copy] = False
-            overflowed[copy] = True
+        for i in range(t[at.WIDTH]):
+            row[i] = rows[copy, i]
+        for i in range(at.TOUCHED + 1):
+            work[i] = 0
+        for player in range(t[at.PLAYERS]):
+            number = actions[copy, player]
+            applied[copy, player] = number >= 0 and _apply(t, row, work, player, number)
+        terminated[copy] = _end_step(t, row, work) and work[at.OVERFLOWED] == 0
+        overflowed[copy] = work[at.OVERFLOWED] != 0
         if auto_reset and (terminated[copy] or overflowed[copy]):
-            rows[copy] = initial
+            for i in range(t[at.WIDTH]):
+                row[i] = initial[i]
+        for i in range(t[at.WIDTH]):
+            rows[copy, i] = row[i]
 
 
 @kernel

@@ -22,7 +22,7 @@ empty, or was missing, in this step, `TOUCHED` which atoms have changed that the
 (`RELEVANT`, by word). Behind these are the atoms about deleted objects (`GONE`, by
 word), whether each object was deleted, the effects started, a copy of a row, and for the goal, of
 each condition, the next choice, of each variable, the object that stands for it, and the choices
-that each condition has now.
+that each condition has now; at last the nodes of a tree that wait to be visited.
 """
 
 from __future__ import annotations
@@ -82,17 +82,20 @@ __all__ = [
     "PRIME",
     "PROGRESS",
     "RELEVANT",
+    "ROOT",
     "ROW_COPY",
     "RULE",
     "RULE_AT",
     "SHIFTS",
     "SLOT_AT",
     "SLOT_OF",
+    "STACK",
     "STARTED",
     "SUBJECT",
     "TOP",
     "TOTAL",
     "TOUCHED",
+    "TREE",
     "VARIABLE",
     "VARIABLES",
     "VARIABLE_AT",
@@ -114,11 +117,11 @@ PRIME = 67
     WORDS, ATOMS, PLAYERS, EFFECTS, OBJECTS, KINDS, SHIFTS, CONDITIONS, VARIABLES, CHOSEN_WIDTH,
     CHOSEN_ATOMS_WIDTH, FIRST_NODE, FIRST_OUTCOME,
     TOP, BUSY, GOAL, COUNT, ORDER, PROGRESS, WIDTH,
-    GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, LIVE, LIVE_COUNT, WORK_SIZE,
-) = range(29)  # fmt: skip
+    GONE, IS_DELETED, IS_STARTED, ROW_COPY, CURSOR, BINDING, LIVE, LIVE_COUNT, STACK, WORK_SIZE,
+) = range(30)  # fmt: skip
 
 # Lists: of rules; of effects, their nodes and what these do; of objects and their
-# slots; of the goal's conditions; of bits.
+# slots; of the goal's conditions; of the trees of valid actions (`match_tree`); of bits.
 (
     ACTION_AT, RULE_AT, RULE,
     EFFECT_AT, ABOUT_AT, ABOUT, KIND, END, TOTAL, SUBJECT, CREATES, OUTCOME,
@@ -126,10 +129,10 @@ PRIME = 67
     MENTION_AT, MENTION_WORD, MENTIONS, SLOT_OF, SLOT_AT, EXISTS, ATOM_FROM, EFFECT_FROM,
     NEED_AT, NEED_WORD, NEED_MASK, VARIABLE_AT, VARIABLE, VARIABLE_KIND, FRESH, CHOICE_AT,
     CHOSEN, CHOSEN_ATOMS, NEED_CHOICE, CHOICE_OF,
-    RELEVANT, BIT_OF,
-) = range(29, 65)  # fmt: skip
+    RELEVANT, ROOT, TREE, BIT_OF,
+) = range(30, 68)  # fmt: skip
 
-NUMBERS = 65
+NUMBERS = 68
 """Named numbers at the beginning of `t`."""
 
 STARTED, DELETED, HOLES, OVERFLOWED, TOUCHED = range(5)

@@ -1,4 +1,4 @@
-"""Which actions are valid, as kernels: the tree of `match_tree` on words of atoms."""
+"""Which actions are valid, and what a state is as a vector: kernels."""
 
 from __future__ import annotations
 
@@ -7,43 +7,47 @@ import numpy.typing as npt
 
 from robotouille.batch import layout as at
 from robotouille.batch.compiled import get, holds, kernel
-from robotouille.batch.match_tree import MatchTree
 from robotouille.batch.tables import Ints
 
 __all__ = ["mask_copies", "random_copies", "vector_copies"]
 
 
 @kernel
-def _find_valid(t: Ints, tree: MatchTree, row: Ints, player: int, stack: Ints, found: Ints) -> int:
-    """Write the numbers of a player's valid actions, in no order; returns how many there are."""
-    count = 0
+def _find_valid(t: Ints, row: Ints, work: Ints, player: int, found: Ints) -> int:
+    """Write the numbers of a player's valid actions, in no order; returns how many there are.
+
+    It goes through the player's tree: see `match_tree`.
+    """
     if row[t[at.BUSY] + player] != 0:
         return 0
-    first = get(t, at.ACTION_AT, player)
-    stack[0] = tree.root[player]
+    count = 0
+    tree, stack, bits = t[at.TREE], t[at.STACK], t[at.BIT_OF]
+    work[stack] = get(t, at.ROOT, player)
     waiting = 1
     while waiting > 0:
         waiting -= 1
-        node = stack[waiting]
-        for i in range(tree.action_at[node], tree.action_at[node + 1]):
-            number = tree.action[i]
+        node = tree + work[stack + waiting]
+        tests = node + 1 + t[node]
+        for i in range(node + 1, tests):
+            number = t[i]
             if number < 0:
                 number = -1 - number
-                if not holds(t, row, first + number):
+                if not holds(t, row, get(t, at.ACTION_AT, player) + number):
                     continue
             found[count] = number
             count += 1
-        for group in range(tree.group_at[node], tree.group_at[node + 1]):
-            true = row[tree.group_word[group]] & tree.group_mask[group]
+        for test in range(tests + 1, tests + 1 + t[tests], 3):
+            true = row[t[test]] & t[test + 1]
+            below = tree + t[test + 2]
             while true != 0:
                 bit = true & -true
                 true ^= bit
-                child = tree.child[tree.child_at[group] + get(t, at.BIT_OF, bit % at.PRIME)]
-                if child < 0:
-                    found[count] = -2 - child
+                place = t[below + t[bits + bit % at.PRIME]]
+                if place < 0:
+                    found[count] = -2 - place
                     count += 1
                 else:
-                    stack[waiting] = child
+                    work[stack + waiting] = place
                     waiting += 1
     return count
 
@@ -51,14 +55,14 @@ def _find_valid(t: Ints, tree: MatchTree, row: Ints, player: int, stack: Ints, f
 @kernel
 def mask_copies(
     t: Ints,
-    tree: MatchTree,
     rows: npt.NDArray[np.int64],
+    row: Ints,
+    work: Ints,
     player: int,
     first: int,
     last: int,
     masks: npt.NDArray[np.bool_],
     true: npt.NDArray[np.int32],
-    stack: Ints,
     found: Ints,
 ) -> None:
     """The masks of some copies for a player.
@@ -68,16 +72,17 @@ def mask_copies(
     """
     room = true.shape[1] - 1
     for copy in range(first, last):
-        mask = masks[copy]
         count = true[copy, 0]
         if count < 0:
-            mask[:] = False
+            masks[copy] = False
         for i in range(count):
-            mask[true[copy, 1 + i]] = False
-        count = _find_valid(t, tree, rows[copy], player, stack, found)
+            masks[copy, true[copy, 1 + i]] = False
+        for i in range(t[at.GOAL]):
+            row[i] = rows[copy, i]
+        count = _find_valid(t, row, work, player, found)
         true[copy, 0] = count if count <= room else -1
         for i in range(count):
-            mask[found[i]] = True
+            masks[copy, found[i]] = True
             if i < room:
                 true[copy, 1 + i] = found[i]
 
@@ -85,26 +90,27 @@ def mask_copies(
 @kernel
 def random_copies(
     t: Ints,
-    tree: MatchTree,
     rows: npt.NDArray[np.int64],
+    row: Ints,
+    work: Ints,
     draws: npt.NDArray[np.float64],
     first: int,
     last: int,
     actions: npt.NDArray[np.int64],
-    stack: Ints,
     found: Ints,
 ) -> None:
     """One of each player's valid actions for some copies, by numbers from 0 up to 1."""
     for copy in range(first, last):
+        for i in range(t[at.GOAL]):
+            row[i] = rows[copy, i]
         for player in range(t[at.PLAYERS]):
-            count = _find_valid(t, tree, rows[copy], player, stack, found)
+            count = _find_valid(t, row, work, player, found)
             actions[copy, player] = found[int(draws[copy, player] * count)] if count > 0 else -1
 
 
 @kernel
 def vector_copies(
     t: Ints,
-    tree: MatchTree,
     rows: npt.NDArray[np.int64],
     first: int,
     last: int,

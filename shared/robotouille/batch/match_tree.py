@@ -3,6 +3,12 @@
 At a node all atoms on the way to it hold. What needs nothing more is valid there; the other actions
 stand below an atom each, the one that is likely to rule out most of those that are left. The atoms
 below a node are tested by words, 63 at once, and only what is below a true one is visited.
+
+A tree is a list of numbers. A node is a record in it: how many actions follow, these, how many
+numbers follow for tests, and these. An action is its number among the player's, or -1 - number, if
+atoms have to be false, too. A test is a word, a mask, and a place: that of bit b, which is true
+under the mask, has the place of the node below it b numbers further on, or -2 - number where
+nothing stands but that action.
 """
 
 from __future__ import annotations
@@ -10,9 +16,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 
 from robotouille.batch.layout import WORD
 from robotouille.batch.rules import ActionRule, Rules
@@ -24,22 +27,11 @@ Left = tuple[int, frozenset[int]]
 
 
 class MatchTree(NamedTuple):
-    """Nodes, one behind the other; player p's tree begins at node `root[p]`.
+    """The trees of all players: `roots`, the numbers, and how many nodes wait at most to be
+    visited."""
 
-    The actions at node n are `action[action_at[n]:action_at[n + 1]]`: a number of the player's, or
-    -1 - number, if atoms have to be false, too. Its tests are `group_at[n]` up to the next one's:
-    the node below the atom of bit b of a word is `child[child_at[group] + b]`, or -2 - number where
-    nothing stands there but that action. `deepest` nodes wait to be visited at most.
-    """
-
-    root: npt.NDArray[np.int64]
-    action_at: npt.NDArray[np.int32]
-    action: npt.NDArray[np.int32]
-    group_at: npt.NDArray[np.int32]
-    group_word: npt.NDArray[np.int32]
-    group_mask: npt.NDArray[np.int64]
-    child_at: npt.NDArray[np.int32]
-    child: npt.NDArray[np.int32]
+    roots: list[int]
+    numbers: list[int]
     deepest: int
 
 
@@ -47,15 +39,13 @@ def match_tree(rules: Rules) -> MatchTree:
     """The trees of all players."""
     builder = _Builder(_likely_false(rules))
     roots = [builder.add_player(actions) for actions in rules.actions]
-    return builder.tree(roots)
+    return MatchTree(roots, builder.numbers, builder.deepest)
 
 
 class _Builder:
     def __init__(self, likely_false: list[float]) -> None:
         self._likely_false = likely_false
-        self._actions: list[list[int]] = []
-        self._groups: list[list[tuple[int, int, int]]] = []
-        self._children: list[int] = []
+        self.numbers: list[int] = []
         self.deepest = 1
 
     def add_player(self, actions: Iterable[ActionRule]) -> int:
@@ -68,29 +58,32 @@ class _Builder:
         return self._node(listed, left, 1)
 
     def _node(self, actions: tuple[ActionRule, ...], left: list[Left], waiting: int) -> int:
-        if waiting > 1 and len(left) == 1 and not left[0][1]:
-            ((number, _),) = left
-            if not actions[number].forbidden:
-                return -2 - number
-        place = len(self._actions)
+        """Add a node behind all that is below it; returns its place."""
         here = [number for number, atoms in left if not atoms]
-        self._actions.append([-1 - n if actions[n].forbidden else n for n in here])
-        self._groups.append([])
         below = self._split([each for each in left if each[1]])
-        self.deepest = max(self.deepest, waiting + len(below))
-        nodes = {
-            atom: self._node(actions, chosen, waiting + len(below))
-            for atom, chosen in below.items()
-        }
+        waiting += len(below)
+        self.deepest = max(self.deepest, waiting)
+        places = {atom: self._below(actions, below[atom], waiting) for atom in sorted(below)}
         words: dict[int, list[int]] = {}
-        for atom in sorted(nodes):
+        for atom in places:
             words.setdefault(atom // WORD, []).append(atom)
-        for word, atoms in words.items():
-            mask = sum(1 << atom % WORD for atom in atoms)
-            low, high = atoms[0] % WORD, atoms[-1] % WORD
-            self._groups[place].append((word, mask, len(self._children) - low))
-            self._children += [nodes.get(word * WORD + bit, -1) for bit in range(low, high + 1)]
+        tests = [number for atoms in words.values() for number in self._test(atoms, places)]
+        place = len(self.numbers)
+        self.numbers += [len(here), *(-1 - n if actions[n].forbidden else n for n in here)]
+        self.numbers += [len(tests), *tests]
         return place
+
+    def _below(self, actions: tuple[ActionRule, ...], left: list[Left], waiting: int) -> int:
+        if len(left) == 1 and not left[0][1] and not actions[left[0][0]].forbidden:
+            return -2 - left[0][0]
+        return self._node(actions, left, waiting)
+
+    def _test(self, atoms: list[int], places: dict[int, int]) -> tuple[int, int, int]:
+        """Add the places of what is below the atoms of a word; returns word, mask and where."""
+        first, start = atoms[0] % WORD, len(self.numbers)
+        word = atoms[0] // WORD
+        self.numbers += [places.get(atom, -1) for atom in range(atoms[0], atoms[-1] + 1)]
+        return word, sum(1 << atom % WORD for atom in atoms), start - first
 
     def _split(self, left: list[Left]) -> dict[int, list[Left]]:
         """Actions by the atom below which they stand, each atom taken from those that need it."""
@@ -104,25 +97,6 @@ class _Builder:
             for _, atoms in below[atom]:
                 counts.subtract([*atoms, atom])
         return below
-
-    def tree(self, roots: list[int]) -> MatchTree:
-        groups = [group for each in self._groups for group in each]
-        return MatchTree(
-            root=np.array(roots, dtype=np.int64),
-            action_at=_starts(self._actions),
-            action=np.array([a for each in self._actions for a in each], dtype=np.int32),
-            group_at=_starts(self._groups),
-            group_word=np.array([word for word, _, _ in groups], dtype=np.int32),
-            group_mask=np.array([mask for _, mask, _ in groups], dtype=np.int64),
-            child_at=np.array([at for _, _, at in groups], dtype=np.int32),
-            child=np.array(self._children, dtype=np.int32),
-            deepest=self.deepest,
-        )
-
-
-def _starts(lists: Iterable[list[object]] | Iterable[list[int]]) -> npt.NDArray[np.int32]:
-    sizes = [0, *(len(each) for each in lists)]
-    return np.cumsum(sizes, dtype=np.int32)
 
 
 def _likely_false(rules: Rules) -> list[float]:

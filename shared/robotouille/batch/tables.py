@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from robotouille.batch import layout as at
 from robotouille.batch.goal_rule import ConditionRule
+from robotouille.batch.match_tree import match_tree
 from robotouille.batch.rules import ActionRule, NodeRule, Outcome, Rules
 
 __all__ = ["Ints", "in_words", "initial_row", "tables"]
@@ -25,10 +26,11 @@ Lists = dict[int, Sequence[int]]
 
 def tables(rules: Rules) -> Ints:
     """The rules of a world, laid out for kernels."""
+    tree = match_tree(rules)
     lists = {**_rules(rules), **_effects(rules), **_objects(rules), **_goal(rules)}
-    lists[at.BIT_OF] = _bit_of()
+    lists |= {at.ROOT: tree.roots, at.TREE: tree.numbers, at.BIT_OF: _bit_of()}
     header = np.zeros(at.NUMBERS, dtype=np.int64)
-    for name, number in _sizes(rules).items():
+    for name, number in _sizes(rules, tree.deepest).items():
         header[name] = number
     parts, place = [header], len(header)
     for name, values in lists.items():
@@ -55,7 +57,7 @@ def in_words(atoms: Iterable[int]) -> dict[int, int]:
     return masks
 
 
-def _sizes(rules: Rules) -> dict[int, int]:
+def _sizes(rules: Rules, deepest: int) -> dict[int, int]:
     players, effects, nodes = len(rules.players), len(rules.effects), len(rules.nodes)
     conditions, variables = len(rules.goal.conditions), len(rules.goal.kinds)
     choices = [choice for condition in rules.goal.conditions for choice in condition.choices]
@@ -85,7 +87,8 @@ def _sizes(rules: Rules) -> dict[int, int]:
             FLAGS,
             {at.GONE: words, at.IS_DELETED: len(rules.object), at.IS_STARTED: effects,
              at.ROW_COPY: width, at.CURSOR: conditions + 1, at.BINDING: variables,
-             at.LIVE: len(choices), at.LIVE_COUNT: conditions, at.WORK_SIZE: 0},
+             at.LIVE: len(choices), at.LIVE_COUNT: conditions,
+             at.STACK: deepest + 1, at.WORK_SIZE: 0},
         ),
     }  # fmt: skip
 
