@@ -19,6 +19,7 @@ PLANS = sorted(
     str(path.relative_to(data_folder("problems")).with_suffix(""))
     for folder in ("synchronous", "asynchronous", "multi_agent")
     for path in (data_folder("problems") / folder).glob("*.plan")
+    if "@3" not in path.name and "@4" not in path.name
 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import NamedTuple
@@ -31,24 +31,26 @@ class BatchStep(NamedTuple):
     """What became of a step: arrays with a row for each copy.
 
     `rewards` are 1 where the goal holds after it, else 0; `terminated` says where; `applied` which
-    players' actions were applied. What was asked for and not applied was rejected.
+    players' actions were applied. What was asked for and not applied was rejected. `overflowed` says
+    which copies had more created objects than there are slots, now or before.
     """
 
     rewards: npt.NDArray[np.float32]
     terminated: Bools
     applied: Bools
+    overflowed: Bools
 
 
 class BatchWorld:
     """Copies of a world, all in their initial state at first.
 
-    Actions, masks and vectors are those of the world's `encoding`. Steps are `World.step`'s, each
+    Actions, masks and vectors are those of `encoding`, the world's. Steps are `World.step`'s, each
     player's action being applied in the order of their seats. Nothing is random but
     `random_actions`; the same seed and steps give the same, with any number of threads.
 
     `rows` holds the states, a row for each copy: copy it to keep them, and assign to it to go back.
-    `overflowed` says which copies had more created objects than there are slots; these stand still
-    until they are reset.
+    `overflowed` says which copies stand still until they are reset, since they had more created
+    objects than there are slots.
 
     Args:
         world: Whose copies they are.
@@ -56,8 +58,11 @@ class BatchWorld:
         seed: Of `random_actions`.
         threads: In how many threads kernels run, if they are compiled.
         auto_reset: Whether a copy that reaches its goal or overflows is reset in the same step.
+        slots: How many created objects of a kind there may be at once, as in `{"water": 8}`; masks
+            and vectors are not those of `World.encoding` then, but of `encoding`.
 
     Raises:
+        RobotouilleError: There are slots for what cannot be created.
         WrongArgumentError: There is to be no copy, or no thread.
     """
 
@@ -69,6 +74,7 @@ class BatchWorld:
         seed: int = 0,
         threads: int = 1,
         auto_reset: bool = False,
+        slots: Mapping[str, int] | None = None,
     ) -> None:
         if copies < 1 or threads < 1:
             raise WrongArgumentError(f"expected a copy and a thread at least: {copies}, {threads}")
@@ -76,11 +82,12 @@ class BatchWorld:
         self.copies = copies
         self.players = world.players
         self.auto_reset = auto_reset
-        self._rules = Rules(world)
+        self._rules = Rules(world, slots)
         self._tables = tables(self._rules)
         self._initial = initial_row(self._rules, self._tables)
         self.action_counts = tuple(len(actions) for actions in self._rules.actions)
-        self.vector_size = world.encoding.size
+        self.encoding = self._rules.encoding
+        self.vector_size = self.encoding.size
         self.rows = np.tile(self._initial, (copies, 1))
         self.overflowed: Bools = np.zeros(copies, dtype=np.bool_)
         self._random = np.random.default_rng(seed)
@@ -140,7 +147,10 @@ class BatchWorld:
             )
 
         self._run(work)
-        return BatchStep(terminated.astype(np.float32), terminated, applied)
+        overflowed = self.overflowed.copy()
+        if self.auto_reset:
+            self.overflowed[:] = False
+        return BatchStep(terminated.astype(np.float32), terminated, applied, overflowed)
 
     def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[np.int64]:
         chosen = np.asarray(actions)

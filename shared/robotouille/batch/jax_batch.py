@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,23 +32,31 @@ class JaxBatch:
         copies: How many.
         seed: Of `random_actions`.
         auto_reset: Whether a copy that reaches its goal or overflows is reset in the same step.
+        slots: How many created objects of a kind there may be at once: see `BatchWorld`.
 
     Raises:
         WrongArgumentError: There is to be no copy.
     """
 
     def __init__(
-        self, world: World, copies: int, *, seed: int = 0, auto_reset: bool = False
+        self,
+        world: World,
+        copies: int,
+        *,
+        seed: int = 0,
+        auto_reset: bool = False,
+        slots: Mapping[str, int] | None = None,
     ) -> None:
         if copies < 1:
             raise WrongArgumentError(f"expected a copy at least, found {copies}")
         self.world = world
         self.copies = copies
         self.players = world.players
-        self._rules = Rules(world)
+        self._rules = Rules(world, slots)
         self._tables = tables(self._rules)
         self.action_counts = tuple(len(actions) for actions in self._rules.actions)
-        self.vector_size = world.encoding.size
+        self.encoding = self._rules.encoding
+        self.vector_size = self.encoding.size
         self.engine = JaxEngine(self._rules)
         self._key = jax.random.key(seed)
         self._initial = jax.tree.map(
@@ -140,7 +150,7 @@ class JaxBatch:
 
     def _resetting(self, states: CopyState, actions: Array) -> tuple[CopyState, CopyStep]:
         states, result = jax.vmap(self.engine.step)(states, actions)
-        return _chosen(result.terminated | states.overflowed, self._initial, states), result
+        return _chosen(result.terminated | result.overflowed, self._initial, states), result
 
     def _drawn(self, states: CopyState, key: Array) -> Array:
         actions = []

@@ -23,7 +23,9 @@ def row_of(state: State, rules: Rules, t: Ints) -> Ints:
     """
     if state.world.task.digest != rules.world.task.digest:
         raise WrongWorldError(f"the state is one of another task, {state.world.task.name}")
-    encoding = state.world.encoding
+    if state.world is not rules.world:
+        state = rules.world.restore(state.facts, state.timer_rows(), state.timers.busy)
+    encoding = rules.encoding
     vector = encoding.vector(state.facts, state.timers)
     row = np.zeros(t[at.WIDTH], dtype=np.int64)
     for word, mask in in_words(np.flatnonzero(vector[: t[at.ATOMS]]).tolist()).items():

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,11 +109,15 @@ class Rules:
     `nodes` are those of all effects; a node's number is also its counter's. `kinds` are the kinds
     of objects that have slots, and `exists` the atom of each slot of each; those of a kind that
     play cannot come to have none.
+
+    Args:
+        world: Whose rules they are.
+        slots: How many created objects of a kind there may be at once, if not as many as usually.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, slots: Mapping[str, int] | None = None) -> None:
         self.world = world
-        self.encoding: Encoding = world.encoding
+        self.encoding = world.encoding if slots is None else Encoding(world, slots)
         self.players = world.players
         table = world.table
         self.atom = {atom: i for i, atom in enumerate(self.encoding.atoms)}

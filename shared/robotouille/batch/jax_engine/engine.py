@@ -38,6 +38,7 @@ class CopyStep(NamedTuple):
     rewards: Array
     terminated: Array
     applied: Array
+    overflowed: Array
 
 
 class _Run(NamedTuple):
@@ -84,8 +85,8 @@ class JaxEngine:
         state = jax.tree.map(lambda new, old: jnp.where(still, old, new), state, before)
         reached = goal_reached(self._t.goal, state.atoms) & ~state.overflowed
         return state, CopyStep(
-            reached.astype(jnp.float32), reached, jnp.stack(applied) & ~still
-        )  # fmt: skip
+            reached.astype(jnp.float32), reached, jnp.stack(applied) & ~still, state.overflowed
+        )
 
     def mask(self, state: CopyState, seat: int) -> Array:
         """Which actions of a seat are valid."""
