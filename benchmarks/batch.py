@@ -47,13 +47,12 @@ def measure(name: str, steps: int = STEPS, copies: int = COPIES) -> Row:
     world = World(load_task(name))
     course = joint_walk(world, max(1, steps // 20))
 
-    def listed(state: State) -> None:
-        for player in world.players:
-            state.mask(player)
+    def masked(state: State) -> list[object]:
+        return [state.mask(player) for player in world.players]
 
     world_rate = rate(lambda: [s.step(joint) for s, joint in course], len(course))
     masks_rate = rate(
-        lambda: [listed(state.step(joint).state) for state, joint in course], len(course)
+        lambda: [masked(state.step(joint).state) for state, joint in course], len(course)
     )
     batch = BatchWorld(world, copies, auto_reset=True)
     play(batch, 2)

@@ -31,8 +31,8 @@ class BatchStep(NamedTuple):
     """What became of a step: arrays with a row for each copy.
 
     `rewards` are 1 where the goal holds after it, else 0; `terminated` says where; `applied` which
-    players' actions were applied. What was asked for and not applied was rejected. `overflowed` says
-    which copies had more created objects than there are slots, now or before.
+    players' actions were applied. What was asked for and not applied was rejected. `overflowed`
+    says which copies had more created objects than there are slots, now or before.
     """
 
     rewards: npt.NDArray[np.float32]

@@ -16,7 +16,7 @@ __all__ = ["goal_reached"]
 @kernel
 def goal_reached(t: Ints, row: Ints, work: Ints) -> bool:
     """Whether the goal holds; most states fail at once, one of its conditions being met nowhere."""
-    conditions = t[at.CONDITIONS]
+    conditions: int = t[at.CONDITIONS]
     for condition in range(conditions):
         if not _possible(t, row, condition):
             return False

@@ -105,6 +105,7 @@ class JaxBatch:
             | (actions.reshape(chosen.shape) >= np.array(self.action_counts))
         ):
             raise WrongArgumentError(f"players have {self.action_counts} actions")
+        result: CopyStep
         self.states, result = self._step(self.states, chosen)
         return result
 

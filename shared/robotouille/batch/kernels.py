@@ -24,8 +24,9 @@ PAUSED, HOLDING, DONE = 0, 1, -1
 @kernel
 def _writes_of(t: Ints, rule: int) -> int:
     """Where in `t` a rule's writes are, with their number before them."""
-    place: int = t[at.RULE] + get(t, at.RULE_AT, rule)
-    return place + 1 + t[place]
+    place = t[at.RULE] + get(t, at.RULE_AT, rule)
+    writes: int = place + 1 + t[place]
+    return writes
 
 
 @kernel
@@ -288,7 +289,8 @@ def _end_step(t: Ints, row: Ints, work: Ints) -> bool:
     # In most steps nothing happens to what the goal is about.
     if work[at.TOUCHED] != 0 or row[t[at.GOAL]] != 0:
         row[t[at.GOAL]] = goal_reached(t, row, work)
-    return row[t[at.GOAL]] != 0
+    reached: bool = row[t[at.GOAL]] != 0
+    return reached
 
 
 @kernel
@@ -333,9 +335,10 @@ def step_copies(
 @kernel
 def first_wrong(t: Ints, actions: npt.NDArray[np.int64]) -> int:
     """The place of the first number that is of no action, copy after copy; -1 if there is none."""
+    players: int = t[at.PLAYERS]
     for copy in range(len(actions)):
-        for player in range(t[at.PLAYERS]):
+        for player in range(players):
             count = get(t, at.ACTION_AT, player + 1) - get(t, at.ACTION_AT, player)
             if not -1 <= actions[copy, player] < count:
-                return copy * t[at.PLAYERS] + player
+                return copy * players + player
     return -1

@@ -282,7 +282,8 @@ class JaxEngine:
                 top=_put(state.top, kind, state.top[kind] - 1, empty),
             )
 
-        return jax.lax.fori_loop(0, len(t.shift_kind), move, state)
+        moved_up: CopyState = jax.lax.fori_loop(0, len(t.shift_kind), move, state)
+        return moved_up
 
 
 def _hold(tests: Tests, atoms: Array) -> Array:
