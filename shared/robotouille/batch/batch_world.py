@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.kernels import first_wrong, step_copies
-from robotouille.batch.mask_kernels import mask_copies, random_copies, vector_copies
+from robotouille.batch.kernels.masks import mask_copies, random_copies, vector_copies
+from robotouille.batch.kernels.steps import first_wrong, step_copies
 from robotouille.batch.rows import row_of, state_of
 from robotouille.batch.rules import Rules
 from robotouille.batch.tables import Ints, initial_row, tables

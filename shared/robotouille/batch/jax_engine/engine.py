@@ -1,7 +1,7 @@
 """Steps of one copy as pure functions of JAX: `World.step` without branches.
 
 Everything is computed, and takes effect where it has to: `when` says where. What is said of updates
-in `kernels` holds here, too.
+in `kernels.steps` holds here, too.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Whether some choice of objects makes all conditions of the goal true: a search in JAX.
 
-It goes as `goal_kernel` does, but looks at all choices of a condition at once.
+It goes as `kernels.goal` does, but looks at all choices of a condition at once.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.compiled import get, holds, kernel
+from robotouille.batch.kernels.compiled import get, holds, kernel
 from robotouille.batch.tables import Ints
 
 __all__ = ["mask_copies", "random_copies", "vector_copies"]

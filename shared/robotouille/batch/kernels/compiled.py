@@ -10,7 +10,7 @@ from robotouille.compiling import compiler
 
 __all__ = ["get", "holds", "kernel"]
 
-kernel = compiler(Path(__file__).parent, nogil=True)
+kernel = compiler(Path(__file__).parents[1], nogil=True)
 """The decorator of kernels: the function, compiled if possible; other threads run meanwhile."""
 
 

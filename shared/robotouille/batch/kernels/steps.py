@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.compiled import get, holds, kernel
-from robotouille.batch.goal_kernel import goal_reached
+from robotouille.batch.kernels.compiled import get, holds, kernel
+from robotouille.batch.kernels.goal import goal_reached
 from robotouille.batch.rules import CONDITIONAL, CREATION, DELETION, REPETITIVE
 from robotouille.batch.tables import Ints
 

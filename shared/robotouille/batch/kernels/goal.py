@@ -7,7 +7,7 @@ agree with those chosen before, and whose atoms hold.
 from __future__ import annotations
 
 from robotouille.batch import layout as at
-from robotouille.batch.compiled import get, kernel
+from robotouille.batch.kernels.compiled import get, kernel
 from robotouille.batch.tables import Ints
 
 __all__ = ["goal_reached"]
