@@ -33,14 +33,15 @@ COMPILED = _numba is not None
 """Whether functions are compiled."""
 
 
-def compiler(folder: Path, nogil: bool = False) -> Callable[[F], F]:
+def compiler(folder: Path, bare: bool = False) -> Callable[[F], F]:
     """A decorator for the functions of a folder: the function, compiled if possible.
 
     What is compiled is kept on disk for the next time.
 
     Args:
         folder: Where all that is called from compiled functions is defined.
-        nogil: Whether other threads run meanwhile.
+        bare: Whether they make neither arrays nor views of arrays. Then nobody counts who refers to
+            an array, which is half of what calls cost, and other threads run meanwhile.
     """
 
     def kernel(function: F) -> F:
@@ -49,7 +50,7 @@ def compiler(folder: Path, nogil: bool = False) -> Callable[[F], F]:
         before = _numba.config.CACHE_DIR
         _numba.config.CACHE_DIR = str(cache_folder(folder))
         try:
-            compiled: F = _numba.njit(cache=True, nogil=nogil)(function)
+            compiled: F = _numba.njit(cache=True, nogil=bare, _nrt=not bare)(function)
         finally:
             _numba.config.CACHE_DIR = before
         return compiled

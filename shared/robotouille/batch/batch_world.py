@@ -203,7 +203,7 @@ class BatchWorld:
 
     def vectors(self) -> npt.NDArray[np.float32]:
         """The states as numbers, for each copy: see `State.vector`."""
-        vectors = np.empty((self.copies, self.vector_size), dtype=np.float32)
+        vectors = np.zeros((self.copies, self.vector_size), dtype=np.float32)
         self._run(lambda _, first, last: vector_copies(
             self._tables, self.rows, first, last, vectors
         ))  # fmt: skip

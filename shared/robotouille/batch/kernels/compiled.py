@@ -10,8 +10,8 @@ from robotouille.compiling import compiler
 
 __all__ = ["get", "holds", "kernel"]
 
-kernel = compiler(Path(__file__).parents[1], nogil=True)
-"""The decorator of kernels: the function, compiled if possible; other threads run meanwhile."""
+kernel = compiler(Path(__file__).parents[1], bare=True)
+"""The decorator of kernels: the function, compiled if possible. They make no arrays or views."""
 
 
 @kernel

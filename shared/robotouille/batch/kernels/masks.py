@@ -74,7 +74,8 @@ def mask_copies(
     for copy in range(first, last):
         count = true[copy, 0]
         if count < 0:
-            masks[copy] = False
+            for i in range(masks.shape[1]):
+                masks[copy, i] = False
         for i in range(count):
             masks[copy, true[copy, 1 + i]] = False
         for i in range(t[at.GOAL]):
@@ -116,23 +117,23 @@ def vector_copies(
     last: int,
     vectors: npt.NDArray[np.float32],
 ) -> None:
-    """The vectors of some copies: atoms, effects with their counters, busy players."""
-    vectors[first:last] = 0
+    """The vectors of some copies, zeros before: atoms, effects with counters, busy players."""
     for copy in range(first, last):
-        row, vector = rows[copy], vectors[copy]
         for word in range(t[at.WORDS]):
-            true = row[word]
+            true = rows[copy, word]
             while true != 0:
                 bit = true & -true
                 true ^= bit
-                vector[word * at.WORD + get(t, at.BIT_OF, bit % at.PRIME)] = 1
-        for i in range(row[t[at.COUNT]]):
-            effect = row[t[at.ORDER] + i]
+                vectors[copy, word * at.WORD + get(t, at.BIT_OF, bit % at.PRIME)] = 1
+        for i in range(rows[copy, t[at.COUNT]]):
+            effect = rows[copy, t[at.ORDER] + i]
+            start = get(t, at.EFFECT_AT, effect)
             # Each effect before it has a number of its own beside its counters.
-            place = t[at.ATOMS] + effect + get(t, at.EFFECT_AT, effect)
-            vector[place] = 1
-            for node in range(get(t, at.EFFECT_AT, effect), get(t, at.EFFECT_AT, effect + 1)):
-                vector[place + 1 + node - get(t, at.EFFECT_AT, effect)] = row[t[at.PROGRESS] + node]
+            place = t[at.ATOMS] + effect + start
+            vectors[copy, place] = 1
+            for node in range(start, get(t, at.EFFECT_AT, effect + 1)):
+                counter = rows[copy, t[at.PROGRESS] + node]
+                vectors[copy, place + 1 + node - start] = counter
         place = t[at.ATOMS] + t[at.EFFECTS] + get(t, at.EFFECT_AT, t[at.EFFECTS])
         for player in range(t[at.PLAYERS]):
-            vector[place + player] = row[t[at.BUSY] + player]
+            vectors[copy, place + player] = rows[copy, t[at.BUSY] + player]

@@ -201,7 +201,8 @@ def _settle(t: Ints, row: Ints, work: Ints, ends: bool) -> None:
     work[at.STARTED] = 0
     if work[at.DELETED] != 0:
         work[at.DELETED] = 0
-        work[t[at.GONE] : t[at.IS_STARTED]] = 0
+        for place in range(t[at.GONE], t[at.IS_STARTED]):
+            work[place] = 0
 
 
 # Steps
@@ -259,25 +260,27 @@ def _move_up(t: Ints, row: Ints, work: Ints) -> None:
 
 @kernel
 def _shift(t: Ints, row: Ints, work: Ints, slot: int) -> None:
-    before = work[t[at.ROW_COPY] : t[at.CURSOR]]
-    before[:] = row
-    row[: t[at.WORDS]] = 0
+    """All that is about objects behind a slot moves up by one."""
+    before = t[at.ROW_COPY]
+    for place in range(t[at.WIDTH]):
+        work[before + place] = row[place]
+        if place < t[at.WORDS] or place >= t[at.PROGRESS]:
+            row[place] = 0
     for atom in range(t[at.ATOMS]):
         source = get(t, at.ATOM_FROM, slot * t[at.ATOMS] + atom)
         if source >= 0:
-            true = before[source // at.WORD] >> (source % at.WORD) & 1
+            true = work[before + source // at.WORD] >> (source % at.WORD) & 1
             row[atom // at.WORD] |= true << (atom % at.WORD)
-    row[t[at.PROGRESS] :] = 0
     for effect in range(t[at.EFFECTS]):
         source = get(t, at.EFFECT_FROM, slot * t[at.EFFECTS] + effect)
         if source >= 0:
             first = t[at.PROGRESS] + get(t, at.EFFECT_AT, effect)
-            came = t[at.PROGRESS] + get(t, at.EFFECT_AT, source)
+            came = before + t[at.PROGRESS] + get(t, at.EFFECT_AT, source)
             for i in range(get(t, at.EFFECT_AT, effect + 1) - get(t, at.EFFECT_AT, effect)):
-                row[first + i] = before[came + i]
-            place = _place_of(t, before, source)
-            if place >= 0:
-                row[t[at.ORDER] + place] = effect
+                row[first + i] = work[came + i]
+            for place in range(t[at.ORDER], t[at.ORDER] + row[t[at.COUNT]]):
+                if work[before + place] == source:
+                    row[place] = effect
 
 
 @kernel
