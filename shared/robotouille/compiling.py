@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
-__all__ = ["COMPILED", "cache_folder", "compiler"]
+__all__ = ["COMPILED", "cache_folder", "compiler", "lowest_bit"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -56,6 +56,29 @@ def compiler(folder: Path, bare: bool = False) -> Callable[[F], F]:
         return compiled
 
     return kernel
+
+
+def _plain_lowest_bit(mask: int) -> int:
+    return (int(mask) & -int(mask)).bit_length() - 1
+
+
+def _compiled_lowest_bit() -> Any:
+    """The processor's own instruction for it."""
+    intrinsic = import_module("numba.extending").intrinsic
+    types = import_module("numba").types
+    ir = import_module("llvmlite").ir
+
+    def trailing_zeros(typing: Any, mask: Any) -> Any:
+        def instruction(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+        return types.int64(types.int64), instruction
+
+    return intrinsic(trailing_zeros)
+
+
+lowest_bit: Callable[[int], int] = _compiled_lowest_bit() if COMPILED else _plain_lowest_bit
+"""The place of the lowest bit of a positive integer of 64 bits, compiled or not."""
 
 
 @cache

@@ -34,7 +34,6 @@ __all__ = [
     "ATOMS",
     "ATOM_FROM",
     "BINDING",
-    "BIT_OF",
     "BORN",
     "BORN_AT",
     "BUSY",
@@ -79,7 +78,6 @@ __all__ = [
     "OUTCOME",
     "OVERFLOWED",
     "PLAYERS",
-    "PRIME",
     "PROGRESS",
     "RELEVANT",
     "ROOT",
@@ -109,9 +107,6 @@ __all__ = [
 WORD = 63
 """Atoms in a word."""
 
-PRIME = 67
-"""The powers of two below 2⁶³ are all different modulo this, and so say where a bit is."""
-
 # Sizes; places in a row; places in `work`.
 (
     WORDS, ATOMS, PLAYERS, EFFECTS, OBJECTS, KINDS, SHIFTS, CONDITIONS, VARIABLES, CHOSEN_WIDTH,
@@ -121,7 +116,7 @@ PRIME = 67
 ) = range(30)  # fmt: skip
 
 # Lists: of rules; of effects, their nodes and what these do; of objects and their
-# slots; of the goal's conditions; of the trees of valid actions (`match_tree`); of bits.
+# slots; of the goal's conditions; of the trees of valid actions (`match_tree`).
 (
     ACTION_AT, RULE_AT, RULE,
     EFFECT_AT, ABOUT_AT, ABOUT, KIND, END, TOTAL, SUBJECT, CREATES, OUTCOME,
@@ -129,10 +124,10 @@ PRIME = 67
     MENTION_AT, MENTION_WORD, MENTIONS, SLOT_OF, SLOT_AT, EXISTS, ATOM_FROM, EFFECT_FROM,
     NEED_AT, NEED_WORD, NEED_MASK, VARIABLE_AT, VARIABLE, VARIABLE_KIND, FRESH, CHOICE_AT,
     CHOSEN, CHOSEN_ATOMS, NEED_CHOICE, CHOICE_OF,
-    RELEVANT, ROOT, TREE, BIT_OF,
-) = range(30, 68)  # fmt: skip
+    RELEVANT, ROOT, TREE,
+) = range(30, 67)  # fmt: skip
 
-NUMBERS = 68
+NUMBERS = 67
 """Named numbers at the beginning of `t`."""
 
 STARTED, DELETED, HOLES, OVERFLOWED, TOUCHED = range(5)

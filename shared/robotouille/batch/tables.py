@@ -28,7 +28,7 @@ def tables(rules: Rules) -> Ints:
     """The rules of a world, laid out for kernels."""
     tree = match_tree(rules)
     lists = {**_rules(rules), **_effects(rules), **_objects(rules), **_goal(rules)}
-    lists |= {at.ROOT: tree.roots, at.TREE: tree.numbers, at.BIT_OF: _bit_of()}
+    lists |= {at.ROOT: tree.roots, at.TREE: tree.numbers}
     header = np.zeros(at.NUMBERS, dtype=np.int64)
     for name, number in _sizes(rules, tree.deepest).items():
         header[name] = number
@@ -226,14 +226,6 @@ def _by_bit(by_atom: Iterable[Mapping[int, int]]) -> tuple[list[int], list[int]]
             starts.append(len(table))
             table += [choices.get(word * at.WORD + bit, -1) for bit in range(at.WORD)]
     return starts, table
-
-
-def _bit_of() -> list[int]:
-    """The place of a bit, by its value modulo `PRIME`."""
-    places = [0] * at.PRIME
-    for bit in range(at.WORD):
-        places[(1 << bit) % at.PRIME] = bit
-    return places
 
 
 def _starts(sizes: Iterable[int]) -> list[int]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from robotouille.batch import layout as at
 from robotouille.batch.kernels.compiled import get, kernel
 from robotouille.batch.tables import Ints
+from robotouille.compiling import lowest_bit
 
 __all__ = ["goal_reached"]
 
@@ -56,9 +57,8 @@ def _list_choices(t: Ints, row: Ints, work: Ints, condition: int) -> bool:
     for i in range(get(t, at.NEED_AT, condition), get(t, at.NEED_AT, condition + 1)):
         true = row[get(t, at.NEED_WORD, i)] & get(t, at.NEED_MASK, i)
         while true != 0:
-            bit = true & -true
-            true ^= bit
-            choice = get(t, at.NEED_CHOICE, i) + get(t, at.BIT_OF, bit % at.PRIME)
+            choice = get(t, at.NEED_CHOICE, i) + lowest_bit(true)
+            true &= true - 1
             work[live + count] = get(t, at.CHOICE_OF, choice)
             count += 1
     if get(t, at.NEED_AT, condition) == get(t, at.NEED_AT, condition + 1):

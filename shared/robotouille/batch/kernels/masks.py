@@ -8,6 +8,7 @@ import numpy.typing as npt
 from robotouille.batch import layout as at
 from robotouille.batch.kernels.compiled import get, holds, kernel
 from robotouille.batch.tables import Ints
+from robotouille.compiling import lowest_bit
 
 __all__ = ["mask_copies", "random_copies", "vector_copies"]
 
@@ -21,7 +22,7 @@ def _find_valid(t: Ints, row: Ints, work: Ints, player: int, found: Ints) -> int
     if row[t[at.BUSY] + player] != 0:
         return 0
     count = 0
-    tree, stack, bits = t[at.TREE], t[at.STACK], t[at.BIT_OF]
+    tree, stack = t[at.TREE], t[at.STACK]
     work[stack] = get(t, at.ROOT, player)
     waiting = 1
     while waiting > 0:
@@ -40,9 +41,8 @@ def _find_valid(t: Ints, row: Ints, work: Ints, player: int, found: Ints) -> int
             true = row[t[test]] & t[test + 1]
             below = tree + t[test + 2]
             while true != 0:
-                bit = true & -true
-                true ^= bit
-                place = t[below + t[bits + bit % at.PRIME]]
+                place = t[below + lowest_bit(true)]
+                true &= true - 1
                 if place < 0:
                     found[count] = -2 - place
                     count += 1
@@ -122,9 +122,8 @@ def vector_copies(
         for word in range(t[at.WORDS]):
             true = rows[copy, word]
             while true != 0:
-                bit = true & -true
-                true ^= bit
-                vectors[copy, word * at.WORD + get(t, at.BIT_OF, bit % at.PRIME)] = 1
+                vectors[copy, word * at.WORD + lowest_bit(true)] = 1
+                true &= true - 1
         for i in range(rows[copy, t[at.COUNT]]):
             effect = rows[copy, t[at.ORDER] + i]
             start = get(t, at.EFFECT_AT, effect)
