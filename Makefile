@@ -11,6 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 SEEDS ?= 0:2000
 HOSTILE ?= 1000000
+AGREEMENT ?= 10000000
 
 .PHONY: help demo test test-all nightly check docs bench format clean
 
@@ -36,7 +37,7 @@ test-all: $(STAMP)  ## All tests, also with processes, browser and proxies: four
 	$(PYTEST)
 
 nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=FROM:TO HOSTILE=COUNT
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,local,gpu]'
 	ROBOTOUILLE_FUZZ=10 ROBOTOUILLE_ORACLE_TASKS=500 $(PYTEST) -m "nightly or not nightly"
 	$(BIN)/python -m tests.programs.simulation --seeds $(SEEDS)
 	$(BIN)/python -m tests.programs.simulation --day
@@ -44,6 +45,7 @@ nightly: $(STAMP)  ## Many seeds, a drill, hostile inputs, floods: hours; SEEDS=
 	$(BIN)/python -m tests.programs.hostile --count $(HOSTILE)
 	$(BIN)/python -m tests.programs.floods
 	$(BIN)/python -m tests.programs.every_bit
+	$(BIN)/python -m tests.programs.batch_agreement --steps $(AGREEMENT)
 
 check: $(STAMP)  ## Lint, format, types, import direction
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.programs import floods
 
 from benchmarks import (
+    batch,
     core,
     environments,
     evaluation,
@@ -24,6 +25,7 @@ if __name__ == "__main__":
     core.main()
     joint.main()
     environments.main()
+    batch.main([])
     planning.main()
     evaluation.main([])
     server.main()

@@ -20,7 +20,7 @@ from tests.support.sources import (
 )
 
 MAX_IN_FOLDER = 12
-WIDE_FOLDERS = {"robotouille": 16, "robotouille.planners.kitchen": 14}
+WIDE_FOLDERS = {"robotouille": 18, "robotouille.planners.kitchen": 14}
 """Folders that hold more than they should, and how much they hold at most."""
 
 TEST_FILES = sorted((ROOT / "tests").rglob("*.py"))

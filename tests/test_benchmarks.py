@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from benchmarks import core, flat, joint, model_calls, planning
+from benchmarks import batch, core, flat, joint, model_calls, planning
 from benchmarks.flat import Growth, Memory, memory_over_steps
 from benchmarks.server import BARE, OURS, STEPS, Bench, memory_row, print_rows, server
 from rich.console import Console
@@ -65,6 +65,11 @@ def test_environments_are_measured(
     monkeypatch.setattr(environments, "STEPS", 60)
     row = environments.measure(interface, task)
     assert min(row.cold, row.warmed, row.again) > 0
+
+
+def test_the_batch_engine_is_measured() -> None:
+    row = batch.measure("synchronous/01", steps=60, copies=4)
+    assert min(row.world, row.world_masks, row.batch, row.batch_masks, row.batch_vectors) > 0
 
 
 def test_planning_is_measured() -> None:

@@ -49,6 +49,10 @@ def test_packs_examples() -> None:
     assert names["world"].task.name == names["instance"].id
 
 
+def test_batch_example() -> None:
+    assert run_blocks("batch.md")["vectors"].shape[0] == 64
+
+
 def test_api_examples() -> None:
     """The page's own assertions hold, and its bots play a game on a real server."""
     names = run_blocks("api.md")

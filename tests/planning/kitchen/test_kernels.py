@@ -90,7 +90,7 @@ def test_compiled_and_plain_give_the_same_answers() -> None:
 def test_whether_there_is_something_to_compile(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kernels, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(kernels, "cache_folder", lambda folder: tmp_path)
     monkeypatch.setattr(kernels, "COMPILED", True)
     assert kernels.to_be_compiled()
     (tmp_path / "heuristic").mkdir()

@@ -12,14 +12,14 @@ Set ROBOTOUILLE_COMPILE=0 to have plain Python in any case.
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Callable, Iterable, MutableSequence, Sequence
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast, get_type_hints
+
+from robotouille.compiling import COMPILED, cache_folder, compiler
 
 __all__ = [
     "COMPILED",
@@ -38,7 +38,6 @@ __all__ = [
     "zeros",
 ]
 
-F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
 Ints: TypeAlias = MutableSequence[int]
 Table: TypeAlias = Sequence[Ints]
@@ -48,46 +47,17 @@ SMALL = "16 bits"
 """Says in an annotation that a row's integers are below 2¹⁵."""
 
 
-def _module(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError:
-        return None
+_numpy: Any = import_module("numpy") if COMPILED else None
+_FOLDER = Path(__file__).parent
 
-
-_numba: Any = None if os.environ.get("ROBOTOUILLE_COMPILE") == "0" else _module("numba")
-_numpy: Any = None if _numba is None else _module("numpy")
-
-COMPILED = _numba is not None
-"""Whether kernels are compiled."""
-
-
-def kernel(function: F) -> F:
-    """The function, compiled if possible; what is compiled is kept on disk for the next time."""
-    if not COMPILED:
-        return function
-    before = _numba.config.CACHE_DIR
-    _numba.config.CACHE_DIR = str(_cache_folder())
-    try:
-        compiled: F = _numba.njit(cache=True)(function)
-    finally:
-        _numba.config.CACHE_DIR = before
-    return compiled
+kernel = compiler(_FOLDER)
+"""The decorator of kernels: the function, compiled if possible."""
 
 
 def to_be_compiled() -> bool:
     """Whether the first search compiles all kernels, which takes a while, because none is
     kept on disk."""
-    return COMPILED and next(_cache_folder().glob("**/*.nbi"), None) is None
-
-
-@cache
-def _cache_folder() -> Path:
-    """Where compiled kernels are kept: a folder for each version of their source, since a kernel
-    contains those it calls."""
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    source = b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.rglob("*.py")))
-    return Path(home) / "robotouille" / hashlib.blake2b(source, digest_size=8).hexdigest()
+    return COMPILED and next(cache_folder(_FOLDER).glob("**/*.nbi"), None) is None
 
 
 def ints(values: Iterable[int]) -> Ints:

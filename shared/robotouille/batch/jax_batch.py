@@ -1,0 +1,202 @@
+"""Many copies of one world at once in JAX, on a GPU where there is one (batch.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy.typing as npt
+
+from robotouille.batch import layout as at
+from robotouille.batch.jax_engine.engine import CopyState, CopyStep, JaxEngine
+from robotouille.batch.jax_engine.padded import Array
+from robotouille.batch.rows import row_of, state_of
+from robotouille.batch.rules import Rules
+from robotouille.batch.tables import Ints, tables
+from robotouille.errors import UnknownNameError, WrongArgumentError, did_you_mean
+from robotouille.world.world import State, World
+
+__all__ = ["JaxBatch"]
+
+
+class JaxBatch:
+    """Copies of a world in JAX: the methods of `BatchWorld`, with arrays of JAX.
+
+    `states` holds their states; arrays in it have a row for each copy. `engine` has the steps of
+    one copy as pure functions, to have a whole course of training in one `jax.jit`.
+
+    Args:
+        world: Whose copies they are.
+        copies: How many.
+        seed: Of `random_actions`.
+        auto_reset: Whether a copy that reaches its goal or overflows is reset in the same step.
+        slots: How many created objects of a kind there may be at once: see `BatchWorld`.
+
+    Raises:
+        WrongArgumentError: There is to be no copy.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        copies: int,
+        *,
+        seed: int = 0,
+        auto_reset: bool = False,
+        slots: Mapping[str, int] | None = None,
+    ) -> None:
+        if copies < 1:
+            raise WrongArgumentError(f"expected a copy at least, found {copies}")
+        self.world = world
+        self.copies = copies
+        self.players = world.players
+        self._rules = Rules(world, slots)
+        self._tables = tables(self._rules)
+        self.action_counts = tuple(len(actions) for actions in self._rules.actions)
+        self.encoding = self._rules.encoding
+        self.vector_size = self.encoding.size
+        self.engine = JaxEngine(self._rules)
+        self._key = jax.random.key(seed)
+        self._initial = jax.tree.map(
+            lambda array: jnp.repeat(array[None], copies, axis=0), self.engine.initial
+        )
+        self.states: CopyState = self._initial
+        self._step = jax.jit(self._resetting if auto_reset else jax.vmap(self.engine.step))
+        self._mask = jax.jit(jax.vmap(self.engine.mask, in_axes=(0, None)), static_argnums=1)
+        self._vector = jax.jit(jax.vmap(self.engine.vector))
+        self._draw = jax.jit(self._drawn)
+
+    @property
+    def overflowed(self) -> npt.NDArray[np.bool_]:
+        """Which copies had more created objects than there are slots: they stand still."""
+        return np.asarray(self.states.overflowed)
+
+    def reset(self, mask: npt.ArrayLike | None = None) -> None:
+        """Put copies into the initial state: all, or those of which `mask` is true.
+
+        Raises:
+            WrongArgumentError: The mask has not one truth value for each copy.
+        """
+        chosen = jnp.ones(self.copies, bool) if mask is None else jnp.asarray(mask)
+        if chosen.shape != (self.copies,) or chosen.dtype != bool:
+            raise WrongArgumentError(
+                f"expected {self.copies} booleans, found {chosen.dtype} {chosen.shape}"
+            )
+        self.states = _chosen(chosen, self._initial, self.states)
+
+    def step(self, actions: npt.ArrayLike) -> CopyStep:
+        """Take a joint action in each copy: see `BatchWorld.step`.
+
+        Numbers that are of no action are not noticed where arrays are on the GPU already: they do
+        something else then.
+
+        Raises:
+            WrongArgumentError: There is not one number for each copy and player.
+        """
+        chosen = jnp.asarray(actions).reshape(-1, len(self.players))
+        if len(chosen) != self.copies or not jnp.issubdtype(chosen.dtype, jnp.integer):
+            raise WrongArgumentError(
+                f"expected integers for {self.copies} copies, found {chosen.dtype} {chosen.shape}"
+            )
+        if isinstance(actions, np.ndarray) and np.any(
+            (actions.reshape(chosen.shape) < -1)
+            | (actions.reshape(chosen.shape) >= np.array(self.action_counts))
+        ):
+            raise WrongArgumentError(f"players have {self.action_counts} actions")
+        result: CopyStep
+        self.states, result = self._step(self.states, chosen)
+        return result
+
+    def masks(self, player: str) -> Array:
+        """Which of a player's actions are valid, for each copy.
+
+        Raises:
+            UnknownNameError: There is no such player.
+        """
+        if player not in self.players:
+            near = did_you_mean(player, self.players)
+            raise UnknownNameError(f"no player {player!r}{near}")
+        return self._mask(self.states, self.players.index(player))
+
+    def vectors(self) -> Array:
+        """The states as numbers, for each copy."""
+        return self._vector(self.states)
+
+    def random_actions(self) -> Array:
+        """A valid action of each player in each copy, all as likely; -1 where there is none."""
+        self._key, key = jax.random.split(self._key)
+        return self._draw(self.states, key)
+
+    def state(self, copy: int) -> State:
+        """The state of a copy, as one of the world's: see `BatchWorld.state`.
+
+        Raises:
+            WrongArgumentError: The copy has overflowed, and has no state.
+        """
+        if self.states.overflowed[copy]:
+            raise WrongArgumentError(f"copy {copy} has overflowed: reset it")
+        return state_of(self._row(copy), self._rules, self._tables)
+
+    def set_state(self, copy: int, state: State) -> None:
+        """Put a copy into a state.
+
+        Raises:
+            SlotOverflowError: It has more created objects than there are slots.
+            WrongWorldError: It is one of another task.
+        """
+        new = self._from_row(row_of(state, self._rules, self._tables))
+        self.states = jax.tree.map(lambda all_, one: all_.at[copy].set(one), self.states, new)
+
+    def _resetting(self, states: CopyState, actions: Array) -> tuple[CopyState, CopyStep]:
+        states, result = jax.vmap(self.engine.step)(states, actions)
+        return _chosen(result.terminated | result.overflowed, self._initial, states), result
+
+    def _drawn(self, states: CopyState, key: Array) -> Array:
+        actions = []
+        for seat in range(len(self.players)):
+            key, draw = jax.random.split(key)
+            masks = jax.vmap(self.engine.mask, in_axes=(0, None))(states, seat)
+            drawn = jax.random.categorical(draw, jnp.where(masks, 0.0, -jnp.inf))
+            actions.append(jnp.where(masks.any(1), drawn, -1))
+        return jnp.stack(actions, axis=1)
+
+    def _row(self, copy: int) -> Ints:
+        t, one = self._tables, jax.tree.map(lambda array: np.asarray(array[copy]), self.states)
+        row = np.zeros(t[at.WIDTH], dtype=np.int64)
+        atoms = np.flatnonzero(one.atoms)
+        np.bitwise_or.at(row, atoms // at.WORD, np.int64(1) << (atoms % at.WORD))
+        active = np.flatnonzero(one.rank)
+        row[t[at.COUNT]] = len(active)
+        row[t[at.ORDER] + one.rank[active] - 1] = active
+        row[t[at.TOP] : t[at.BUSY]] = one.top
+        row[t[at.BUSY] : t[at.GOAL]] = one.busy
+        row[t[at.GOAL]] = 1
+        row[t[at.PROGRESS] :] = one.progress
+        return row
+
+    def _from_row(self, row: Ints) -> CopyState:
+        t = self._tables
+        atoms = np.arange(t[at.ATOMS])
+        rank = np.zeros(t[at.EFFECTS], dtype=np.int32)
+        count = row[t[at.COUNT]]
+        rank[row[t[at.ORDER] : t[at.ORDER] + count]] = np.arange(1, count + 1)
+        return CopyState(
+            atoms=row[atoms // at.WORD] >> (atoms % at.WORD) & 1 == 1,
+            progress=row[t[at.PROGRESS] :].astype(np.int32),
+            rank=rank,
+            top=row[t[at.TOP] : t[at.BUSY]].astype(np.int32),
+            busy=row[t[at.BUSY] : t[at.GOAL]].astype(np.int32),
+            overflowed=np.zeros((), bool),
+        )
+
+
+def _chosen(chosen: Array, new: CopyState, old: CopyState) -> CopyState:
+    """The new states where they are chosen, else the old ones."""
+
+    def one(first: Array, second: Array) -> Array:
+        return jnp.where(chosen.reshape(-1, *[1] * (first.ndim - 1)), first, second)
+
+    states: CopyState = jax.tree.map(one, new, old)
+    return states

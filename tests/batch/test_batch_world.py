@@ -1,0 +1,163 @@
+"""What a batch is given and gives: shapes, resets, overflow, threads, wrong arguments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robotouille import UnknownNameError, World, WrongArgumentError, WrongWorldError
+from robotouille.batch import BatchWorld
+from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.world.arrays.slots import SlotOverflowError
+from tests.batch.agreement import world_of
+
+WORLD = World("multi_agent/01_lettuce_burger")
+
+
+def played(steps: int, **options: Any) -> BatchWorld:
+    batch = BatchWorld(WORLD, 6, **options)
+    for _ in range(steps):
+        batch.step(batch.random_actions())
+    return batch
+
+
+def test_the_same_seed_gives_the_same_with_any_number_of_threads() -> None:
+    one, other = played(10, seed=4), played(10, seed=4, threads=3)
+    assert np.array_equal(one.rows, other.rows)
+    assert np.array_equal(one.masks("robot2"), other.masks("robot2"))
+    assert not np.array_equal(one.rows, played(10, seed=5).rows)
+
+
+def test_copies_are_reset_by_mask() -> None:
+    batch = played(5)
+    before = batch.vectors()
+    mask = np.arange(6) % 2 == 0
+    batch.reset(mask)
+    assert np.array_equal(batch.vectors()[~mask], before[~mask])
+    assert np.array_equal(batch.vectors()[mask], np.tile(WORLD.initial.vector(), (3, 1)))
+    batch.reset()
+    assert batch.state(1) == WORLD.initial
+
+
+def test_states_can_be_kept_and_restored() -> None:
+    batch = played(5)
+    kept, vectors = batch.rows.copy(), batch.vectors()
+    batch.step(batch.random_actions())
+    batch.rows[:] = kept
+    assert np.array_equal(batch.vectors(), vectors)
+
+
+def test_doing_nothing_is_neither_applied_nor_rejected() -> None:
+    batch = played(0)
+    result = batch.step(np.full((6, 2), -1))
+    assert not result.applied.any()
+    assert batch.state(0) == WORLD.initial
+
+
+def test_one_player_needs_no_second_axis() -> None:
+    batch = BatchWorld(World("synchronous/01"), 2)
+    assert batch.step(batch.random_actions()[:, 0]).applied.tolist() == [[True], [True]]
+
+
+@pytest.mark.parametrize(
+    "actions",
+    [
+        np.full((6, 2), -2),
+        np.full((6, 2), 10**6),
+        np.zeros((6, 3), dtype=np.int64),
+        np.zeros((6, 2)),
+        np.full((6, 2), np.nan),
+    ],
+)
+def test_wrong_actions_change_nothing(actions: Any) -> None:
+    batch = played(2)
+    before = batch.rows.copy()
+    with pytest.raises(WrongArgumentError):
+        batch.step(actions)
+    assert np.array_equal(batch.rows, before)
+
+
+def test_wrong_arguments_are_named() -> None:
+    batch = played(0)
+    with pytest.raises(UnknownNameError, match="did you mean 'robot1'"):
+        batch.masks("robot11")
+    with pytest.raises(WrongArgumentError, match="6 booleans"):
+        batch.reset(np.zeros(6))
+    with pytest.raises(WrongWorldError):
+        batch.set_state(0, World("synchronous/01").initial)
+    with pytest.raises(WrongArgumentError):
+        BatchWorld(WORLD, 0)
+    with pytest.raises(RobotouilleError, match="nothing that play can create"):
+        BatchWorld(WORLD, 1, slots={"cake": 3})
+
+
+def test_ten_thousand_copies() -> None:
+    batch = BatchWorld(World("synchronous/01"), 10_000)
+    assert batch.rows.nbytes < 10_000 * 200
+    assert batch.state(9_999) == batch.world.initial
+
+
+def test_a_state_of_another_world_of_the_task_will_do() -> None:
+    other = World("multi_agent/01_lettuce_burger")
+    state = other.initial.step(other.initial.actions("robot1")[0]).state
+    batch = played(0)
+    batch.set_state(2, state)
+    assert np.array_equal(batch.vectors()[2], state.vector())
+
+
+def overflowing(**options: Any) -> tuple[BatchWorld, int]:
+    """A batch with room for one bolt, and one of its copies that has just made two."""
+    batch = BatchWorld(world_of("workshop/01"), 40, slots={"bolt": 1}, **options)
+    while True:
+        lost = batch.step(batch.random_actions()).overflowed
+        if lost.any():
+            return batch, int(np.flatnonzero(lost)[0])
+
+
+def test_a_copy_with_too_few_slots_stands_still() -> None:
+    batch, lost = overflowing()
+    assert batch.overflowed[lost]
+    before = batch.rows[lost].copy()
+    result = batch.step(batch.random_actions())
+    assert not result.applied[lost].any()
+    assert not result.terminated[lost]
+    assert np.array_equal(batch.rows[lost], before)
+    with pytest.raises(WrongArgumentError, match="overflowed"):
+        batch.state(lost)
+    batch.reset(batch.overflowed)
+    assert not batch.overflowed.any()
+    assert batch.state(lost) == batch.world.initial
+
+
+def test_a_state_with_too_many_objects_is_refused() -> None:
+    batch = BatchWorld(world_of("workshop/01"), 1, slots={"bolt": 2})
+    roomy = BatchWorld(batch.world, 60)
+    for _ in range(200):
+        roomy.step(roomy.random_actions())
+        for copy in range(60):
+            state = roomy.state(copy)
+            if sum(thing.kind == "bolt" for thing in state.objects) > 2:
+                with pytest.raises(SlotOverflowError):
+                    batch.set_state(0, state)
+                return
+    pytest.fail("no state with three bolts")
+
+
+def test_automatic_reset() -> None:
+    batch, lost = overflowing(auto_reset=True)
+    assert not batch.overflowed.any()
+    assert batch.state(lost) == batch.world.initial
+    assert batch.step(batch.random_actions()).applied[lost].all()
+
+
+def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    import robotouille.batch
+
+    def absent(name: str) -> None:
+        raise ModuleNotFoundError(name="jax")
+
+    monkeypatch.setattr(robotouille.batch, "_get", absent)
+    with pytest.raises(MissingExtraError, match=r"robotouille\[gpu\]"):
+        robotouille.batch.__getattr__("JaxBatch")
