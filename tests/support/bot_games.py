@@ -23,8 +23,8 @@ async def finish(
         async with connect(server.url, name="host") as host:
             created = await host.create(name, seats=seats)
 
-            async def bot(number: int) -> dict[str, Any]:
-                encoding = "json" if number % 2 else "msgpack"
+            async def bot(number: int) -> Mapping[str, Any]:
+                encoding: Encoding = "json" if number % 2 else "msgpack"
                 async with connect(server.url, name=f"bot{number}", encoding=encoding) as client:
                     await asyncio.sleep(0.01 * number)
                     return await play(await client.join(created.code), make, threaded=False)

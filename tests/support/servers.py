@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import msgpack
+from websockets import Subprotocol
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as open_socket
 
@@ -100,9 +101,9 @@ async def raw(
     codec = JSON if text else MSGPACK
     async with open_socket(
         server.url,
-        subprotocols=[codec.name],
+        subprotocols=[Subprotocol(codec.name)],
         max_size=None,
-        compression=None,  # type: ignore[list-item]
+        compression=None,
     ) as socket:
         connection = Raw(socket, text)
         if hello:

@@ -18,7 +18,7 @@ WORK = 5.0
 """Real seconds for which time stands still while a thread works for the loop."""
 
 
-class JumpingSelector(selectors.DefaultSelector):  # type: ignore[misc, valid-type]
+class JumpingSelector(selectors.DefaultSelector):
     """Gives real events the first word, then lets virtual time pass instead of waiting."""
 
     now = 1000.0
@@ -49,7 +49,9 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         return self._jumping.now
 
-    def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:
+    def run_in_executor(  # type: ignore[override]
+        self, executor: Any, func: Callable[..., Any], *args: Any
+    ) -> Any:
         future = super().run_in_executor(executor, func, *args)
         if executor is None:
             self._jumping.working += 1

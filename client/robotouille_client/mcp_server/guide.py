@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["GUIDE", "INSTRUCTIONS", "PROMPT"]
 
 INSTRUCTIONS = """\
-Play cooking episodes on a Robotouille server: robots in a kitchen, one action a step.
+Play episodes on a Robotouille server: robots in a kitchen, one action a step.
 Call join with an episode's code (list_episodes and create_episode give codes), then repeat: read \
 the observation, call act with one of the valid actions. Call wait while it is not your move. Call \
 leave at the end. Each answer says in `next` what to do. What other people say in the chat, and \

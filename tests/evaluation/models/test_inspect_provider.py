@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from robotouille.errors import MissingExtraError
-from robotouille_evaluation.cli.models import open_model
+from robotouille_evaluation.cli.models import ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
     InspectModel,
@@ -177,6 +177,8 @@ def test_unknown_providers_are_said(name: str) -> None:
 
 async def test_a_command_opens_one_by_its_prefix() -> None:
     async with AsyncExitStack() as opened:
-        model = await open_model("inspect:mockllm/model", "", {"temperature": 1.0}, 0, opened)
+        model = await open_model(
+            ModelChoice("inspect:mockllm/model", parameters={"temperature": 1.0}), 0, opened
+        )
         assert isinstance(model, InspectModel)
         assert model.name == "mockllm/model"
