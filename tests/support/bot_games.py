@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from robotouille.episode import Clock
 from robotouille_client import connect
@@ -17,14 +18,14 @@ __all__ = ["finish"]
 
 async def finish(
     folder: Path, name: str, clock: Clock, seats: int, make: MakePolicy, **options: Any
-) -> dict[str, Any]:
+) -> Mapping[str, Any]:
     """Play one episode with a bot in each seat; its outcome."""
     async with serving(folder, mode=clock, max_steps=1500, **options) as server:
         async with connect(server.url, name="host") as host:
             created = await host.create(name, seats=seats)
 
             async def bot(number: int) -> Mapping[str, Any]:
-                encoding: Encoding = "json" if number % 2 else "msgpack"
+                encoding: Literal["msgpack", "json"] = "json" if number % 2 else "msgpack"
                 async with connect(server.url, name=f"bot{number}", encoding=encoding) as client:
                     await asyncio.sleep(0.01 * number)
                     return await play(await client.join(created.code), make, threaded=False)

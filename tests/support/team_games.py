@@ -149,8 +149,8 @@ def _hear(episode: Episode, policies: Mapping[str, Policy], game: TeamGame, now:
                 pairs = zip(event.moves, event.attempts, strict=True)
                 did = [(move.player, move.action, attempt.applied) for move, attempt in pairs]
                 game.steps.append(did)
-                for policy in policies.values():
-                    policy.observe(did)
+                for each in policies.values():
+                    each.observe(did)
             elif isinstance(event, Said):
                 game.said.append((episode.step, event.player, event.text))
                 for talker in _talkers(policies):

@@ -21,8 +21,8 @@ now, what the goal is, and which of its conditions hold already.
 "Move robot1 from table3 to table1". "Do nothing" lets a step pass.
 * A robot must stand at a station to do anything there, and holds one thing at a time.
 * Things are stacked: only what has nothing on top of it can be picked up. Build a dish from below.
-* Cooking, frying, boiling and filling go on by themselves once started, and take several steps: \
-do something else meanwhile. Cutting takes several actions.
+* Some work goes on by itself once started, and takes several steps: do something else meanwhile. \
+Other work takes several actions.
 * An action that is not valid is rejected with its reasons, and costs no step.
 
 # Clocks
