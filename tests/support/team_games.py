@@ -114,8 +114,8 @@ def play_team(
     for player in world.players:
         episode.join(player, player, kinds[player], 0.0)
     game, now = TeamGame(), 0.0
-    for policy in _talkers(policies):
-        policy.meet(kinds, clock.value)
+    for talker in _talkers(policies):
+        talker.meet(kinds, clock.value)
     _hear(episode, policies, game, now)
     seq = 0
     while episode.phase is Phase.RUNNING:
