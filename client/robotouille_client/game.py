@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable
 
 from robotouille.protocol import messages
 from robotouille_client.sansio.game_events import ActResult, GameEvent, Over
-from robotouille_client.sansio.game_replica import ActionRequest, GameReplica
+from robotouille_client.sansio.game_replica import PRESENT, ActionRequest, GameReplica
 
 __all__ = ["ActionRequest", "Game"]
 
@@ -26,6 +26,7 @@ class Game(GameReplica):
         action: ActionRequest,
         *,
         think_ms: int = 0,
+        basis: int | None = PRESENT,
         reasoning: str | None = None,
         anticipates: bool = False,
     ) -> asyncio.Future[ActResult]:
@@ -38,6 +39,8 @@ class Game(GameReplica):
             action: A ground action, its name and arguments, its sentence, or its place in the list
                 of valid ones.
             think_ms: Milliseconds of thought, which count where thinking is declared.
+            basis: The step on which the choice was made, for the recording; the present one if
+                nothing is said, and left open if None.
             reasoning: Is recorded, and shown to nobody; at most 8,000 characters.
             anticipates: It need not be valid yet: another's action in the same step is to make it
                 so. A server that does not know this rejects it where it is not.
@@ -51,6 +54,7 @@ class Game(GameReplica):
             action,
             loop.time(),
             think_ms=think_ms,
+            basis=basis,
             reasoning=reasoning,
             anticipates=anticipates,
         )
@@ -64,6 +68,7 @@ class Game(GameReplica):
         action: ActionRequest,
         *,
         think_ms: int = 0,
+        basis: int | None = PRESENT,
         reasoning: str | None = None,
         anticipates: bool = False,
     ) -> ActResult:
@@ -76,7 +81,7 @@ class Game(GameReplica):
             ValueError: The message cannot have such an argument.
         """
         return await self.submit(
-            action, think_ms=think_ms, reasoning=reasoning, anticipates=anticipates
+            action, think_ms=think_ms, basis=basis, reasoning=reasoning, anticipates=anticipates
         )
 
     def say(self, text: str) -> None:

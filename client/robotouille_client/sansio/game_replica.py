@@ -32,7 +32,10 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
 )
 
-__all__ = ["ActionRequest", "GameReplica"]
+__all__ = ["PRESENT", "ActionRequest", "GameReplica"]
+
+PRESENT = -1
+"""As the basis of an action: the step that is known when it is sent."""
 
 MAX_EVENTS = 10_000
 REPEAT_SECONDS = 5.0
@@ -157,6 +160,7 @@ class GameReplica:
         now: float,
         *,
         think_ms: int = 0,
+        basis: int | None = PRESENT,
         reasoning: str | None = None,
         anticipates: bool = False,
     ) -> int:
@@ -164,6 +168,9 @@ class GameReplica:
         of it.
 
         While the connection is away it stays undecided: it is sent again, and not done twice.
+
+        Args:
+            basis: The step on which the choice was made; None to leave it open.
 
         Raises:
             ProtocolError: `seat/none`: spectators do not act.
@@ -175,7 +182,7 @@ class GameReplica:
         act = messages.Act(
             seq=self._seq,
             action=_wire_action(action),
-            basis=self.step,
+            basis=self.step if basis == PRESENT else basis,
             think_ms=think_ms,
             reasoning=reasoning,
             anticipates=anticipates and self.can_anticipate,

@@ -49,12 +49,13 @@ class ActionRequests:
             self._answer_again(session, request)
             return
         player, seq, reasoning = session.player, request.seq, request.reasoning or ""
+        basis = request.basis
         try:
             action = requested_action(self._episode, player, request)
         except ProtocolError as error:
             self._metrics.errors.labels(error.code).inc()
             words = in_words(request)
-            self._episode.reject(player, seq, words, error, now, reasoning=reasoning)
+            self._episode.reject(player, seq, words, error, now, basis=basis, reasoning=reasoning)
         else:
             self._episode.submit(
                 player,
@@ -62,6 +63,7 @@ class ActionRequests:
                 action,
                 now,
                 think_ms=request.think_ms,
+                basis=basis,
                 reasoning=reasoning,
                 anticipates=request.anticipates,
             )

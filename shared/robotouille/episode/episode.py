@@ -248,6 +248,7 @@ class Episode(EpisodeState):
         now: float,
         *,
         think_ms: int = 0,
+        basis: int | None = None,
         reasoning: str = "",
         anticipates: bool = False,
     ) -> None:
@@ -261,6 +262,8 @@ class Episode(EpisodeState):
             seq: The seat's number of this action. The same again acts no second time
                 (`Seat.answer` tells its fate); a lower one is stale.
             think_ms: Milliseconds of thought, which count where thinking is declared.
+            basis: The step on which the choice was made, for the recording; one that is still to
+                come says nothing.
             reasoning: Is recorded, and shown to nobody.
             anticipates: Another's action in the same step is to make this one possible: its
                 preconditions are not looked at before its turn in the step, which is after that.
@@ -272,25 +275,26 @@ class Episode(EpisodeState):
         seat = self.seat(player)
         if not self._hears(seat, seq, reasoning, now):
             return
-        text = ""
+        text, basis = "", self._known(basis)
         if isinstance(action, str):
             text = action
             try:
                 action = self.world.parse(self.state, player, text, valid=False)
             except UnknownNameError as error:
                 unmet = only_words(str(error))
-                self._reject(seat, seq, text, unmet, now, reasoning, ACTION_UNKNOWN)
+                self._reject(seat, seq, text, unmet, now, reasoning, ACTION_UNKNOWN, basis=basis)
                 return
         if unmet := self._faults(seat, action, anticipates=anticipates):
-            self._reject(seat, seq, _sentence(action), unmet, now, reasoning, text=text)
+            words = _sentence(action)
+            self._reject(seat, seq, words, unmet, now, reasoning, text=text, basis=basis)
             return
         pending = seat.pending
         if pending is not None and pending.seq > 0:
             superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-            words = _sentence(pending.action)
-            self._reject(seat, pending.seq, words, (superseded,), now, pending.reasoning)
+            words, told = _sentence(pending.action), pending.reasoning
+            self._reject(seat, pending.seq, words, (superseded,), now, told, basis=pending.basis)
         delay = self._clock.delay(think_ms)
-        self._decide(seat, action, seq, now, delay, reasoning, anticipates=anticipates)
+        self._decide(seat, action, seq, now, delay, reasoning, anticipates=anticipates, basis=basis)
 
     def reject(
         self,
@@ -300,6 +304,7 @@ class Episode(EpisodeState):
         why: ProtocolError,
         now: float,
         *,
+        basis: int | None = None,
         reasoning: str = "",
     ) -> None:
         """A seat has asked for an action in another form than `submit` takes, and it is none, or
@@ -308,6 +313,7 @@ class Episode(EpisodeState):
         Args:
             request: What was asked for, in words.
             why: With the code `action/unknown` it is no action, else one that is not valid now.
+            basis: As for `submit`.
 
         Raises:
             ProtocolError: As `submit` does.
@@ -315,7 +321,12 @@ class Episode(EpisodeState):
         seat = self.seat(player)
         if self._hears(seat, seq, reasoning, now):
             unmet = only_words(why.message)
-            self._reject(seat, seq, request, unmet, now, reasoning, why.code)
+            told = self._known(basis)
+            self._reject(seat, seq, request, unmet, now, reasoning, why.code, basis=told)
+
+    def _known(self, basis: int | None) -> int | None:
+        """The step that a choice was made on; None if there was no such step yet."""
+        return basis if basis is not None and 0 <= basis <= self.step else None
 
     def _hears(self, seat: Seat, seq: int, reasoning: str, now: float) -> bool:
         """Whether a request is a new one of a seat; then it is the seat's last."""
@@ -350,12 +361,13 @@ class Episode(EpisodeState):
         delay: int = 0,
         reasoning: str = "",
         anticipates: bool = False,
+        basis: int | None = None,
     ) -> None:
         self._arrivals += 1
         latency = max(0.0, now - seat.asked_at)
         due = self.step + delay
         seat.pending = PendingAction(
-            action, seq, latency, self._arrivals, due, reasoning, anticipates
+            action, seq, latency, self._arrivals, due, reasoning, anticipates, basis
         )
         self._take_decided_steps(now)
 
@@ -392,10 +404,13 @@ class Episode(EpisodeState):
         reasoning: str,
         code: str = ACTION_INVALID,
         text: str = "",
+        basis: int | None = None,
     ) -> None:
         text = "" if text == sentence else text
         time, reached = self._elapsed(now), seat.quota.reached
-        event = Rejected(seat.player, seq, sentence, unmet, time, reasoning, True, code, text)
+        event = Rejected(
+            seat.player, seq, sentence, unmet, time, reasoning, True, code, text, basis
+        )
         seat.answer = ActionAnswer(seq, self.step, event.reasons, code)
         seat.count_rejection(event.kind)
         recorded = seat.quota.take(size_of_rejection((sentence, text, *texts_of(unmet))))

@@ -147,13 +147,17 @@ class Outcome:
 
 
 class Move(NamedTuple):
-    """One seat's action in a step: its sequence number and the seconds the seat took for it."""
+    """One seat's action in a step: its sequence number and the seconds the seat took for it.
+
+    `basis` is the step on which the choice was made, if the seat says so.
+    """
 
     player: str
     action: GroundAction
     seq: int
     latency: float
     reasoning: str = ""
+    basis: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +213,8 @@ class Rejected:
 
     `action` is its sentence, or what was asked for where that is no action; `text` what was asked
     for where it is another text. `code` is that of the wire: `action/invalid`, `action/unknown`
-    or `action/stale`. It is `recorded` unless the seat's quota of text is used up.
+    or `action/stale`. It is `recorded` unless the seat's quota of text is used up. `basis` is the
+    step on which the choice was made, if the seat says so.
     """
 
     player: str
@@ -221,6 +226,7 @@ class Rejected:
     recorded: bool = True
     code: str = ACTION_INVALID
     text: str = ""
+    basis: int | None = None
 
     @property
     def reasons(self) -> tuple[str, ...]:

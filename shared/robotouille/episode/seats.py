@@ -35,6 +35,7 @@ class PendingAction:
     due_step: int
     reasoning: str = ""
     anticipates: bool = False
+    basis: int | None = None
 
 
 class ActionAnswer(NamedTuple):
@@ -185,7 +186,8 @@ def joint_action(
             continue
         action = pending.action
         if action is not None:
-            move = Move(seat.player, action, pending.seq, pending.latency, pending.reasoning)
+            told = pending.seq, pending.latency, pending.reasoning, pending.basis
+            move = Move(seat.player, action, *told)
             ready.append((pending.order, move))
             if pending.anticipates:
                 anticipating.add(seat.player)

@@ -210,9 +210,9 @@ class Act(Message):
     actions of the step `basis`, or null to do nothing.
 
     `seq` rises by at least one with each new action; the same again is the same action. `basis`
-    is the step the choice was made on. `think_ms` is the declared thinking time, `reasoning` is
-    recorded and shown to nobody. An action that `anticipates` need not be valid yet: another's
-    action in the same step is to make it so.
+    is the step the choice was made on, `think_ms` the declared thinking time. `basis` and
+    `reasoning` are recorded, and shown to nobody. An action that `anticipates` need not be valid
+    yet: another's action in the same step is to make it so.
     """
 
     type: Literal["act"] = "act"

@@ -99,6 +99,7 @@ class RecordedMove(Frame):
     action: Annotated[list[str], Field(min_length=1)]
     seq: int
     ms: int
+    basis: Index | None = None
     reasoning: str = ""
 
 
@@ -134,6 +135,7 @@ class RejectedNote(Frame):
     why: list[RecordedWhy] = []
     code: Literal["action/invalid", "action/unknown", "action/stale"] = "action/invalid"
     text: str = ""
+    basis: Index | None = None
     reasoning: str = ""
 
 

@@ -149,6 +149,8 @@ def _move(move: Move) -> dict[str, Any]:
         "seq": move.seq,
         "ms": _ms(move.latency),
     }
+    if move.basis is not None:
+        row["basis"] = move.basis
     return row | ({"reasoning": move.reasoning} if move.reasoning else {})
 
 
@@ -216,6 +218,8 @@ def _rejection(event: Rejected) -> dict[str, Any]:
         note["code"] = event.code
     if event.text:
         note["text"] = event.text
+    if event.basis is not None:
+        note["basis"] = event.basis
     if event.reasoning:
         note["reasoning"] = event.reasoning
     return note

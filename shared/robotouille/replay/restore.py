@@ -27,6 +27,7 @@ from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_r
 from robotouille.errors import RecordingError
 from robotouille.replay.recording import Comparison, Recording
 from robotouille.replay.rejection_notes import rejection_kind
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
 __all__ = ["Restored", "restore", "restoring"]
@@ -141,8 +142,7 @@ class _Replayer:
             self.milliseconds = max(self.milliseconds, frame["t"])
             self._check_players(frame)
             moves = [
-                Move(row["player"], action, row["seq"], row["ms"] / 1000, row.get("reasoning", ""))
-                for row, action in zip(frame["moves"], actions, strict=True)
+                _move(row, action) for row, action in zip(frame["moves"], actions, strict=True)
             ]
             for move in moves:
                 self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
@@ -213,6 +213,11 @@ class _Replayer:
             return self.episode.seats[note["player"]]
         except KeyError:
             raise RecordingError(f"a note speaks of a seat {note['player']!r}") from None
+
+
+def _move(row: dict[str, Any], action: GroundAction) -> Move:
+    told = row.get("reasoning", ""), row.get("basis")
+    return Move(row["player"], action, row["seq"], row["ms"] / 1000, *told)
 
 
 def _sit(seat: Seat, note: dict[str, Any]) -> None:
