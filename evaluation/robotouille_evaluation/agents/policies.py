@@ -11,7 +11,7 @@ from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.policies import Did, PlannerPolicy, Policy, RandomPolicy, Script
 from robotouille_evaluation.agents.proposal import Observation, Proposal, ProposalSteps
 
-__all__ = ["PolicyAgent", "Replanner", "planner", "random_actions", "script"]
+__all__ = ["PolicyAgent", "Replanner", "planner", "planner_policy", "random_actions", "script"]
 
 
 class PolicyAgent:
@@ -66,10 +66,15 @@ class Replanner:
         return self._policy.act(state)
 
 
-def planner(world: World, player: str, seed: int) -> PolicyAgent:
+def planner_policy(world: World, player: str, seed: int) -> Policy:
     """Searches, and plans anew when others, or chance, get in its way."""
     anytime = AnytimePlanner(World(world.task))
-    return PolicyAgent(Replanner(lambda: PlannerPolicy(world, player, seed=seed, anytime=anytime)))
+    return Replanner(lambda: PlannerPolicy(world, player, seed=seed, anytime=anytime))
+
+
+def planner(world: World, player: str, seed: int) -> PolicyAgent:
+    """`planner_policy` as an agent."""
+    return PolicyAgent(planner_policy(world, player, seed))
 
 
 def random_actions(world: World, player: str, seed: int) -> PolicyAgent:

@@ -91,6 +91,38 @@ def run(
         Literal["stochastic", "delay-free"] | None,
         typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
     ] = None,
+    clock: Annotated[
+        Literal["turns", "realtime"],
+        typer.Option(help="Whether the world waits for its players, or goes on while they think."),
+    ] = "turns",
+    step_rate: Annotated[
+        float, typer.Option(min=0.01, max=60, help="Real time: steps a second.")
+    ] = 5.0,
+    charge: Annotated[
+        str,
+        typer.Option(
+            help="Real time: what a thought costs. `tokens:20` are 20 ms a generated token, "
+            "`declared:1500` 1,500 ms a call."
+        ),
+    ] = "tokens:20",
+    late: Annotated[
+        Literal["apply", "revalidate", "drop"],
+        typer.Option(help="Real time: what becomes of late answers (docs/benchmark.md)."),
+    ] = "apply",
+    helper: Annotated[
+        Literal["none", "planner", "script"],
+        typer.Option(help="Real time: who acts while a model thinks."),
+    ] = "none",
+    digest_tokens: Annotated[
+        int,
+        typer.Option(min=0, help="Real time: the longest digest of what has changed; 0: none."),
+    ] = 0,
+    slack: Annotated[
+        float,
+        typer.Option(
+            min=1, max=1000, help="Real time: by how much limits of steps are multiplied."
+        ),
+    ] = 1.0,
     temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
     price: Annotated[
         str, typer.Option(help="Of a million tokens sent and received, e.g. 0.40/1.20.")
@@ -108,9 +140,20 @@ def run(
     """Play agents on tasks, and write a report."""
     from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.packs.store import write_pack
-    from robotouille_evaluation.runs import RunFolder, jobs
+    from robotouille_evaluation.realtime import Late
+    from robotouille_evaluation.runs import RealTime, RunFolder, jobs
 
     RunFolder(out).require_new()
+    real_time = None
+    if clock == "realtime":
+        real_time = RealTime(
+            step_rate=step_rate,
+            charge=charge,
+            late=Late(late),
+            helper=helper,
+            digest_tokens=digest_tokens,
+            slack=slack,
+        )
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
     if variant == "delay-free":
@@ -120,7 +163,15 @@ def run(
     choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
     specs = [_agent(name, used, choice) for name in _words(agents)]
     planned = tuple(
-        jobs(used, specs, chosen, seeds=range(seeds), budget=budget, variant=variant or "")
+        jobs(
+            used,
+            specs,
+            chosen,
+            seeds=range(seeds),
+            budget=budget,
+            variant=variant or "",
+            real_time=real_time,
+        )
     )
     if pack is None or variant == "delay-free":
         write_pack(used, folder)

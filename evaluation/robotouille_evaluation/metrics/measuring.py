@@ -8,6 +8,7 @@ from robotouille_evaluation.metrics.asynchrony import asynchronous_first, time_s
 from robotouille_evaluation.metrics.failures import Failure, classify
 from robotouille_evaluation.metrics.outcomes import success_within
 from robotouille_evaluation.metrics.progress import recovery, steps_to_go_at_the_end
+from robotouille_evaluation.metrics.real_time import late_answers, lost_to_thinking, staleness
 from robotouille_evaluation.metrics.rows import Counts, FailureRow, Measures
 from robotouille_evaluation.metrics.teams import blocking, contributions, overlap
 from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
@@ -40,6 +41,7 @@ def measure(
             or else one that is found from the first state, is carried out from the last one.
     """
     shares, overcome = time_shares(trajectory), recovery(trajectory)
+    late = late_answers(trajectory)
     found = Measures(
         asynchronous_first=asynchronous_first(trajectory),
         stumbles=overcome.stumbles,
@@ -50,6 +52,10 @@ def measure(
         contributions=contributions(trajectory) if len(trajectory.world.players) > 1 else {},
         blocked=blocking(trajectory),
         overlap=overlap(trajectory),
+        staleness=staleness(trajectory),
+        late_answers=late.count,
+        held_share=late.share,
+        lost_to_thinking=lost_to_thinking(trajectory),
         failure=_failure_row(classify(trajectory, budget)),
     )
     if distance is None:

@@ -22,6 +22,7 @@ __all__ = [
     "Measures",
     "Optimum",
     "PackId",
+    "RealTimeRow",
     "Result",
     "Spent",
     "read_rows",
@@ -56,6 +57,22 @@ class Optimum(Row):
     steps: int | None = Field(default=None, ge=0)
     bound: int = Field(default=0, ge=0)
     proven: bool = False
+
+
+class RealTimeRow(Row):
+    """How the world went on while models thought: steps a second, what a thought was charged
+    (`tokens:20`, `declared:1500`), what became of late answers, and who acted meanwhile."""
+
+    step_rate: float = Field(gt=0)
+    charge: str
+    late: str
+    helper: str = "none"
+    digest_tokens: int = Field(default=0, ge=0)
+
+    def __str__(self) -> str:
+        more = f", digest of {self.digest_tokens} tokens" if self.digest_tokens else ""
+        helper = f", helper {self.helper}" if self.helper != "none" else ""
+        return f"{self.step_rate:g} steps/s, {self.charge}, {self.late}{helper}{more}"
 
 
 class Result(Row):
@@ -114,6 +131,10 @@ class Measures(Row):
     contributions: dict[str, float] = {}
     blocked: int = 0
     overlap: float | None = None
+    staleness: float | None = None
+    late_answers: int = Field(default=0, ge=0)
+    held_share: float | None = None
+    lost_to_thinking: int | None = None
     failure: FailureRow | None = None
 
 
@@ -122,7 +143,8 @@ class EpisodeRow(Row):
 
     `job` names it in its run, and is the same when it is played again. `kind` is the kind of
     instance (`free`, `noisy`), `variant` what is changed about it (`stochastic`, `delay-free`;
-    nothing if empty), `timing` the timing profile, `seconds` the wall time of the episode,
+    nothing if empty), `timing` the timing profile, `real_time` how the world went on by itself (None:
+    it waited), `seconds` the wall time of the episode,
     `repetitions` its repeated transitions, `recording` the path of its recording beside the rows.
     `error` says why the episode could not be played to its end.
     """
@@ -141,6 +163,7 @@ class EpisodeRow(Row):
     variant: str = ""
     timing: str = "benchmark"
     clock: str = "turn"
+    real_time: RealTimeRow | None = None
     seats: int = Field(default=1, ge=1)
     trial: int = Field(default=0, ge=0)
     budget: BudgetRow
@@ -162,9 +185,15 @@ class EpisodeRow(Row):
         return " · ".join([self.agent, *more])
 
     @property
-    def pair(self) -> tuple[str, str, str, int, int, str]:
+    def pace(self) -> str:
+        """How the world went on by itself, in words; nothing if it waited for its players."""
+        return f"real time: {self.real_time}" if self.real_time is not None else ""
+
+    @property
+    def pair(self) -> tuple[str, str, str, int, int, str, str]:
         """What two agents must share for their results to be compared one by one."""
-        return self.dataset, self.task, self.instance, self.seed, self.trial, self.variant
+        played = self.dataset, self.task, self.instance, self.seed, self.trial
+        return *played, self.variant, self.pace
 
 
 def write_rows(rows: Iterable[EpisodeRow]) -> Iterator[str]:

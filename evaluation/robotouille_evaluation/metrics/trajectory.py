@@ -18,6 +18,7 @@ from robotouille.replay import Recording, rejection_kind
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
+from robotouille_evaluation.metrics.thoughts import Thought, thoughts
 
 __all__ = ["Answer", "Move", "Trajectory", "Verdict", "refused"]
 
@@ -37,7 +38,7 @@ class Answer:
     """One answer of a seat, given after `step` steps. An empty text that was applied is nothing.
 
     `action` is what the text names, `reasons` say in words what speaks against it, `unmet` as
-    values, as far as they are known.
+    values, as far as they are known. `basis` is the step on which it was based, if that is recorded.
     """
 
     step: int
@@ -48,6 +49,7 @@ class Answer:
     reasons: tuple[str, ...] = ()
     unmet: tuple[Unmet, ...] = ()
     action: GroundAction | None = None
+    basis: int | None = None
 
     @property
     def wrong(self) -> bool:
@@ -68,12 +70,14 @@ class Move:
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """The course of one episode. Step `i`, from 0 on, leads from `states[i]` to `states[i + 1]` by
-    `moves[i]`, in the order in which they applied."""
+    `moves[i]`, in the order in which they applied. `thoughts` say when models were asked, where the
+    world did not wait for them."""
 
     world: World
     states: tuple[State, ...]
     moves: tuple[tuple[Move, ...], ...]
     answers: tuple[Answer, ...]
+    thoughts: tuple[Thought, ...] = ()
 
     @property
     def steps(self) -> int:
@@ -138,7 +142,11 @@ class Trajectory:
                     if note["note"] == "rejected":
                         course.rejected(note)
         return cls(
-            recording.world, tuple(course.states), tuple(course.moves), tuple(course.answers)
+            recording.world,
+            tuple(course.states),
+            tuple(course.moves),
+            tuple(course.answers),
+            thoughts(recording.notes()),
         )
 
 
@@ -165,7 +173,8 @@ class _Course:
         for row, attempt in zip(frame["moves"], result.attempts, strict=True):
             move = Move(row["player"], attempt.action, attempt.applied, attempt.unmet)
             moves.append(move)
-            self.answers.append(_answer(number, move, reasoning=row.get("reasoning", "")))
+            answer = _answer(number, move, reasoning=row.get("reasoning", ""))
+            self.answers.append(replace(answer, basis=row.get("basis")))
         for player, seq in frame.get("idle", ()):
             if seq > 0:
                 self.answers.append(Answer(number, str(player), ""))
@@ -188,6 +197,7 @@ class _Course:
                 verdict=Verdict(kind.value),
                 reasons=tuple(note["reasons"]),
                 reasoning=note.get("reasoning", ""),
+                basis=note.get("basis"),
             )
         )
 

@@ -25,8 +25,9 @@ def by(rows: Iterable[EpisodeRow], key: Callable[[EpisodeRow], str]) -> Group:
 
 
 def named(rows: Sequence[EpisodeRow]) -> Group:
-    """Rows by player. Where packs, variants, kinds of instances, timings or budgets of one player
-    differ, they are groups of their own and named so: a mean over them would say nothing."""
+    """Rows by player. Where packs, variants, kinds of instances, timings, budgets, or what the
+    world does meanwhile differ, they are groups of their own and named so: a mean over them would
+    say nothing."""
     differing = [get for get in _SETTINGS if len({get(row) for row in rows}) > 1]
 
     def name(row: EpisodeRow) -> str:
@@ -40,6 +41,7 @@ _SETTINGS: tuple[Callable[[EpisodeRow], str], ...] = (
     lambda row: row.variant,
     lambda row: row.kind,
     lambda row: row.timing,
+    lambda row: row.pace,
     lambda row: row.budget.rule,
 )
 

@@ -67,6 +67,7 @@ def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
         asynchronous_first(rows),
         failures(rows),
         teams(rows),
+        real_time(rows),
         ablations(rows),
         variants(rows),
         comparisons(rows),
@@ -310,6 +311,29 @@ def teams(rows: Sequence[EpisodeRow]) -> Table:
     return Table("teams", "Teams", columns, tuple(lines), note)
 
 
+def real_time(rows: Sequence[EpisodeRow]) -> Table:
+    """What thinking cost where the world went on meanwhile."""
+    lines = []
+    for name, dataset, episodes in _by_player_and_set([r for r in rows if r.real_time]):
+        measures = [row.measures for row in episodes]
+        cells = (
+            percent(interval(episodes, outcomes.succeeded)),
+            _number(_mean(each.staleness for each in measures), ".3g"),
+            _number(_mean(each.late_answers for each in measures), ".3g"),
+            _percent(_mean(each.held_share for each in measures)),
+            _number(_mean(each.lost_to_thinking for each in measures), ".3g"),
+            str(len(episodes)),
+        )
+        lines.append(Line((name, dataset, *cells)))
+    columns = ("player", "data set", "success", "staleness", "late", "held", "lost", "episodes")
+    note = (
+        "Staleness: mean steps between what a model saw and its action. Late: answers an episode "
+        "that came steps later. Held: of those that were valid when it looked, the share that "
+        "applied. Lost: steps an episode in which a player did nothing because its model thought."
+    )
+    return Table("real_time", "In real time", columns, tuple(lines), note)
+
+
 def ablations(rows: Sequence[EpisodeRow]) -> Table:
     """Solved, steps and cost by player (paper, table "ablation1")."""
     lines = []
@@ -362,7 +386,10 @@ def variants(rows: Sequence[EpisodeRow]) -> Table:
 def _by_player_and_kind(
     rows: Sequence[EpisodeRow],
 ) -> Iterator[tuple[tuple[str, str], list[EpisodeRow]]]:
-    for player, group in sorted(by(rows, lambda row: row.player).items()):
+    def name(row: EpisodeRow) -> str:
+        return " · ".join(filter(None, [row.player, row.pace]))
+
+    for player, group in sorted(by(rows, name).items()):
         for kind, episodes in sorted(by(group, lambda row: row.kind).items()):
             yield (player, kind), episodes
 

@@ -2,7 +2,7 @@
 
 from robotouille_evaluation.runs.execute import play_job
 from robotouille_evaluation.runs.folder import RunFolder, RunPlan
-from robotouille_evaluation.runs.jobs import AgentSpec, Job, jobs
+from robotouille_evaluation.runs.jobs import AgentSpec, Job, RealTime, jobs
 from robotouille_evaluation.runs.runner import Workers, run_jobs
 from robotouille_evaluation.runs.stage import Decision, PlainStage, RecordedStage, Stage, Watch
 from robotouille_evaluation.runs.team_episode import play_team
@@ -13,6 +13,7 @@ __all__ = [
     "Decision",
     "Job",
     "PlainStage",
+    "RealTime",
     "RecordedStage",
     "RunFolder",
     "RunPlan",

@@ -12,11 +12,17 @@ from typing import Any
 from robotouille import State, World
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.planning import StepsToGo
+from robotouille.planning.policies import Policy, Script
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.making import make_strategy
-from robotouille_evaluation.agents.policies import planner, random_actions, script
+from robotouille_evaluation.agents.policies import (
+    planner,
+    planner_policy,
+    random_actions,
+    script,
+)
 from robotouille_evaluation.agents.proposal import (
     ContextOverflow,
     Exchange,
@@ -31,6 +37,7 @@ from robotouille_evaluation.metrics.rows import (
     Measures,
     Optimum,
     PackId,
+    RealTimeRow,
     Result,
     Spent,
 )
@@ -43,9 +50,11 @@ from robotouille_evaluation.models import (
     ModelRequest,
 )
 from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.realtime import Charge, RealTimeSeat
 from robotouille_evaluation.runs.folder import RunFolder
-from robotouille_evaluation.runs.jobs import Job
+from robotouille_evaluation.runs.jobs import HelperKind, Job, RealTime
 from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
+from robotouille_evaluation.runs.real_time_episode import play_real_time
 from robotouille_evaluation.runs.stage import RecordedStage, Stage, Watch
 from robotouille_evaluation.runs.team_episode import play_team
 from robotouille_evaluation.runs.text_episode import TextEpisode, View
@@ -86,7 +95,9 @@ async def play_job(
     instance = pack.instance(job.instance)
     world = _world(pack, instance, job.seats)
     budget = pack.budget(instance, job.budget, seats=job.seats)
-    episode = _Episode(job, pack, folder, world, budget.steps, watch)
+    slack = job.real_time.slack if job.real_time is not None else 1.0
+    limit = math.ceil(budget.steps * slack)
+    episode = _Episode(job, pack, folder, world, budget.steps * slack, watch)
     with ExitStack() as journals:
         error = None
         try:
@@ -97,9 +108,7 @@ async def play_job(
         except ContextOverflow:
             result, error = episode.broken_off(), "the model takes no request as long as this"
     recorded = [stage.recording(error or "the agent is done") for stage in episode.stages]
-    measures, repetitions = _measured(
-        recorded[-1:], world, pack, job, budget.max_steps, steps_to_go
-    )
+    measures, repetitions = _measured(recorded[-1:], world, pack, job, limit, steps_to_go)
     try:
         recording = _write(folder, job, recorded)
     except FileError as fault:
@@ -108,7 +117,7 @@ async def play_job(
         **_what_was_played(job, run, pack, instance),
         timing=world.task.timing.value,
         trial=episode.trials - 1,
-        budget=BudgetRow(rule=job.budget, steps=budget.max_steps),
+        budget=BudgetRow(rule=_rule(job), steps=limit),
         outcome=result,
         counts=_counts(episode.exchanges, episode.stages),
         usage=_spent(episode.exchanges),
@@ -152,10 +161,23 @@ def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> 
         "agent": job.agent.name,
         "strategy": job.agent.strategy,
         "model": job.agent.model,
-        "clock": "turn" if job.seats == 1 else "lockstep",
+        **_time(job),
         "seats": job.seats,
         "optimum": known,
     }
+
+
+def _time(job: Job) -> dict[str, Any]:
+    """Whether the world waits, and if not, how it goes on."""
+    if job.real_time is None:
+        return {"clock": "turn" if job.seats == 1 else "lockstep"}
+    told = job.real_time.model_dump(mode="json", exclude={"slack"})
+    return {"clock": "realtime", "real_time": RealTimeRow(**told)}
+
+
+def _rule(job: Job) -> str:
+    slack = job.real_time.slack if job.real_time is not None else 1.0
+    return job.budget if slack == 1 else f"{job.budget} x {slack:g}"
 
 
 class _Episode:
@@ -179,6 +201,7 @@ class _Episode:
         self._undone = chance(job.variant, world, f"{job.instance}:{job.seed}")
         self._watch = watch
         self._strategies = {p: _strategy(job, pack, world, p) for p in world.players}
+        self._pack = pack
         self.stages: list[RecordedStage] = []
         self.exchanges: list[Exchange] = []
 
@@ -199,6 +222,8 @@ class _Episode:
     async def play(self, complete: Mapping[str, Complete]) -> Result:
         """Until it is over. Raises RobotouilleError, ContextOverflow."""
         players = self._world.players
+        if self._job.real_time is not None:
+            return await self._play_in_real_time(self._job.real_time, complete)
         if len(players) == 1:
             strategy = self._strategies[players[0]]
             alone = TextEpisode(
@@ -217,12 +242,36 @@ class _Episode:
         )
         return Result(success=team.success, steps=team.steps, ended_by=team.ended.value)
 
+    async def _play_in_real_time(self, time: RealTime, complete: Mapping[str, Complete]) -> Result:
+        stage = self._stage(math.ceil(self._budget), time.step_rate)
+        seats = {
+            player: RealTimeSeat(player, strategy, time.late, time.digest_tokens)
+            for player, strategy in self._strategies.items()
+        }
+        helpers = _helpers(self._job, time.helper, self._pack, self._world)
+        ended = await play_real_time(
+            self._world,
+            seats,
+            self._budget,
+            stage,
+            complete,
+            Charge.parse(time.charge),
+            time.step_rate,
+            helpers,
+            self._view,
+        )
+        return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
+
     def broken_off(self) -> Result:
         """What is said of one that could not be played to its end."""
         steps = self.stages[-1].steps if self.stages else 0
         return Result(success=False, steps=steps, ended_by="error")
 
     def _begin(self, limit: int) -> Stage:
+        stage = self._stage(limit)
+        return stage if self._watch is None else self._watch(stage)
+
+    def _stage(self, limit: int, step_rate: float | None = None) -> RecordedStage:
         names = dict.fromkeys(self._world.players, self._job.agent.name)
         stage = RecordedStage(
             self._world,
@@ -231,9 +280,10 @@ class _Episode:
             episode=self._job.id,
             answered=self._answered,
             undone=self._undone,
+            step_rate=step_rate,
         )
         self.stages.append(stage)
-        return stage if self._watch is None else self._watch(stage)
+        return stage
 
     def _answered(self, player: str, exchange: Exchange) -> None:
         self.exchanges.append(exchange)
@@ -250,6 +300,16 @@ def _strategy(job: Job, pack: Pack, world: World, player: str) -> Strategy:
         case "model":
             dataset = pack.task(pack.instance(job.instance).task).dataset
             return make_strategy(pack, job.agent.strategy, dataset)
+
+
+def _helpers(job: Job, kind: HelperKind, pack: Pack, world: World) -> dict[str, Policy]:
+    """Who acts in each seat while its model thinks; what only plans needs nobody."""
+    if kind == "none" or job.agent.kind != "model":
+        return {}
+    if kind == "planner":
+        return {p: planner_policy(world, p, job.seed) for p in world.players}
+    plan = pack.plan(job.instance, world)
+    return {p: Script(p, plan, world.initial) for p in world.players}
 
 
 def _view(job: Job, *, published: bool) -> View | None:

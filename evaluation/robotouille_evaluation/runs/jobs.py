@@ -7,13 +7,46 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from robotouille.errors import RobotouilleError
+from robotouille.episode.rules import StepRate
+from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille_evaluation.packs.pack import Pack, PackInstance
+from robotouille_evaluation.realtime import Charge, Late
 from robotouille_evaluation.runs.variants import Variant
 
-__all__ = ["AgentSpec", "Job", "jobs"]
+__all__ = ["AgentSpec", "HelperKind", "Job", "RealTime", "jobs"]
+
+HelperKind = Literal["none", "planner", "script"]
+
+
+class RealTime(BaseModel):
+    """How the world moves on while models think.
+
+    `step_rate` is in steps a second, `charge` says what a thought costs (`Charge.parse`), `late`
+    what becomes of late answers (`Late`), `helper` who acts meanwhile. `digest_tokens` is how long
+    the digest may be of what has changed; `slack` by how much the limit of steps is multiplied.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    step_rate: StepRate = 5.0
+    charge: str
+    late: Late = Late.APPLY
+    helper: HelperKind = "none"
+    digest_tokens: int = Field(default=0, ge=0)
+    slack: float = Field(default=1.0, ge=1, le=1000)
+
+    @field_validator("charge")
+    @classmethod
+    def _check_charge(cls, charge: str) -> str:
+        parsed = Charge.parse(charge)
+        if not parsed.repeats:
+            raise WrongArgumentError(
+                "what is charged by the wall clock does not repeat; "
+                "a benchmark takes tokens:MILLISECONDS or declared:MILLISECONDS"
+            )
+        return str(parsed)
 
 
 class AgentSpec(BaseModel):
@@ -52,6 +85,8 @@ class Job(BaseModel):
     """Of the agent's chance."""
     budget: Literal["published", "own"]
     variant: Variant = ""
+    real_time: RealTime | None = None
+    """None where the world waits for its players."""
 
     @property
     def id(self) -> str:
@@ -59,6 +94,8 @@ class Job(BaseModel):
         told = self.model_dump(exclude={"agent": HOW_IT_IS_ASKED})
         if not self.variant:
             del told["variant"]  # Runs that were begun before there were variants go on.
+        if self.real_time is None:
+            del told["real_time"]
         text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
@@ -72,6 +109,7 @@ def jobs(
     seats: int | None = None,
     budget: Literal["published", "own"] | None = None,
     variant: Variant = "",
+    real_time: RealTime | None = None,
 ) -> Iterator[Job]:
     """Every agent on every instance with every seed, instance by instance.
 
@@ -79,6 +117,7 @@ def jobs(
         seats: How many players, where a task leaves it open; the usual number if None.
         variant: Is played; for `delay-free`, the pack is one without delays. If none is named,
             an experiment of the pack is played as it says itself.
+        real_time: How the world moves on meanwhile; it waits if None.
         budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
 
     Raises:
@@ -100,6 +139,7 @@ def jobs(
                     seed=seed,
                     budget=kind,
                     variant=variant or _own_variant(pack, agent),
+                    real_time=real_time,
                 )
 
 

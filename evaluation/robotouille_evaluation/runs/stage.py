@@ -30,6 +30,8 @@ class Decision:
 
     action: str = ""
     reasoning: str = ""
+    basis: int | None = None
+    """The step on which it is based, where that is recorded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,7 @@ class RecordedStage:
     """An episode as the server plays it, with the recording that the server would write.
 
     Time is counted in steps: nothing is measured here, so that equal decisions give equal bytes.
+    A step takes a second, or as long as `step_rate` says.
 
     `invalid` counts answers and decisions that named an action which was not valid (any more),
     `malformed` those that named none.
@@ -101,6 +104,7 @@ class RecordedStage:
         names: Who plays which player.
         answered: Is told each exchange with a model, as soon as it is over.
         undone: What chance takes back after each step.
+        step_rate: Steps a second in real time; None where the world waits for its players.
     """
 
     def __init__(
@@ -109,12 +113,13 @@ class RecordedStage:
         names: Mapping[str, str],
         max_steps: int,
         *,
+        step_rate: float | None = None,
         episode: str = "local",
         answered: Callable[[str, Exchange], None] | None = None,
         undone: Undone = nothing_undone,
     ) -> None:
-        clock = Clock.TURN if len(world.players) == 1 else Clock.LOCKSTEP
-        rules = Rules(clock=clock, max_steps=max_steps, move_budget=0)
+        rules = _rules(len(world.players), max_steps, step_rate)
+        self._period = 1.0 if step_rate is None else rules.period
         self._world = world
         self._episode = Episode(world, rules, undone=undone)
         self._recorder = Recorder(world)
@@ -135,13 +140,13 @@ class RecordedStage:
     def step(self, decisions: Mapping[str, Decision]) -> Moved:
         """Take a step, in which a player of whom nothing is said does nothing."""
         episode = self._episode
-        self._now += 1.0
+        self._now += self._period
         for player in self._world.players:
             decision = decisions.get(player, Decision())
             state = episode.state
             if episode.phase is not Phase.RUNNING or state.busy_steps(player):
                 continue
-            reasoning = decision.reasoning[:MAX_REASONING]
+            reasoning, basis = decision.reasoning[:MAX_REASONING], decision.basis
             try:
                 action = (
                     self._world.parse(state, player, said) if (said := decision.action) else None
@@ -149,7 +154,7 @@ class RecordedStage:
             except UnknownNameError as error:
                 self._too_late(player, said, error, reasoning)
                 continue
-            self._submit(player, action, reasoning)
+            self._submit(player, action, reasoning, basis)
         episode.tick(self._now)
         events = episode.events()
         self._bytes += self._recorder.record(events)
@@ -167,22 +172,30 @@ class RecordedStage:
         self._reject(player, said[:MAX_SENTENCE], fault, reasoning)
         self._submit(player, None, "")
 
-    def _submit(self, player: str, action: GroundAction | None, reasoning: str) -> None:
+    def _submit(
+        self, player: str, action: GroundAction | None, reasoning: str, basis: int | None = None
+    ) -> None:
         self._seq += 1
+        told = player, self._seq, action, self._now
         try:
-            self._episode.submit(player, self._seq, action, self._now, reasoning=reasoning)
+            self._episode.submit(*told, basis=basis, reasoning=reasoning)
         except ProtocolError:  # No more reasoning of this seat is recorded.
-            self._episode.submit(player, self._seq, action, self._now)
+            self._episode.submit(*told, basis=basis)
 
     @property
     def steps(self) -> int:
         """Steps that were taken."""
         return self._episode.step
 
-    def answered(self, player: str, exchange: Exchange) -> None:
-        """Record what was sent and said, and what was no action; tell whoever wants to know."""
+    def answered(self, player: str, exchange: Exchange, basis: int | None = None) -> None:
+        """Record what was sent and said, and what was no action; tell whoever wants to know.
+
+        What comes when the episode is over is told, and not recorded.
+        """
         if self._answered is not None:
             self._answered(player, exchange)
+        if self._episode.ended:
+            return
         self._note(player, exchange_note(self._notes[player], exchange, timed=False))
         if exchange.verdict.rejected:
             said = exchange.action or (exchange.completion.text if exchange.completion else "")
@@ -190,7 +203,21 @@ class RecordedStage:
             known = not exchange.verdict.malformed and self._is_known(player, said)
             code = ACTION_INVALID if known else ACTION_UNKNOWN
             why = ProtocolError(code, exchange.feedback, "action")
-            self._reject(player, said, why, exchange.reasoning[:MAX_REASONING])
+            self._reject(player, said, why, exchange.reasoning[:MAX_REASONING], basis)
+
+    def refuse(self, player: str, decision: Decision) -> tuple[str, ...]:
+        """Record that a decision names no action that is valid now; why not."""
+        reasoning, said = decision.reasoning[:MAX_REASONING], decision.action[:MAX_SENTENCE]
+        known = self._is_known(player, said)
+        why = _why_not(self._episode.state, player, said)
+        fault = ProtocolError(ACTION_INVALID if known else ACTION_UNKNOWN, why, "action")
+        self._reject(player, said, fault, reasoning, decision.basis)
+        return (why,)
+
+    def note(self, player: str, topic: str, text: str) -> None:
+        """Have something recorded that a seat says to nobody."""
+        with suppress(ProtocolError):  # No more notes of this seat are recorded.
+            self._episode.note(player, topic, text[:MAX_NOTE], self._now)
 
     def _is_known(self, player: str, said: str) -> bool:
         """Whether a text names an action of the task, valid now or not."""
@@ -206,14 +233,22 @@ class RecordedStage:
                 piece, more = text[at : at + MAX_NOTE], at + MAX_NOTE < len(text)
                 self._episode.note(player, TOPIC, piece, self._now, more=more)
 
-    def _reject(self, player: str, said: str, why: ProtocolError, reasoning: str) -> None:
+    def _reject(
+        self,
+        player: str,
+        said: str,
+        why: ProtocolError,
+        reasoning: str,
+        basis: int | None = None,
+    ) -> None:
         self._seq += 1
         self.invalid += why.code == ACTION_INVALID
         self.malformed += why.code == ACTION_UNKNOWN
+        told = why, self._now
         try:
-            self._episode.reject(player, self._seq, said, why, self._now, reasoning=reasoning)
+            self._episode.reject(player, self._seq, said, *told, basis=basis, reasoning=reasoning)
         except ProtocolError:  # No more words of this seat are recorded; that it failed is.
-            self._episode.reject(player, self._seq, "", why, self._now)
+            self._episode.reject(player, self._seq, "", *told, basis=basis)
 
     def recording(self, why: str = "the agent is done") -> bytes:
         """The whole recording; the episode is over."""
@@ -225,6 +260,28 @@ class RecordedStage:
 
 Watch = Callable[[RecordedStage], Stage]
 """Puts something before the stage of each trial that sees what happens on it."""
+
+
+def _rules(players: int, max_steps: int, step_rate: float | None) -> Rules:
+    if step_rate is not None:
+        return Rules(
+            clock=Clock.REALTIME,
+            thinking="declared",
+            step_rate=step_rate,
+            max_steps=max_steps,
+            move_budget=0,
+        )
+    clock = Clock.TURN if players == 1 else Clock.LOCKSTEP
+    return Rules(clock=clock, max_steps=max_steps, move_budget=0)
+
+
+def _why_not(state: State, player: str, said: str) -> str:
+    """Why a sentence is no valid action of a player."""
+    try:
+        state.world.parse(state, player, said)
+    except UnknownNameError as error:
+        return str(error)
+    return "it is not valid now"
 
 
 def _unchanged(stepped: Sequence[Stepped], state: State) -> State:
