@@ -6,7 +6,7 @@ import json
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
 import typer
 
@@ -34,7 +34,9 @@ LLM = "llm"
 
 @runtime_checkable
 class TextBot(Protocol):
-    """Plays a game that is joined in the text view."""
+    """Plays a game that is joined in a view with text."""
+
+    view: View
 
     async def play(self, game: Game) -> Mapping[str, Any]:
         """To its end; the outcome, empty if the connection was lost for good."""
@@ -72,7 +74,7 @@ async def _run(
     with kept_seat(state_folder(), url, code, name) as kept:
         resume = kept.token if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
-            view: View = "text" if isinstance(bot, TextBot) else "state"
+            view: View = bot.view if isinstance(bot, TextBot) else "state"
             game = await client.join(code, seat=seat, view=view)
             tell(printable(f"{game.name or name} plays {game.seat} in {game.code}"), err=True)
             meanwhile = (keep_seat(client, game, kept), _tell_of_line(client))
@@ -177,6 +179,27 @@ def command(
     transcript: Annotated[
         Path | None, typer.Option(help="llm: a file for what the model is sent and says.")
     ] = None,
+    late: Annotated[
+        Literal["apply", "revalidate", "drop"],
+        typer.Option(help="llm in real time: what becomes of late answers (docs/benchmark.md)."),
+    ] = "apply",
+    helper: Annotated[
+        Literal["none", "planner"],
+        typer.Option(help="llm in real time: who acts while the model thinks."),
+    ] = "none",
+    digest_tokens: Annotated[
+        int,
+        typer.Option(
+            min=0, help="llm in real time: the longest digest of what has changed; 0: none."
+        ),
+    ] = 0,
+    charge: Annotated[
+        str,
+        typer.Option(
+            help="llm, where thinking is declared: what it costs. `wall`, `tokens:20` for 20 ms a "
+            "token, `declared:1500` for 1,500 ms a call."
+        ),
+    ] = "wall",
     json_output: Annotated[bool, typer.Option("--json", help="Print the outcome as JSON.")] = False,
     version: VersionOption = False,
 ) -> None:
@@ -200,6 +223,10 @@ def command(
                 prices=price,
                 timeout=timeout,
                 attempts=attempts,
+                late=late,
+                helper=helper,
+                digest_tokens=digest_tokens,
+                charge=charge,
             )
         else:
             bot = _maker(kind, seed, plan)

@@ -1,7 +1,8 @@
 """A language model in a seat of a game on a server, by the text view: as anybody's bot would.
 
-It works with every clock: where the world does not wait, an answer may come late, and is then an
-action that is not valid any more, which the server says and records.
+The world waits for it; where it does not, see `realtime.network`. Should steps go by all the same,
+an answer may come late, and is then an action that is not valid any more, which the server says and
+records.
 """
 
 from __future__ import annotations
@@ -24,12 +25,22 @@ from robotouille_evaluation.agents.proposal import (
 )
 from robotouille_evaluation.models import ModelErrorKind
 
-__all__ = ["NetworkAgent"]
+__all__ = ["NetworkAgent", "refused_words"]
 
 
 UNANSWERED = frozenset(ModelErrorKind) - {ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG}
 """Why there is no answer of the model at all: faults of what lies between, which nobody counts as
 an answer that was wrong."""
+
+
+def refused_words(exchange: Exchange) -> str | None:
+    """What an answer asked for that was refused, for the server to refuse it, too; None where
+    nothing was, or nobody has answered."""
+    if not exchange.verdict.rejected:
+        return None
+    said = exchange.action or (exchange.completion.text if exchange.completion else "")
+    unanswered = exchange.completion and exchange.completion.finish_reason in UNANSWERED
+    return None if unanswered and not said.strip() else said.strip()[:MAX_SENTENCE]
 
 
 class NetworkAgent:
@@ -53,6 +64,7 @@ class NetworkAgent:
         self._told = told
         self._notes = CallNotes()
         self._decided = -1
+        self._basis = 0
         self._plan: list[str] = []
         self._reasoning = ""
         self._done = False
@@ -62,8 +74,10 @@ class NetworkAgent:
         game = self._game
         while not game.ended:
             game.poll()
-            if game.observation is not None and game.my_move and game.step > self._decided:
-                await self._move(game.observation)
+            seen = game.observation
+            fresh = seen is not None and seen.step == game.step
+            if seen is not None and fresh and game.my_move and game.step > self._decided:
+                await self._move(seen)
             elif not game.ended:
                 await game.next_event()
         return game.outcome or {}
@@ -86,6 +100,7 @@ class NetworkAgent:
             self._plan.clear()
 
     async def _decide(self, seen: Observed) -> None:
+        self._basis = seen.step
         observation = Observation(seen.text, seen.actions, self._game.seat or "")
         proposal = await answer_all(self._strategy.propose(observation), self._complete)
         self._plan = list(proposal.actions)
@@ -98,19 +113,16 @@ class NetworkAgent:
 
     async def _record(self, exchange: Exchange) -> None:
         """Let the server refuse what was no action, so that it is in the recording."""
-        if not exchange.verdict.rejected:
-            return
-        said = exchange.action or (exchange.completion.text if exchange.completion else "")
-        unanswered = exchange.completion and exchange.completion.finish_reason in UNANSWERED
-        if self._game.my_move and (said.strip() or not unanswered):
-            reasoning = exchange.reasoning[:MAX_REASONING]
-            result = await self._act(said.strip()[:MAX_SENTENCE], reasoning)
+        said = refused_words(exchange)
+        if said is not None and self._game.my_move:
+            result = await self._act(said, exchange.reasoning[:MAX_REASONING])
             if result.applied:  # The server has read it better; what was thought of next is stale.
                 self._plan.clear()
 
     async def _act(self, action: str | None, reasoning: str) -> ActResult:
         """Without the reasoning where no more of it is recorded."""
-        result = await self._game.act(action, reasoning=reasoning or None)
+        basis = self._basis
+        result = await self._game.act(action, basis=basis, reasoning=reasoning or None)
         if reasoning and result.code == ErrorCode.RATE_WORDS:
-            result = await self._game.act(action)
+            result = await self._game.act(action, basis=basis)
         return result

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
+from robotouille.protocol.messages import View
 from robotouille_client import Game
+from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.asking import Complete
 from robotouille_evaluation.agents.exchange_rows import exchange_row
 from robotouille_evaluation.agents.making import make_strategy
@@ -27,6 +29,8 @@ from robotouille_evaluation.models import (
     ModelRequest,
 )
 from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.realtime import Charge, Late
+from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
 from robotouille_evaluation.runs.appending import append_line
 
 __all__ = ["LanguageModelBot"]
@@ -36,18 +40,21 @@ FATAL = (ModelErrorKind.NO_KEY, ModelErrorKind.REFUSED, ModelErrorKind.ENDPOINT)
 
 @dataclass(frozen=True, slots=True)
 class LanguageModelBot:
-    """Plays a game that is joined in the text view.
+    """Plays a game that is joined in both views: it reads the text, and a helper plans on states.
 
     Args:
         model: Which, and how it is asked.
         strategy: One of ours.
         transcript: A file of JSON lines with what the model was sent and has said.
+        options: How it plays where the world does not wait.
     """
 
     model: ModelChoice
     strategy: str = "react-last-reasoning-action"
     transcript: Path | None = None
     seed: int = 0
+    options: RealTimeOptions = field(default_factory=RealTimeOptions)
+    view: View = "both"
 
     @classmethod
     def of(
@@ -62,11 +69,17 @@ class LanguageModelBot:
         prices: str,
         timeout: float | None,
         attempts: int | None,
+        late: str = Late.APPLY,
+        helper: str = "none",
+        digest_tokens: int = 0,
+        charge: str = "wall",
     ) -> LanguageModelBot:
         """From the options of a command line; WrongArgumentError where they cannot be."""
         parameters = {} if temperature is None else {"temperature": temperature}
         choice = ModelChoice(model, base_url, parameters, prices, timeout, attempts)
-        return cls(choice, strategy, transcript, seed)
+        maker = policy_maker(BotKind(helper), seed) if helper != "none" else None
+        options = RealTimeOptions(Late(late), digest_tokens, maker, Charge.parse(charge))
+        return cls(choice, strategy, transcript, seed, options)
 
     async def play(self, game: Game) -> Mapping[str, Any]:
         """To the end. Raises ModelError where nobody answers at all."""
@@ -75,8 +88,13 @@ class LanguageModelBot:
         async with AsyncExitStack() as opened:
             model = await open_model(self.model, self.seed, opened)
             with _transcript(self.transcript) as told:
-                agent = NetworkAgent(game, strategy, _patiently(model), told)
-                return await agent.play()
+                while not (game.has_state or game.ended):
+                    await game.next_event()
+                complete = _patiently(model)
+                if game.clock.get("clock") == "realtime":
+                    moving = RealTimeAgent(game, strategy, complete, self.options, told)
+                    return await moving.play()
+                return await NetworkAgent(game, strategy, complete, told).play()
 
 
 def _patiently(model: Model) -> Complete:

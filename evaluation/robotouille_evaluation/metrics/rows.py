@@ -143,9 +143,9 @@ class EpisodeRow(Row):
 
     `job` names it in its run, and is the same when it is played again. `kind` is the kind of
     instance (`free`, `noisy`), `variant` what is changed about it (`stochastic`, `delay-free`;
-    nothing if empty), `timing` the timing profile, `real_time` how the world went on by itself (None:
-    it waited), `seconds` the wall time of the episode,
-    `repetitions` its repeated transitions, `recording` the path of its recording beside the rows.
+    nothing if empty), `timing` the timing profile, `real_time` how the world went on by
+    itself (None: it waited), `seconds` the wall time of the episode, `repetitions` its repeated
+    transitions, `recording` the path of its recording beside the rows.
     `error` says why the episode could not be played to its end.
     """
 

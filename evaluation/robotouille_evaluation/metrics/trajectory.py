@@ -38,7 +38,8 @@ class Answer:
     """One answer of a seat, given after `step` steps. An empty text that was applied is nothing.
 
     `action` is what the text names, `reasons` say in words what speaks against it, `unmet` as
-    values, as far as they are known. `basis` is the step on which it was based, if that is recorded.
+    values, as far as they are known. `basis` is the step on which it was based, if
+    that is recorded.
     """
 
     step: int

@@ -1,0 +1,269 @@
+"""A language model in a seat on a server whose world does not wait: it thinks in a task of its own,
+steps go by, and a helper may act meanwhile.
+
+The game is joined with both views: the model reads the text, the helper plans on the state.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from robotouille.planning.policies import Policy
+from robotouille.protocol.error_codes import ErrorCode
+from robotouille.replay.model_calls import TOPIC as CALLS
+from robotouille.replay.model_calls import CallNotes
+from robotouille.world.world import State, World
+from robotouille_client import Game
+from robotouille_client.bots.player import MakePolicy
+from robotouille_client.game import ActionRequest
+from robotouille_client.sansio.game_events import ActResult, Changed, GameEvent
+from robotouille_evaluation.agents.asking import Complete, answer_all
+from robotouille_evaluation.agents.exchange_rows import exchange_note
+from robotouille_evaluation.agents.network import refused_words
+from robotouille_evaluation.agents.proposal import (
+    MAX_REASONING,
+    Exchange,
+    Proposal,
+    Strategy,
+)
+from robotouille_evaluation.metrics.thoughts import TOPIC as THINKING
+from robotouille_evaluation.realtime.charge import Charge, ChargeKind
+from robotouille_evaluation.realtime.late import Late, Look
+from robotouille_evaluation.realtime.seat import Choice, RealTimeSeat
+
+__all__ = ["RealTimeAgent", "RealTimeOptions"]
+
+
+WALL = Charge(ChargeKind.WALL)
+
+
+@dataclass(frozen=True, slots=True)
+class RealTimeOptions:
+    """How a model plays in real time.
+
+    Args:
+        late: What becomes of late answers.
+        digest_tokens: How long the digest may be of what has changed; none if 0.
+        helper: Makes who acts while the model thinks; nobody if None.
+        charge: What thinking costs where it is declared. By the wall clock the world goes on by
+            itself, and nothing is charged.
+    """
+
+    late: Late = Late.APPLY
+    digest_tokens: int = 0
+    helper: MakePolicy | None = None
+    charge: Charge = WALL
+
+
+class RealTimeAgent:
+    """Plays a seat with a strategy; `told` hears of each exchange with the model.
+
+    Where thinking is declared and nothing happens meanwhile (no helper, late answers are applied),
+    an action is sent with its `think_ms`. Else the seat passes, or its helper acts, in the steps
+    that the thought has cost, and the answer counts after them.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        strategy: Strategy,
+        complete: Complete,
+        options: RealTimeOptions | None = None,
+        told: Callable[[Exchange], None] = lambda _: None,
+    ) -> None:
+        self._game = game
+        self._complete = complete
+        self._options = options or RealTimeOptions()
+        self._told = told
+        self._declared = game.clock.get("thinking") == "declared"
+        late, tokens = self._options.late, self._options.digest_tokens
+        self._seat = RealTimeSeat(game.seat or "", strategy, late, tokens)
+        self._calls = CallNotes()
+        self._thought: asyncio.Task[Proposal] | None = None
+        self._news: asyncio.Task[GameEvent] | None = None
+        self._basis = 0
+        self._due = 0
+        self._think_ms = 0
+        self._charged = False
+        self._acted = self._helped = -1
+        self._helper: Policy | None = None
+        self._world: World | None = None
+
+    async def play(self) -> Mapping[str, Any]:
+        """Play to the end; the outcome, empty if the connection was lost for good. A thought that
+        is not finished then is given up."""
+        game = self._game
+        try:
+            while not game.ended:
+                for event in game.poll():
+                    self._heed(event)
+                if not await self._act() and not game.ended:
+                    await self._wait()
+        finally:
+            await _give_up(self._thought)
+            await _give_up(self._news)
+        return game.outcome or {}
+
+    def _heed(self, event: GameEvent) -> None:
+        if isinstance(event, Changed) and event.did:
+            self._seat.observe(event.did)
+            if self._helper is not None:
+                self._helper.observe(event.did)
+
+    async def _wait(self) -> None:
+        """Until something happens in the game, or the model has answered."""
+        if self._news is None:
+            self._news = asyncio.ensure_future(self._game.next_event())
+        pending = {self._news}
+        if self._thought is not None and not self._thought.done():
+            await asyncio.wait({*pending, self._thought}, return_when=asyncio.FIRST_COMPLETED)
+        else:
+            await asyncio.wait(pending)
+        if self._news.done():
+            self._heed(self._news.result())
+            self._news = None
+
+    # One step
+
+    async def _act(self) -> bool:
+        """Do what there is to do now; whether anything was."""
+        now = self._look()
+        if now is None or not self._game.my_move or now.step <= self._acted:
+            return False
+        if self._declared and self._thought is not None and not self._thought.done():
+            return False  # The world waits for everybody: what it costs comes afterwards.
+        if await self._arrive(now):
+            return True
+        choice = self._seat.choose(now)
+        if choice is not None:
+            await self._carry_out(choice)
+        self._note()
+        if choice is not None:
+            return True
+        if self._seat.wants_to_look(now.step):
+            self._ask(now)
+            return True
+        return await self._pass_time(now)
+
+    def _look(self) -> Look | None:
+        """What the model would be shown; None while the text of this step is on its way."""
+        seen = self._game.observation
+        if seen is None or not self._game.has_state or seen.step != self._game.step:
+            return None
+        return Look(seen.step, seen.text, seen.actions)
+
+    def _ask(self, now: Look) -> None:
+        shown = self._seat.look(now)
+        self._note()
+        self._basis = self._due = now.step
+        self._think_ms, self._charged = 0, not self._declared
+        proposing = answer_all(self._seat.strategy.propose(shown), self._complete)
+        self._thought = asyncio.ensure_future(proposing)
+
+    def _charge(self, proposal: Proposal) -> None:
+        """What a thought has cost: later on, or with the action that it led to."""
+        self._charged = True
+        ms = self._options.charge.milliseconds(proposal.exchanges)
+        if self._options.helper is None and self._options.late is Late.APPLY:
+            self._think_ms = ms
+            return
+        steps = ms / 1000 * float(self._game.clock["step_rate"])
+        self._due = self._basis + math.ceil(round(steps, 9))
+
+    async def _arrive(self, now: Look) -> bool:
+        """Whether the model's answer counts from now on."""
+        if self._thought is None or not self._thought.done():
+            return False
+        proposal = self._thought.result()
+        if not self._charged:
+            self._charge(proposal)
+        if now.step < self._due:
+            return False
+        self._thought = None
+        for exchange in proposal.exchanges:
+            self._told(exchange)
+            self._game.note(CALLS, exchange_note(self._calls, exchange))
+            if await self._record(exchange):
+                proposal = replace(proposal, actions=())
+        self._seat.answer(proposal)
+        self._note()
+        return True
+
+    async def _record(self, exchange: Exchange) -> bool:
+        """Let the server refuse what was no action, so that it is in the recording. Whether the
+        server has read it better, and it was done."""
+        said = refused_words(exchange)
+        if said is None or not self._game.my_move:
+            return False
+        reasoning = exchange.reasoning[:MAX_REASONING]
+        result = await self._send(said, self._basis, reasoning)
+        if result.applied:
+            self._acted = result.step - 1
+        return result.applied
+
+    async def _carry_out(self, choice: Choice) -> None:
+        step, think_ms = self._game.step, self._think_ms
+        self._think_ms = 0
+        action = choice.action or None
+        result = await self._send(action, choice.basis, choice.reasoning, think_ms)
+        if result.applied:
+            self._acted = max(step, result.step - 1)
+        else:
+            reasons = [unmet.words for unmet in result.unmet]
+            self._seat.refused(choice.action, reasons)
+
+    async def _pass_time(self, now: Look) -> bool:
+        """What the helper does while the model thinks. Where the world waits for everybody, and
+        nothing is to be done, that is said."""
+        action = None
+        if self._seat.thinking and self._helped < now.step:
+            self._helped = now.step
+            action = await self._help(self._game.state)
+            if not self._game.my_move or self._game.step != now.step:
+                return True
+        if action is None and not self._declared:
+            return False
+        result = await self._send(action, None)
+        if result.applied:
+            self._acted = result.step - 1
+        return True
+
+    async def _help(self, state: State) -> ActionRequest:
+        """The helper searches in a thread, in a world of its own: the connection stays alive."""
+        if self._options.helper is None:
+            return None
+        if self._world is None:
+            self._world = World(state.world.task)
+        mine = self._world.restore(state.facts, state.timer_rows(), state.timers.busy)
+        if self._helper is None:
+            self._helper = self._options.helper(mine, self._game.seat or "")
+        action = await asyncio.to_thread(self._helper.act, mine)
+        return None if action is None else state.world.action(action.name, *action.arguments)
+
+    async def _send(
+        self, action: ActionRequest, basis: int | None, reasoning: str = "", think_ms: int = 0
+    ) -> ActResult:
+        """Without the reasoning where no more of it is recorded."""
+        game = self._game
+        result = await game.act(action, think_ms=think_ms, basis=basis, reasoning=reasoning or None)
+        if reasoning and result.code == ErrorCode.RATE_WORDS:
+            result = await game.act(action, think_ms=think_ms, basis=basis)
+        return result
+
+    def _note(self) -> None:
+        for text in self._seat.notes:
+            self._game.note(THINKING, text)
+        self._seat.notes.clear()
+
+
+async def _give_up(task: asyncio.Task[Any] | None) -> None:
+    """Cancel what nobody waits for any more; what it has failed at is nobody's fault now."""
+    if task is not None and not task.done():
+        task.cancel()
+        with suppress(asyncio.CancelledError, Exception):
+            await task

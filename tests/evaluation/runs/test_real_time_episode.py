@@ -1,0 +1,187 @@
+"""Episodes in simulated real time: what thinking costs, to the step, and twice the same bytes."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille import World, load_task
+from robotouille.errors import WrongArgumentError
+from robotouille.planning import solve
+from robotouille.replay.export import json_lines
+from robotouille.replay.recording import read_recording
+from robotouille_evaluation.metrics import EpisodeRow, Trajectory
+from robotouille_evaluation.metrics.thoughts import Thought
+from robotouille_evaluation.models import ModelRequest, ScriptedModel, SeededAnswers
+from robotouille_evaluation.models.valid_actions import valid_actions
+from robotouille_evaluation.runs import AgentSpec, Job, RealTime, jobs, play_job
+from tests.evaluation.runs.test_running import MODEL, agent, created, pack
+
+ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
+BEST = tuple(
+    action.sentence
+    for joint in solve(World(load_task(ALONE))).plan or ()
+    for action in joint
+)  # fmt: skip
+
+
+def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> Job:
+    (found,) = [
+        each
+        for each in jobs(pack(), [by], pack().instances, real_time=RealTime(**time))
+        if each.instance.startswith(task)
+    ]
+    return found
+
+
+def play(path: Path, played: Job, answer: Callable[[ModelRequest], Any]) -> EpisodeRow:
+    folder = created(path, (played,))
+    model = ScriptedModel(answer)
+    return asyncio.run(play_job(played, "r", pack(), folder, model, lambda: 0.0))
+
+
+def course(path: Path, row: EpisodeRow) -> Trajectory:
+    assert row.recording is not None
+    recording = read_recording(path / row.recording)
+    assert recording.verify().identical
+    assert recording.header["rules"]["clock"] == "realtime"
+    return Trajectory.recorded(recording)
+
+
+def the_plan() -> Callable[[ModelRequest], str]:
+    coming = iter(BEST)
+    return lambda _: f"Reasoning: so.\nAction: {next(coming)}"
+
+
+def first_valid(request: ModelRequest) -> str:
+    return f"Reasoning: so.\nAction: {valid_actions(request)[0]}"
+
+
+def test_each_thought_costs_its_steps(tmp_path: Path) -> None:
+    """Eight actions at 300 ms, five steps a second: two steps are lost before each, 24 in all."""
+    played = job(ALONE, charge="declared:300", slack=2)
+    row = play(tmp_path, played, the_plan())
+    assert row.outcome.success
+    assert (row.outcome.steps, row.budget.steps, row.budget.rule) == (24, 24, "own x 2")
+    found = course(tmp_path, row)
+    assert [a.basis for a in found.answers if a.text] == list(range(0, 24, 3))
+    assert [a.step for a in found.answers if a.text] == list(range(2, 24, 3))
+    assert found.thoughts == tuple(Thought("robot1", at, at + 2) for at in range(0, 24, 3))
+    measures = row.measures
+    assert (measures.staleness, measures.lost_to_thinking) == (2, 16)
+    assert (measures.late_answers, measures.held_share) == (8, 1)
+    assert row.clock == "realtime"
+    assert str(row.real_time) == "5 steps/s, declared:300, apply"
+
+
+def test_the_export_has_the_basis(tmp_path: Path) -> None:
+    row = play(tmp_path, job(ALONE, charge="declared:300", slack=2), the_plan())
+    assert row.recording is not None
+    lines = [json.loads(line) for line in json_lines(read_recording(tmp_path / row.recording))]
+    moves = [move for line in lines if line["kind"] == "step" for move in line["moves"]]
+    assert [move["basis"] for move in moves] == list(range(0, 24, 3))
+
+
+def test_tokens_are_charged(tmp_path: Path) -> None:
+    """An answer has 9 to 11 words, counted as tokens: 180 to 220 ms, so a step or two."""
+    row = play(tmp_path, job(ALONE, charge="tokens:20", slack=3), the_plan())
+    words = [len(f"Reasoning: so.\nAction: {action}".split()) for action in BEST]
+    found = course(tmp_path, row)
+    assert [(t.arrived or 0) - t.basis for t in found.thoughts] == [1 + (n > 10) for n in words]
+    assert {1, 2} == {1 + (n > 10) for n in words}
+
+
+def test_a_thought_that_costs_nothing_loses_nothing(tmp_path: Path) -> None:
+    row = play(tmp_path, job(ALONE, charge="declared:0"), the_plan())
+    assert (row.outcome.success, row.outcome.steps) == (True, 8)
+    assert (row.measures.staleness, row.measures.lost_to_thinking) == (0, 0)
+    assert (row.measures.late_answers, row.measures.held_share) == (0, None)
+
+
+@pytest.mark.parametrize("late", ["apply", "revalidate", "drop"])
+@pytest.mark.parametrize("task", [ALONE, TEAM])
+def test_a_run_repeats_byte_for_byte(tmp_path: Path, task: str, late: str) -> None:
+    played = job(task, charge="tokens:15", late=late, helper="planner", digest_tokens=60)
+    contents = []
+    for name in ("one", "other"):
+        row = play(tmp_path / name, played, SeededAnswers(3))
+        assert row.error is None
+        contents.append((row, (tmp_path / name / str(row.recording)).read_bytes()))
+    assert contents[0] == contents[1]
+    folder = created(tmp_path / "again", (played,))
+    folder.calls(played, "robot1").parent.mkdir(parents=True, exist_ok=True)
+    for kept in (tmp_path / "one").glob("calls/**/*.jsonl"):
+        (folder.calls(played, "robot1").parent / kept.name).write_bytes(kept.read_bytes())
+    resumed = asyncio.run(play_job(played, "r", pack(), folder, None, lambda: 0.0))
+    assert resumed == contents[0][0], "it goes on from the journal, and nobody is asked"
+
+
+def test_a_helper_reaches_the_goal_while_a_model_thinks_for_ever(tmp_path: Path) -> None:
+    played = job(ALONE, charge="declared:86400000", helper="planner")
+    row = play(tmp_path, played, first_valid)
+    assert (row.outcome.success, row.outcome.steps) == (True, 8)
+    assert (row.counts.calls, row.measures.lost_to_thinking) == (1, 0), "it was paid for"
+    found = course(tmp_path, row)
+    assert found.thoughts == (Thought("robot1", 0),)
+    assert [answer.basis for answer in found.answers] == [None] * 8
+
+
+def test_without_a_helper_all_its_steps_are_lost(tmp_path: Path) -> None:
+    row = play(tmp_path, job(ALONE, charge="declared:86400000"), first_valid)
+    assert (row.outcome.ended_by, row.outcome.steps) == ("step-limit", 12)
+    assert (row.measures.lost_to_thinking, row.measures.staleness) == (12, None)
+
+
+def test_what_a_helper_has_done_meanwhile_makes_answers_invalid(tmp_path: Path) -> None:
+    """The model sends the cook to the cheese; the helper has been there and gone on."""
+    told: list[str] = []
+
+    def answer(request: ModelRequest) -> str:
+        told.append(request.messages[-1].content)
+        return first_valid(request)
+
+    played = job(ALONE, charge="declared:1000", helper="planner", digest_tokens=100)
+    row = play(tmp_path, played, answer)
+    assert row.counts.invalid >= 1
+    assert (row.measures.late_answers, row.measures.held_share) == (1, 0)
+    found = course(tmp_path, row)
+    (refused,) = [answer for answer in found.answers if answer.wrong]
+    assert (refused.basis, refused.step) == (0, 5)
+    assert told[0].startswith("You are robot1.")
+    assert told[1].startswith("Since you last looked 5 steps have passed.")
+    assert "your answer was refused" in told[1]
+    assert "* you: " in told[1]
+
+
+def test_a_dropped_answer_is_recorded_and_asked_for_anew(tmp_path: Path) -> None:
+    played = job(ALONE, charge="declared:400", helper="planner", late="drop")
+    row = play(tmp_path, played, first_valid)
+    found = course(tmp_path, row)
+    assert [t.basis for t in found.thoughts] == [0, 2, 4, 6]
+    assert [bool(t.dropped) for t in found.thoughts] == [True, True, True, False]
+    assert row.outcome.success
+    assert not any(answer.wrong for answer in found.answers)
+    assert (row.measures.late_answers, row.measures.held_share) == (3, 0)
+
+
+def test_planners_are_charged_nothing(tmp_path: Path) -> None:
+    played = job(TEAM, by=agent("planner"), charge="declared:1000")
+    row = play(tmp_path, played, first_valid)
+    assert row.outcome.success
+    assert (row.measures.staleness, row.measures.lost_to_thinking) == (0, None)
+
+
+def test_the_wall_clock_is_not_offered_and_turns_are_named_as_before() -> None:
+    with pytest.raises(WrongArgumentError, match="does not repeat"):
+        RealTime(charge="wall")
+    (old,) = [
+        each for each in jobs(pack(), [MODEL], pack().instances) if each.instance.startswith(ALONE)
+    ]
+    assert old.real_time is None
+    assert old.id != job(ALONE, charge="tokens:1").id
+    assert job(ALONE, charge="tokens:1").id != job(ALONE, charge="tokens:2").id
