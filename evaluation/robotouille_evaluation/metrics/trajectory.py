@@ -18,7 +18,7 @@ from robotouille.replay import Recording, rejection_kind
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
-from robotouille_evaluation.metrics.thoughts import Thought, thoughts
+from robotouille_evaluation.realtime.thoughts import Thought, thoughts
 
 __all__ = ["Answer", "Move", "Trajectory", "Verdict", "refused"]
 

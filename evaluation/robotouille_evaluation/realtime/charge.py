@@ -10,7 +10,7 @@ from enum import StrEnum
 from robotouille.errors import WrongArgumentError
 from robotouille_evaluation.agents.proposal import Exchange
 from robotouille_evaluation.models.model import Completion
-from robotouille_evaluation.realtime.digest import estimated_tokens
+from robotouille_evaluation.realtime.changes import estimated_tokens
 
 __all__ = ["MAX_MILLISECONDS", "Charge", "ChargeKind"]
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-from robotouille_evaluation.realtime.digest import known_lines
+from robotouille_evaluation.realtime.changes import known_lines
 
 __all__ = ["Late", "Look", "holds"]
 

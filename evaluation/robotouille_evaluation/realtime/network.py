@@ -31,10 +31,10 @@ from robotouille_evaluation.agents.proposal import (
     Proposal,
     Strategy,
 )
-from robotouille_evaluation.metrics.thoughts import TOPIC as THINKING
 from robotouille_evaluation.realtime.charge import Charge, ChargeKind
 from robotouille_evaluation.realtime.late import Late, Look
 from robotouille_evaluation.realtime.seat import Choice, RealTimeSeat
+from robotouille_evaluation.realtime.thoughts import TOPIC as THINKING
 
 __all__ = ["RealTimeAgent", "RealTimeOptions"]
 

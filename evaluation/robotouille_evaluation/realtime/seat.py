@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from robotouille import State
 from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.proposal import MAX_REASONING, Observation, Proposal, Strategy
-from robotouille_evaluation.metrics.thoughts import Fate, begun_note, ended_note
-from robotouille_evaluation.realtime.digest import digest
+from robotouille_evaluation.realtime.changes import digest
 from robotouille_evaluation.realtime.late import Late, Look, holds
+from robotouille_evaluation.realtime.thoughts import Fate, begun_note, ended_note
 
 __all__ = ["Choice", "RealTimeSeat"]
 

@@ -15,8 +15,8 @@ from robotouille import State, World
 from robotouille.planning.policies import Policy
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.proposal import Exchange, Proposal
-from robotouille_evaluation.metrics.thoughts import TOPIC
 from robotouille_evaluation.realtime import Charge, Look, RealTimeSeat
+from robotouille_evaluation.realtime.thoughts import TOPIC
 from robotouille_evaluation.runs.stage import Decision, RecordedStage
 from robotouille_evaluation.runs.team_episode import TeamResult
 from robotouille_evaluation.runs.text_episode import Ended, View, observe

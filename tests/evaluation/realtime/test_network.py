@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,13 @@ from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.metrics import Trajectory
 from robotouille_evaluation.metrics.measuring import measure
-from robotouille_evaluation.metrics.thoughts import Thought
 from robotouille_evaluation.models import Completion, ModelRequest
 from robotouille_evaluation.models.valid_actions import valid_actions
 from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, Late
 from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
+from robotouille_evaluation.realtime.thoughts import Thought
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
@@ -34,12 +36,19 @@ FOR_EVER = 1e9
 Answer = Callable[[ModelRequest], str]
 
 
+@cache
+def pack() -> Pack:
+    return build_own_pack()
+
+
+@cache
+def best() -> tuple[str, ...]:
+    found = solve(World(load_task(ALONE))).plan or ()
+    return tuple(action.sentence for joint in found for action in joint)
+
+
 def the_plan() -> Answer:
-    coming = iter(
-        action.sentence
-        for joint in solve(World(load_task(ALONE))).plan or ()
-        for action in joint
-    )  # fmt: skip
+    coming = iter(best())
     return lambda _: f"Reasoning: so.\nAction: {next(coming)}"
 
 
@@ -65,7 +74,7 @@ async def joined(client: Any, code: str, **more: Any) -> Game:
 
 
 def agent(game: Game, seconds: float, answer: Answer, **options: Any) -> RealTimeAgent:
-    strategy = make_strategy(build_own_pack(), "react-last-reasoning-action", "synchronous")
+    strategy = make_strategy(pack(), "react-last-reasoning-action", "synchronous")
     return RealTimeAgent(game, strategy, slow(seconds, answer), RealTimeOptions(**options))
 
 

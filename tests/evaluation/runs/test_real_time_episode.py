@@ -16,9 +16,9 @@ from robotouille.planning import solve
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import read_recording
 from robotouille_evaluation.metrics import EpisodeRow, Trajectory
-from robotouille_evaluation.metrics.thoughts import Thought
 from robotouille_evaluation.models import ModelRequest, ScriptedModel, SeededAnswers
 from robotouille_evaluation.models.valid_actions import valid_actions
+from robotouille_evaluation.realtime.thoughts import Thought
 from robotouille_evaluation.runs import AgentSpec, Job, RealTime, jobs, play_job
 from tests.evaluation.runs.test_running import MODEL, agent, created, pack
 
