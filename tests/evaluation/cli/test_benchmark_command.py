@@ -50,12 +50,25 @@ def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
 
 
+def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
+    words = ["--clock", "realtime", "--step-rate", "4", "--charge", "declared:500", "--slack", "2"]
+    result = called("run", tmp_path / "run", *MODEL, *words, "--late", "drop", "--helper", "script")
+    assert result.exit_code == 0, result.output
+    (row,) = RunFolder(tmp_path / "run").rows()
+    assert (row.clock, row.budget.rule, row.error) == ("realtime", "own x 2", None)
+    assert str(row.real_time) == "4 steps/s, declared:500, drop, helper script"
+    assert row.outcome.success, "the plan is carried out while the model thinks"
+    assert called("resume", tmp_path / "run").exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
         (["--agents", "react-nnone"], "react-none"),
         (["--agents", "random,random"], "two agents are called 'random'"),
         (["--datasets", "synchronus"], "synchronous"),
+        (["--clock", "realtime", "--charge", "wall"], "does not repeat"),
+        (["--clock", "realtime", "--charge", "token:3"], "expected wall, tokens:MILLISECONDS"),
         (["--kinds", "tidy"], "no kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),

@@ -18,6 +18,7 @@ from robotouille_client import Game, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.cli.bot import LanguageModelBot
 from robotouille_evaluation.metrics import Trajectory
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.models import Completion, ModelRequest
@@ -208,6 +209,34 @@ def test_a_slow_model_and_a_planner_play_together(tmp_path: Path) -> None:
     course = Trajectory.recorded(recording)
     assert course.thoughts
     assert all(thought.seat == "robot1" for thought in course.thoughts)
+
+
+@pytest.mark.parametrize("clock", ["turn", "realtime"])
+def test_the_bot_of_the_command_line_plays_with_every_clock(tmp_path: Path, clock: str) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="m") as client:
+            opened = await client.create(ALONE, clock=clock, step_rate=1.0, max_steps=10)
+            bot = LanguageModelBot.of(
+                "mock",
+                base_url="",
+                strategy="react-none",
+                transcript=None,
+                seed=3,
+                temperature=None,
+                prices="",
+                timeout=None,
+                attempts=None,
+                helper="planner",
+            )
+            game = await client.join(opened.code, view=bot.view)
+            outcome = await bot.play(game)
+            assert outcome["reason"] in ("goal", "step_limit")
+
+    run(main())
+    (file,) = tmp_path.glob("*.rbt")
+    found = Trajectory.recorded(read_recording(file))
+    assert bool(found.thoughts) == (clock == "realtime")
+    assert {answer.basis for answer in found.answers} - {None}
 
 
 def test_an_answer_for_a_finished_game_is_not_waited_for(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robotouille_evaluation.metrics import BudgetRow, Measures, Result
+from robotouille_evaluation.metrics.rows import RealTimeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import datasets, named, task_number, tasks
 from robotouille_evaluation.report.tables import (
@@ -14,6 +15,7 @@ from robotouille_evaluation.report.tables import (
     bin_of_steps_to_go,
     comparisons,
     csv_text,
+    real_time,
     success_by_dataset,
     success_by_task,
     variants,
@@ -120,3 +122,19 @@ def test_published_totals_are_the_means_of_their_tasks() -> None:
         for strategy, values in strategies.items():
             assert len(values) == 10
             assert sum(values) / 10 == getattr(totals[strategy], dataset)
+
+
+def test_worlds_that_go_on_are_never_mixed_with_those_that_wait() -> None:
+    """Two players of one name; the second lost 3 steps, held 1 of 2, was 2 steps late."""
+    measures = Measures(staleness=2, late_answers=2, held_share=0.5, lost_to_thinking=3)
+    moving = RealTimeRow(step_rate=5, charge="tokens:20", late="drop", helper="planner")
+    waiting = row()
+    quick = row(clock="realtime", real_time=moving, measures=measures)
+    assert waiting.pair != quick.pair
+    pace = "real time: 5 steps/s, tokens:20, drop, helper planner"
+    assert set(named([waiting, quick])) == {"planner", f"planner · {pace}"}
+    assert list(named([quick])) == ["planner"]
+    (line,) = real_time([waiting, quick]).lines
+    assert line.cells[2:] == ("100 % (3–100)", "2", "2", "50 %", "3", "1")
+    assert not real_time([waiting]).lines
+    assert not comparisons([waiting, quick]).lines

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +17,22 @@ from robotouille.errors import WrongArgumentError
 from robotouille.planning import solve
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import read_recording
-from robotouille_evaluation.metrics import EpisodeRow, Trajectory
+from robotouille_evaluation.metrics import EpisodeRow, PackId, Trajectory
 from robotouille_evaluation.models import ModelRequest, ScriptedModel, SeededAnswers
 from robotouille_evaluation.models.valid_actions import valid_actions
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime.thoughts import Thought
-from robotouille_evaluation.runs import AgentSpec, Job, RealTime, jobs, play_job
-from tests.evaluation.runs.test_running import MODEL, agent, created, pack
+from robotouille_evaluation.runs import (
+    AgentSpec,
+    Job,
+    RealTime,
+    RunFolder,
+    RunPlan,
+    jobs,
+    play_job,
+)
+from tests.support.samples import first_quickly
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 BEST = tuple(
@@ -28,6 +40,26 @@ BEST = tuple(
     for joint in solve(World(load_task(ALONE))).plan or ()
     for action in joint
 )  # fmt: skip
+
+
+@cache
+def pack() -> Pack:
+    whole = build_own_pack()
+    kept = tuple(i for i in whole.instances if i.task in (ALONE, TEAM) and i.kind == "default")
+    return replace(whole, instances=kept)
+
+
+def agent(kind: str, **more: str) -> AgentSpec:
+    return AgentSpec.model_validate({"name": kind, "kind": kind, **more})
+
+
+MODEL = agent("model", strategy="react-last-reasoning-action", model="mock")
+
+
+def created(path: Path, planned: Job) -> RunFolder:
+    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
+    plan = RunPlan(name="r", pack=id_, pack_folder="", jobs=(planned,), software="0")
+    return RunFolder.create(path, plan)
 
 
 def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> Job:
@@ -40,7 +72,7 @@ def job(task: str, *, by: AgentSpec = MODEL, **time: Any) -> Job:
 
 
 def play(path: Path, played: Job, answer: Callable[[ModelRequest], Any]) -> EpisodeRow:
-    folder = created(path, (played,))
+    folder = created(path, played)
     model = ScriptedModel(answer)
     return asyncio.run(play_job(played, "r", pack(), folder, model, lambda: 0.0))
 
@@ -104,7 +136,7 @@ def test_a_thought_that_costs_nothing_loses_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("late", ["apply", "revalidate", "drop"])
-@pytest.mark.parametrize("task", [ALONE, TEAM])
+@pytest.mark.parametrize("task", first_quickly([ALONE, TEAM]))
 def test_a_run_repeats_byte_for_byte(tmp_path: Path, task: str, late: str) -> None:
     played = job(task, charge="tokens:15", late=late, helper="planner", digest_tokens=60)
     contents = []
@@ -113,7 +145,7 @@ def test_a_run_repeats_byte_for_byte(tmp_path: Path, task: str, late: str) -> No
         assert row.error is None
         contents.append((row, (tmp_path / name / str(row.recording)).read_bytes()))
     assert contents[0] == contents[1]
-    folder = created(tmp_path / "again", (played,))
+    folder = created(tmp_path / "again", played)
     folder.calls(played, "robot1").parent.mkdir(parents=True, exist_ok=True)
     for kept in (tmp_path / "one").glob("calls/**/*.jsonl"):
         (folder.calls(played, "robot1").parent / kept.name).write_bytes(kept.read_bytes())
