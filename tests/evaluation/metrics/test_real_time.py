@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from robotouille.episode import Clock, Episode, Rules
+from robotouille.replay.analysis.transitions import transitions
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.metrics import Answer, Trajectory, measure
@@ -147,6 +148,7 @@ def test_recordings_have_the_basis_of_moves_and_of_what_was_asked_in_vain() -> N
     vain = [(n["reasons"][0], n.get("basis")) for n in recording.notes() if n["note"] == "rejected"]
     assert vain[0] == ("superseded by action 2", 1)
     assert [basis for _, basis in vain] == [1, 2]
+    assert [t.basis for t in transitions(recording) if t.seq] == [1, 2, 0, None, None]
     found = Trajectory.recorded(recording)
     assert staleness(found) == 2
     assert [a.basis for a in found.answers] == [2, 0, None, None]

@@ -25,7 +25,8 @@ class Transition:
     `text` is what was asked for, in words. `valid` says that it was applied; if not, `reasons` say
     why. `time` is in seconds since the game began, `thinking` in seconds from being asked to
     answering, as the clock of the episode counts them (0 for what was taken into no step).
-    `seq` is 0 for the actions of a bot that stood in for somebody.
+    `seq` is 0 for the actions of a bot that stood in for somebody. `basis` is the step whose state
+    the choice was made on, if that is recorded.
     """
 
     step: int
@@ -40,6 +41,7 @@ class Transition:
     text: str = ""
     reasons: tuple[str, ...] = ()
     seq: int = 0
+    basis: int | None = None
 
     @property
     def reward(self) -> float:
@@ -79,6 +81,7 @@ def _taken(
             text=action.sentence,
             reasons=reasons,
             seq=move["seq"],
+            basis=move.get("basis"),
         )
     for player, seq in frame.get("idle", ()):
         yield Transition(step, before, player, None, True, after, time, seq=seq)
@@ -101,4 +104,5 @@ def _rejected(step: int, state: State, note: Mapping[str, Any]) -> Transition:
         text=note.get("text", note["action"]),
         reasons=tuple(note["reasons"]),
         seq=note["seq"],
+        basis=note.get("basis"),
     )
