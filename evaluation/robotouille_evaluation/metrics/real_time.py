@@ -11,14 +11,17 @@ from robotouille_evaluation.metrics.trajectory import Answer, Trajectory, Verdic
 __all__ = ["LateAnswers", "late_answers", "lost_to_thinking", "staleness"]
 
 
-def staleness(trajectory: Trajectory) -> float | None:
+def staleness(trajectory: Trajectory, seat: str = "") -> float | None:
     """The mean number of steps between what an answer was based on and the state in which it was
     applied; 0 where the world stood still. None if no answer of which the basis is recorded was.
+
+    Args:
+        seat: Whose; everybody's if empty.
     """
     steps = [
         answer.step - answer.basis
         for answer in trajectory.answers
-        if answer.basis is not None and not answer.wrong
+        if answer.basis is not None and not answer.wrong and seat in ("", answer.seat)
     ]
     return fmean(steps) if steps else None
 

@@ -17,7 +17,8 @@ from robotouille.planning.policies import Policy
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.replay.model_calls import TOPIC as CALLS
 from robotouille.replay.model_calls import CallNotes
-from robotouille.world.world import State, World
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import World
 from robotouille_client import Game
 from robotouille_client.bots.player import MakePolicy
 from robotouille_client.game import ActionRequest
@@ -223,8 +224,8 @@ class RealTimeAgent:
         action = None
         if self._seat.thinking and self._helped < now.step:
             self._helped = now.step
-            action = await self._help(self._game.state)
-            if not self._game.my_move or self._game.step != now.step:
+            action = await self._help()
+            if not self._game.my_move:
                 return True
         if action is None and not self._declared:
             return False
@@ -233,17 +234,20 @@ class RealTimeAgent:
             self._acted = result.step - 1
         return True
 
-    async def _help(self, state: State) -> ActionRequest:
-        """The helper searches in a thread, in a world of its own: the connection stays alive."""
+    async def _help(self) -> GroundAction | None:
+        """The helper searches in a thread, in a world of its own: the connection stays alive. What
+        it finds after the step is over counts, if it is valid still."""
+        game, state = self._game, self._game.state
         if self._options.helper is None:
             return None
         if self._world is None:
             self._world = World(state.world.task)
         mine = self._world.restore(state.facts, state.timer_rows(), state.timers.busy)
         if self._helper is None:
-            self._helper = self._options.helper(mine, self._game.seat or "")
-        action = await asyncio.to_thread(self._helper.act, mine)
-        return None if action is None else state.world.action(action.name, *action.arguments)
+            self._helper = self._options.helper(mine, game.seat or "")
+        found = await asyncio.to_thread(self._helper.act, mine)
+        action = found and state.world.action(found.name, *found.arguments)
+        return action if action and game.world.applicable(game.state, action) else None
 
     async def _send(
         self, action: ActionRequest, basis: int | None, reasoning: str = "", think_ms: int = 0

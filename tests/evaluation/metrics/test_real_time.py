@@ -48,7 +48,8 @@ def course(*thought: Thought) -> Trajectory:
 
 def test_staleness_is_the_mean_of_what_was_applied() -> None:
     """Two steps and one."""
-    assert staleness(course()) == 1.5
+    assert staleness(course()) == staleness(course(), "robot1") == 1.5
+    assert staleness(course(), "robot2") is None
     assert staleness(solo(SANDWICH, THERE, BACK)) is None, "it is not recorded"
     assert staleness(replace(course(), answers=())) is None
 
