@@ -13,12 +13,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robotouille.planning.policies import Policy
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.replay.model_calls import TOPIC as CALLS
 from robotouille.replay.model_calls import CallNotes
-from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import World
 from robotouille_client import Game
 from robotouille_client.bots.player import MakePolicy
 from robotouille_client.game import ActionRequest
@@ -33,6 +30,7 @@ from robotouille_evaluation.agents.proposal import (
     Strategy,
 )
 from robotouille_evaluation.realtime.charge import Charge, ChargeKind
+from robotouille_evaluation.realtime.helper import NetworkHelper
 from robotouille_evaluation.realtime.late import Late, Look
 from robotouille_evaluation.realtime.seat import Choice, RealTimeSeat
 from robotouille_evaluation.realtime.thoughts import TOPIC as THINKING
@@ -92,8 +90,8 @@ class RealTimeAgent:
         self._think_ms = 0
         self._charged = False
         self._acted = self._helped = -1
-        self._helper: Policy | None = None
-        self._world: World | None = None
+        helper = self._options.helper
+        self._helper = NetworkHelper(game, helper) if helper is not None else None
 
     async def play(self) -> Mapping[str, Any]:
         """Play to the end; the outcome, empty if the connection was lost for good. A thought that
@@ -113,8 +111,8 @@ class RealTimeAgent:
     def _heed(self, event: GameEvent) -> None:
         if isinstance(event, Changed) and event.did:
             self._seat.observe(event.did)
-            if self._helper is not None:
-                self._helper.observe(event.did)
+        if self._helper is not None:
+            self._helper.heed(event)
 
     async def _wait(self) -> None:
         """Until something happens in the game, or the model has answered."""
@@ -224,7 +222,7 @@ class RealTimeAgent:
         action = None
         if self._seat.thinking and self._helped < now.step:
             self._helped = now.step
-            action = await self._help()
+            action = await self._helper.act() if self._helper is not None else None
             if not self._game.my_move:
                 return True
         if action is None and not self._declared:
@@ -233,21 +231,6 @@ class RealTimeAgent:
         if result.applied:
             self._acted = result.step - 1
         return True
-
-    async def _help(self) -> GroundAction | None:
-        """The helper searches in a thread, in a world of its own: the connection stays alive. What
-        it finds after the step is over counts, if it is valid still."""
-        game, state = self._game, self._game.state
-        if self._options.helper is None:
-            return None
-        if self._world is None:
-            self._world = World(state.world.task)
-        mine = self._world.restore(state.facts, state.timer_rows(), state.timers.busy)
-        if self._helper is None:
-            self._helper = self._options.helper(mine, game.seat or "")
-        found = await asyncio.to_thread(self._helper.act, mine)
-        action = found and state.world.action(found.name, *found.arguments)
-        return action if action and game.world.applicable(game.state, action) else None
 
     async def _send(
         self, action: ActionRequest, basis: int | None, reasoning: str = "", think_ms: int = 0
