@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from robotouille_evaluation.metrics.intervals import Interval, bootstrap
 from robotouille_evaluation.metrics.rows import EpisodeRow
 
-__all__ = ["by", "datasets", "interval", "named", "players", "task_number", "tasks"]
+__all__ = ["by", "datasets", "interval", "named", "task_number", "tasks"]
 
 Group = dict[str, list[EpisodeRow]]
 
@@ -44,11 +44,6 @@ _SETTINGS: tuple[Callable[[EpisodeRow], str], ...] = (
 )
 
 
-def players(rows: Sequence[EpisodeRow]) -> list[str]:
-    """The names of all groups of `named`."""
-    return list(named(rows))
-
-
 def datasets(rows: Iterable[EpisodeRow]) -> Group:
     """Rows by data set, in the paper's order."""
 
@@ -67,7 +62,7 @@ def tasks(rows: Iterable[EpisodeRow]) -> Group:
 
 def task_number(task: str) -> int | None:
     """Which of the paper's ten tasks it is, 1 to 10: ours are named `01_…`, the published `0_…`."""
-    found = re.match(r"(\d+)_", task.rpartition("/")[2])
+    found = re.match(r"(\d{1,9})_", task.rpartition("/")[2])
     if not found:
         return None
     digits = found[1]

@@ -19,6 +19,8 @@ from robotouille_evaluation.report.grouping import by, datasets, interval, named
 __all__ = ["Line", "Table", "all_tables", "csv_text"]
 
 NONE = "–"
+MAX_COMPARED = 30
+"""Players that are compared pair by pair; those with most episodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,7 @@ def csv_text(table: Table) -> str:
     """A table as CSV, with a last column that says which lines are published ones."""
     output = StringIO()
     writer = csv.writer(output, lineterminator="\n")
-    writer.writerow([*table.columns, "source"])
+    writer.writerow(map(_inert, (*table.columns, "source")))
     for line in table.lines:
         source = published.SOURCE if line.reference else "own"
         writer.writerow([_inert(cell) for cell in (*line.cells, source)])
@@ -52,8 +54,10 @@ def csv_text(table: Table) -> str:
 
 
 def _inert(cell: str) -> str:
-    """A cell that no spreadsheet takes for a formula."""
-    return f"'{cell}" if cell[:1] in ("=", "+", "-", "@", "\t") else cell
+    """A cell that no spreadsheet takes for a formula, or for several lines."""
+    cell = cell.replace("\r", " ").replace("\n", " ")
+    formula = cell[:1] == "\t" or cell.lstrip()[:1] in ("=", "+", "-", "@")
+    return f"'{cell}" if formula else cell
 
 
 def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
@@ -385,7 +389,8 @@ def comparisons(rows: Sequence[EpisodeRow]) -> Table:
         for name, group in named(rows).items()
     }
     lines = []
-    names = list(results)
+    names = sorted(results, key=lambda name: -len(results[name]))[:MAX_COMPARED]
+    names.sort()
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
             both = sorted(results[one].keys() & results[other].keys(), key=str)
@@ -398,5 +403,10 @@ def comparisons(rows: Sequence[EpisodeRow]) -> Table:
                 Line((one, other, str(sum(mine)), str(sum(theirs)), str(len(both)), shown))
             )
     columns = ("one", "other", "one solves", "other solves", "of", "p")
-    note = "McNemar's exact test on episodes of the same instance; not corrected for their number."
+    note = (
+        "McNemar's exact test on episodes of the same instance and seed; not corrected for their "
+        "number."
+    )
+    if left := len(results) - len(names):
+        note += f" {left} more players, those with fewest episodes, are left out."
     return Table("comparisons", "Players compared pair by pair", columns, tuple(lines), note)

@@ -107,7 +107,7 @@ async def play_job(
     return EpisodeRow(
         **_what_was_played(job, run, pack, instance),
         timing=world.task.timing.value,
-        trial=episode.trials - 1,
+        attempts=episode.trials,
         budget=BudgetRow(rule=job.budget, steps=budget.max_steps),
         outcome=result,
         counts=_counts(episode.exchanges, episode.stages),

@@ -100,6 +100,16 @@ def test_whatever_is_in_a_row_is_only_text() -> None:
     assert "alert(1)&lt;/script&gt;" in page
 
 
+def test_recordings_are_named_as_their_runs_were_when_the_report_was_made(tmp_path: Path) -> None:
+    rows = [row(run=name, recording="recordings/a.rbt") for name in ("mine", "other")]
+    folders = {"mine": Path("runs/my run"), "other": Path("/runs/other")}
+    page = render_page(rows, (), (), folders=folders)
+    assert "<code>&#x27;runs/my run/recordings/a.rbt&#x27;</code>" in page
+    assert "<code>/runs/other/recordings/a.rbt</code>" in page
+    inside = write_report(rows[:1], tmp_path / "x/report", graphs=()).read_text()
+    assert f"<code>{tmp_path}/x/recordings/a.rbt</code>" in inside
+
+
 def test_hostile_names_do_not_leave_the_folder(tmp_path: Path) -> None:
     rows = [row(dataset="../../up", task="../x", run="/etc")]
     write_report(rows, tmp_path / "report", graphs=())
