@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 from robotouille_evaluation.metrics.intervals import Interval, bootstrap
 from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.report import published
 
-__all__ = ["by", "datasets", "interval", "named", "task_number", "tasks"]
+__all__ = ["by", "datasets", "interval", "named", "part_played", "task_number", "tasks"]
 
 Group = dict[str, list[EpisodeRow]]
 
@@ -67,6 +68,17 @@ def task_number(task: str) -> int | None:
         return None
     digits = found[1]
     return int(digits) if len(digits) > 1 else int(digits) + 1
+
+
+def part_played(dataset: str, rows: Iterable[EpisodeRow]) -> str:
+    """Of a data set that the paper has too, how much was played: `2 of 10 tasks`; nothing for all
+    of it."""
+    known = published.SUCCESS_BY_TASK.get(dataset)
+    if known is None:
+        return ""
+    number = len({row.task for row in rows})
+    whole = max(map(len, known.values()))
+    return f"{number} of {whole} tasks" if number < whole else ""
 
 
 def interval(

@@ -18,7 +18,7 @@ from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.drawing import Picture, inline_svg
-from robotouille_evaluation.report.grouping import datasets, interval, named, tasks
+from robotouille_evaluation.report.grouping import datasets, interval, named, part_played, tasks
 from robotouille_evaluation.report.page_style import STYLE
 from robotouille_evaluation.report.tables import Line, Table, percent
 
@@ -127,7 +127,9 @@ def _cards(rows: Sequence[EpisodeRow]) -> Iterator[tuple[str, str]]:
             ),
             default=(0.0, ""),
         )
-        yield f"{100 * best[0]:.3g} %", f"best, {dataset.replace('_', '-')}: {best[1]}"
+        part = part_played(dataset, episodes)
+        said = f"{dataset.replace('_', '-')} ({part})" if part else dataset.replace("_", "-")
+        yield f"{100 * best[0]:.3g} %", f"best, {said}: {best[1]}"
     prompt, completion = outcomes.tokens(rows)
     if prompt + completion:
         yield f"{(prompt + completion) / 1e6:,.3g} M", "tokens"

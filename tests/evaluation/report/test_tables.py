@@ -38,6 +38,22 @@ def test_success_by_dataset() -> None:
     assert all(line.reference for line in theirs)
 
 
+def test_a_part_of_a_data_set_is_marked() -> None:
+    def cell(*tasks: int) -> str:
+        return success_by_dataset([row(task=f"{n:02}_x") for n in tasks]).lines[0].cells[1]
+
+    assert cell(1, 2, 2).endswith(", 2 of 10 tasks")
+    assert cell(*range(1, 11)) == "100 % (69–100)"
+    own, *_ = success_by_dataset([row(dataset="mine")]).lines
+    assert "tasks" not in own.cells[1]
+
+
+def test_no_interval_is_shown_where_none_is_known() -> None:
+    rows = [row(task=f"{n:02}_x", seed=seed, **({"outcome": LOST} if seed else {}))
+            for n in range(1, 11) for seed in range(2)]  # fmt: skip
+    assert success_by_dataset(rows).lines[0].cells[1] == "50 %"
+
+
 def test_success_by_task_has_the_published_columns_of_that_task() -> None:
     (table,) = success_by_task([row(task="synchronous/03_lettuce_tomato_sandwich")])
     assert table.columns[:3] == ("task", "optimum", "planner")
