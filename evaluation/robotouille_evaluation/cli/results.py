@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -44,7 +45,7 @@ def compare(
     json_output: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Compare two agents on the episodes that both have played, pair by pair."""
-    from robotouille_evaluation.metrics.intervals import mcnemar_test
+    from robotouille_evaluation.metrics.intervals import mcnemar_test, permutation_test
     from robotouille_evaluation.metrics.outcomes import succeeded
 
     rows, _ = _rows_of(runs)
@@ -55,13 +56,25 @@ def compare(
         raise RobotouilleError(
             f"{first} and {second} have no episode in common: {_why_apart(of_first, of_second)}"
         )
-    won = [succeeded(a) for a, _ in found], [succeeded(b) for _, b in found]
-    p = mcnemar_test(*won)
-    result = {"episodes": len(found), first: sum(won[0]), second: sum(won[1]), "p": p}
-    said = "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
+    mine, theirs = zip(*found, strict=True)
+    won = [[succeeded(row) for row in rows] for rows in (mine, theirs)]
+    steps = [[row.outcome.steps for row in rows] for rows in (mine, theirs)]
+    p, p_steps = mcnemar_test(*won), permutation_test(*steps)
+    result = {
+        "episodes": len(found),
+        first: sum(won[0]),
+        second: sum(won[1]),
+        "p": p,
+        "mean_steps": {first: fmean(steps[0]), second: fmean(steps[1]), "p": p_steps},
+    }
     tell(json.dumps(result) if json_output else
-         f"{len(found)} episodes: {first} solves {result[first]}, {second} {result[second]}; "
-         f"{said} (McNemar, exact)")  # fmt: skip
+         f"{len(found)} episodes: {first} solves {sum(won[0])}, {second} {sum(won[1])}; "
+         f"p {_p_value(p)} (McNemar, exact). Mean steps {fmean(steps[0]):.1f} and "
+         f"{fmean(steps[1]):.1f}; p {_p_value(p_steps)} (permutation)")  # fmt: skip
+
+
+def _p_value(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"= {p:.3f}"
 
 
 @failing

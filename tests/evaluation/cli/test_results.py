@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.metrics import BudgetRow, Category, EpisodeRow, Measures, PackId
+from robotouille_evaluation.metrics import Result as Outcome
 from robotouille_evaluation.metrics.rows import FailureRow
 from robotouille_evaluation.runs import RunFolder
 from tests.support.episode_rows import row
@@ -50,9 +51,30 @@ def test_a_second_attempt_and_a_name_without_its_model(tmp_path: Path) -> None:
         *(row(agent="reflexion (m)", job=f"b{n}", instance=f"i{n}", attempts=2) for n in range(2)),
     )
     result = called("compare", "react", "reflexion (m)", run, "--json")
-    assert json.loads(result.output) == {"episodes": 2, "react": 2, "reflexion (m)": 2, "p": 1.0}
+    assert json.loads(result.output) == {
+        "episodes": 2,
+        "react": 2,
+        "reflexion (m)": 2,
+        "p": 1.0,
+        "mean_steps": {"react": 8.0, "reflexion (m)": 8.0, "p": 1.0},
+    }
     assert "has no episode; there are react (m), reflexion (m)" in " ".join(
         called("compare", "planner", "react", run).output.split()
+    )
+
+
+def test_twelve_of_twelve_against_none(tmp_path: Path) -> None:
+    lost = Outcome(success=False, steps=12, ended_by="step-limit")
+    run = run_of(
+        tmp_path / "a",
+        *(row(agent="planner", job=f"a{n}", instance=f"i{n}") for n in range(12)),
+        *(row(agent="random", job=f"b{n}", instance=f"i{n}", outcome=lost) for n in range(12)),
+    )
+    told = " ".join(called("compare", "planner", "random", run).output.split())
+    # 2 / 2^12, for both tests.
+    assert told == (
+        "12 episodes: planner solves 12, random 0; p < 0.001 (McNemar, exact). "
+        "Mean steps 8.0 and 12.0; p < 0.001 (permutation)"
     )
 
 
