@@ -89,7 +89,7 @@ def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
 def percent(interval: Interval | None) -> str:
     """A rate with its interval, if one is known: `47 % (37–57)`."""
     if interval is None or interval.low is None or interval.high is None:
-        return _percent(interval and interval.mean)
+        return _percent(interval.mean if interval else None)
     low, high = round(100 * interval.low), round(100 * interval.high)
     return f"{_percent(interval.mean)} ({low}–{high})"
 
