@@ -16,7 +16,7 @@ from robotouille_evaluation.metrics import (
     Result,
     Spent,
 )
-from robotouille_evaluation.metrics.failures import CATEGORIES, Category, Subcategory
+from robotouille_evaluation.metrics.failures import CATEGORIES, Subcategory
 from robotouille_evaluation.metrics.rows import FailureRow
 
 __all__ = ["TASKS", "made_up_rows", "row"]
@@ -38,7 +38,7 @@ def row(**fields: Any) -> EpisodeRow:
         "task": "01_cheese_sandwich",
         "instance": "own-01-0",
         "agent": "planner",
-        "budget": BudgetRow(rule="1.5 x optimum", steps=12),
+        "budget": BudgetRow(rule="own", steps=12),
         "optimum": Optimum(steps=8, bound=8, proven=True),
         "outcome": Result(success=True, steps=8, ended_by="goal"),
     }
@@ -72,8 +72,7 @@ def _made_up(
     steps = optimum if skill == 1 else steps
     left = 0.0 if success else generator.choice((0.4, 0.8, 1.0, 1.3))
     subcategory = generator.choice(list(Subcategory))
-    failure = FailureRow(category=CATEGORIES[subcategory].value, subcategory=subcategory.value)
-    assert failure.category in set(Category)
+    failure = FailureRow(category=CATEGORIES[subcategory], subcategory=subcategory.value)
     seats = 2 if dataset == "multi_agent" else 1
     return row(
         dataset=dataset,
@@ -84,9 +83,9 @@ def _made_up(
         strategy="react" if agent == "react" else "",
         model="small-model" if agent == "react" else "",
         seats=seats,
-        budget=BudgetRow(rule="1.5 x optimum", steps=budget),
+        budget=BudgetRow(rule="own", steps=budget),
         optimum=Optimum(steps=optimum, bound=optimum, proven=True),
-        outcome=Result(success=success, steps=steps, ended_by="goal" if success else "step_limit"),
+        outcome=Result(success=success, steps=steps, ended_by="goal" if success else "step-limit"),
         counts=Counts(
             invalid=generator.randint(0, 5), malformed=generator.randint(0, 2), calls=steps + 7
         ),

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from robotouille_evaluation.metrics.failures import Category, Failure, classify
-    from robotouille_evaluation.metrics.measuring import count_answers, measure
+    from robotouille_evaluation.metrics.failures import Failure, classify
+    from robotouille_evaluation.metrics.measuring import measure
     from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded, success_rate
     from robotouille_evaluation.metrics.progress import repeated_transitions, steps_to_go
     from robotouille_evaluation.metrics.rows import (
         BudgetRow,
+        Category,
         Counts,
         EpisodeRow,
         Measures,
@@ -51,7 +52,6 @@ __all__ = [
     "Trajectory",
     "Verdict",
     "classify",
-    "count_answers",
     "measure",
     "optimality_rate",
     "read_rows",

@@ -28,23 +28,13 @@ from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
 from robotouille_evaluation.metrics.action_kinds import work_stations
 from robotouille_evaluation.metrics.outcomes import success_within
+from robotouille_evaluation.metrics.rows import Category
 from robotouille_evaluation.metrics.trajectory import Answer, Trajectory, Verdict
 
-__all__ = ["CATEGORIES", "Category", "Evidence", "Failure", "Subcategory", "classify", "evidence"]
+__all__ = ["CATEGORIES", "Evidence", "Failure", "Subcategory", "classify", "evidence"]
 
 LAST_SHARE = 0.75
 """Where the end of a run begins, as a share of its answers."""
-
-
-class Category(StrEnum):
-    """The part of the decision process of which the agent was uncertain."""
-
-    STATE = "state"
-    ACTION = "action"
-    TRANSITION = "transition"
-    GOAL = "goal"
-    OTHER = "other"
-    """Nothing of the kind is to be seen: out of steps, or the run broke off."""
 
 
 class Subcategory(StrEnum):

@@ -22,11 +22,12 @@ MAX_EXACT = 12
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A mean with an interval that holds it with some confidence (0.95 if not said otherwise)."""
+    """A mean with an interval that holds it with some confidence (0.95 if not said otherwise);
+    `low` and `high` are None where the values tell of none."""
 
     mean: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     count: int
 
 
@@ -43,7 +44,8 @@ def bootstrap(
     are alike, are a cluster. Independent values are clusters of one. None without values.
 
     Where all values are 0 or all are 1, every sample is the same and would pretend certainty: then
-    it is the exact interval of Clopper and Pearson (1934) for so many clusters.
+    it is the exact interval of Clopper and Pearson (1934) for so many clusters. Where the clusters
+    have another mean in common, or there is one alone, no interval is known.
 
     Args:
         clusters: The values, those that belong together side by side.
@@ -57,8 +59,10 @@ def bootstrap(
         return None
     total = int(counts.sum())
     mean = float(sums.sum() / total)
-    if mean in (0.0, 1.0) and set(sums / counts) == {mean}:
-        return _never_or_always(mean, len(sums), total, level)
+    if len(set(sums / counts)) == 1:
+        if mean in (0.0, 1.0):
+            return _never_or_always(mean, len(sums), total, level)
+        return Interval(mean, None, None, total)
     generator = np.random.default_rng(seed)
     means = []
     at_once = max(1, CHUNK // len(sums))

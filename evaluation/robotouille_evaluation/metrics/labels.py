@@ -5,20 +5,20 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from robotouille.errors import Fault, FileError
-from robotouille_evaluation.metrics.failures import Category
-from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille_evaluation.metrics.rows import Category, EpisodeRow
 
 __all__ = ["Label", "agreement", "cohens_kappa", "paired", "read_labels"]
 
 
 class Label(BaseModel):
-    """What somebody says of one episode: its `recording` names it, as in the row."""
+    """What somebody says of one episode: its `recording` names it, as in the row, and `run` where
+    several runs have played it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -27,6 +27,7 @@ class Label(BaseModel):
     subcategory: str = ""
     labeller: str = ""
     note: str = ""
+    run: str = ""
 
 
 _labels = TypeAdapter(tuple[Label, ...])
@@ -75,12 +76,24 @@ def cohens_kappa(one: Sequence[str], other: Sequence[str]) -> float | None:
 
 
 def paired(rows: Sequence[EpisodeRow], labels: Sequence[Label]) -> list[tuple[EpisodeRow, Label]]:
-    """The rows of failed episodes with people's labels of the same recordings; where several runs
-    have played the same job, the last row counts."""
-    found: Mapping[str | None, EpisodeRow] = {
-        row.recording: row for row in rows if row.measures.failure
-    }
-    return [(found[label.recording], label) for label in labels if label.recording in found]
+    """The rows of failed episodes with people's labels of the same recordings.
+
+    Raises:
+        RobotouilleError: A label names no run, and its recording is of several.
+    """
+    found: dict[str | None, list[EpisodeRow]] = {}
+    for row in rows:
+        found.setdefault(row.recording, []).append(row)
+    pairs = []
+    for label in labels:
+        meant = [r for r in found.get(label.recording, ()) if label.run in ("", r.run)]
+        if len(meant) > 1:
+            runs = " and ".join(sorted({row.run for row in meant}))
+            raise RobotouilleError(
+                f"{label.recording} is of the runs {runs}: say which in a column `run`"
+            )
+        pairs += [(row, label) for row in meant if row.measures.failure]
+    return pairs
 
 
 def agreement(rows: Sequence[EpisodeRow], labels: Sequence[Label]) -> float | None:

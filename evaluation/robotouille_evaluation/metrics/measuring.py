@@ -9,11 +9,11 @@ from robotouille_evaluation.metrics.failures import Failure, classify
 from robotouille_evaluation.metrics.outcomes import success_within
 from robotouille_evaluation.metrics.progress import recovery, steps_to_go_at_the_end
 from robotouille_evaluation.metrics.real_time import late_answers, lost_to_thinking, staleness
-from robotouille_evaluation.metrics.rows import Counts, FailureRow, Measures
+from robotouille_evaluation.metrics.rows import FailureRow, Measures
 from robotouille_evaluation.metrics.teams import blocking, contributions, overlap
-from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
+from robotouille_evaluation.metrics.trajectory import Trajectory
 
-__all__ = ["count_answers", "default_limits", "measure"]
+__all__ = ["default_limits", "measure"]
 
 ALONE, TOGETHER = Limits(expansions=2000), Limits(expansions=0)
 FIRST = Limits(expansions=50)
@@ -79,22 +79,7 @@ def _failure_row(failure: Failure | None) -> FailureRow | None:
     if failure is None:
         return None
     return FailureRow(
-        category=failure.category.value,
+        category=failure.category,
         subcategory=failure.subcategory.value,
         steps=failure.steps,
-    )
-
-
-def count_answers(trajectory: Trajectory, *, retries: int = 0) -> Counts:
-    """How many answers there were, and how many of them were invalid and malformed.
-
-    One answer is one call of a model here; strategies that call it several times for one answer
-    have to count their calls themselves.
-    """
-    verdicts = [answer.verdict for answer in trajectory.answers]
-    return Counts(
-        invalid=verdicts.count(Verdict.INVALID),
-        malformed=verdicts.count(Verdict.MALFORMED),
-        calls=len(verdicts),
-        retries=retries,
     )

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from enum import StrEnum
 from pathlib import Path
+from typing import Annotated, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -16,18 +18,24 @@ from robotouille.errors import Fault, FileError
 
 __all__ = [
     "BudgetRow",
+    "Category",
     "Counts",
     "EpisodeRow",
     "FailureRow",
     "Measures",
     "Optimum",
     "PackId",
+    "Pair",
     "RealTimeRow",
     "Result",
     "Spent",
     "read_rows",
     "write_rows",
 ]
+
+MAX_NUMBER = 2**53
+"""What JSON keeps exactly everywhere, and columns of 64 bits hold."""
+Number = Annotated[int, Field(ge=0, le=MAX_NUMBER)]
 
 
 class Row(BaseModel):
@@ -45,17 +53,17 @@ class PackId(Row):
 
 
 class BudgetRow(Row):
-    """How many steps an episode may take, and by which rule (`published`, `1.5 x optimum`)."""
+    """How many steps an episode may take, and by which rule (`published`, `own`)."""
 
     rule: str
-    steps: int = Field(ge=0)
+    steps: Number
 
 
 class Optimum(Row):
     """The fewest steps to the goal: at least `bound`, at most `steps` (None: no plan is known)."""
 
-    steps: int | None = Field(default=None, ge=0)
-    bound: int = Field(default=0, ge=0)
+    steps: Number | None = None
+    bound: Number = 0
     proven: bool = False
 
 
@@ -76,10 +84,10 @@ class RealTimeRow(Row):
 
 
 class Result(Row):
-    """How the episode ended: `ended_by` is `goal`, `step_limit`, `error`, …"""
+    """How the episode ended: `ended_by` is `goal`, `step-limit`, `error`, …"""
 
     success: bool
-    steps: int = Field(ge=0)
+    steps: Number
     ended_by: str
 
 
@@ -90,26 +98,37 @@ class Counts(Row):
     none.
     """
 
-    invalid: int = Field(default=0, ge=0)
-    malformed: int = Field(default=0, ge=0)
-    calls: int = Field(default=0, ge=0)
-    retries: int = Field(default=0, ge=0)
+    invalid: Number = 0
+    malformed: Number = 0
+    calls: Number = 0
+    retries: Number = 0
 
 
 class Spent(Row):
     """Tokens and money of all calls together; `cost` is None where the price is not known."""
 
-    prompt_tokens: int = Field(default=0, ge=0)
-    completion_tokens: int = Field(default=0, ge=0)
+    prompt_tokens: Number = 0
+    completion_tokens: Number = 0
     cost: float | None = Field(default=None, ge=0)
+
+
+class Category(StrEnum):
+    """Why an episode failed: the part of the decision process of which the agent was uncertain."""
+
+    STATE = "state"
+    ACTION = "action"
+    TRANSITION = "transition"
+    GOAL = "goal"
+    OTHER = "other"
+    """Nothing of the kind is to be seen: out of steps, or the run broke off."""
 
 
 class FailureRow(Row):
     """Why an episode failed, by the taxonomy of `failures`, and the steps that show it."""
 
-    category: str
+    category: Category
     subcategory: str
-    steps: tuple[int, ...] = ()
+    steps: tuple[Number, ...] = ()
 
 
 class Measures(Row):
@@ -123,13 +142,13 @@ class Measures(Row):
     to_go_most: float | None = None
     out_of_reach: bool = False
     asynchronous_first: bool | None = None
-    stumbles: int = 0
-    recovered: int = 0
-    repeated_mistakes: int = 0
+    stumbles: Number = 0
+    recovered: Number = 0
+    repeated_mistakes: Number = 0
     waiting_share: float | None = None
     idle_share: float | None = None
     contributions: dict[str, float] = {}
-    blocked: int = 0
+    blocked: Number = 0
     overlap: float | None = None
     staleness: float | None = None
     late_answers: int = Field(default=0, ge=0)
@@ -138,14 +157,31 @@ class Measures(Row):
     failure: FailureRow | None = None
 
 
+class Pair(NamedTuple):
+    """What two agents must share for their results to be compared one by one."""
+
+    pack: str
+    dataset: str
+    task: str
+    instance: str
+    kind: str
+    seats: int
+    seed: int
+    variant: str
+    timing: str
+    clock: str
+    budget: str
+
+
 class EpisodeRow(Row):
     """One episode of a run.
 
     `job` names it in its run, and is the same when it is played again. `kind` is the kind of
     instance (`free`, `noisy`), `variant` what is changed about it (`stochastic`, `delay-free`;
-    nothing if empty), `timing` the timing profile, `real_time` how the world went on by
-    itself (None: it waited), `seconds` the wall time of the episode, `repetitions` its repeated
-    transitions, `recording` the path of its recording beside the rows.
+    nothing if empty), `timing` the timing profile, `real_time` how the world went on by itself
+    (None: it waited), `attempts` how often the agent began (Reflexion does so anew; the row is of
+    the last time), `seconds` the wall time of the episode, `repetitions` its repeated transitions,
+    `recording` the path of its recording beside the rows.
     `error` says why the episode could not be played to its end.
     """
 
@@ -156,7 +192,7 @@ class EpisodeRow(Row):
     task: str
     instance: str
     kind: str = ""
-    seed: int = 0
+    seed: int = Field(default=0, ge=-MAX_NUMBER, le=MAX_NUMBER)
     agent: str
     strategy: str = ""
     model: str = ""
@@ -164,15 +200,15 @@ class EpisodeRow(Row):
     timing: str = "benchmark"
     clock: str = "turn"
     real_time: RealTimeRow | None = None
-    seats: int = Field(default=1, ge=1)
-    trial: int = Field(default=0, ge=0)
+    seats: int = Field(default=1, ge=1, le=MAX_NUMBER)
+    attempts: int = Field(default=1, ge=1, le=MAX_NUMBER)
     budget: BudgetRow
     optimum: Optimum = Optimum()
     outcome: Result
     counts: Counts = Counts()
     usage: Spent = Spent()
     seconds: float = Field(default=0.0, ge=0)
-    repetitions: int = Field(default=0, ge=0)
+    repetitions: Number = 0
     recording: str | None = None
     error: str | None = None
     measures: Measures = Measures()
@@ -190,10 +226,21 @@ class EpisodeRow(Row):
         return f"real time: {self.real_time}" if self.real_time is not None else ""
 
     @property
-    def pair(self) -> tuple[str, str, str, int, int, str, str]:
-        """What two agents must share for their results to be compared one by one."""
-        played = self.dataset, self.task, self.instance, self.seed, self.trial
-        return *played, self.variant, self.pace
+    def pair(self) -> Pair:
+        """What another agent's row must share to be compared with this one."""
+        return Pair(
+            pack=f"{self.pack.name} {self.pack.version} ({self.pack.digest[:12]})",
+            dataset=self.dataset,
+            task=self.task,
+            instance=self.instance,
+            kind=self.kind,
+            seats=self.seats,
+            seed=self.seed,
+            variant=self.variant,
+            timing=self.timing,
+            clock=f"{self.clock} {self.pace}".strip(),
+            budget=f"{self.budget.rule} ({self.budget.steps} steps)",
+        )
 
 
 def write_rows(rows: Iterable[EpisodeRow]) -> Iterator[str]:

@@ -6,15 +6,27 @@ Equal input gives equal bytes: no dates, no random ids.
 from __future__ import annotations
 
 import re
+import textwrap
 import warnings
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from io import BytesIO, StringIO
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "FAINT", "INK", "SOFT", "Picture", "drawn", "inline_svg", "plain"]
+__all__ = [
+    "COLOURS",
+    "FAINT",
+    "INK",
+    "SOFT",
+    "Picture",
+    "distinct_labels",
+    "drawn",
+    "inline_svg",
+    "plain",
+]
 
 INK, SOFT, FAINT = "#1e293b", "#64748b", "#cbd5e1"
 """Text, published numbers, and lines. A page swaps them in the dark."""
@@ -46,6 +58,9 @@ STYLE: dict[Any, Any] = {
 }
 DPI = 160
 MAX_LABEL = 44
+SEPARATOR = " · "
+LINE, MAX_LINES = 34, 5
+"""Letters of a line of a label, and its lines."""
 
 
 class Picture(NamedTuple):
@@ -61,6 +76,26 @@ def plain(text: str, length: int = MAX_LABEL) -> str:
     """A label that can be drawn: printable, and not too long."""
     text = "".join(c if c.isprintable() else " " for c in text)
     return text if len(text) <= length else f"{text[: length - 1]}…"
+
+
+def distinct_labels(names: Iterable[str]) -> dict[str, str]:
+    """A label for each name, of some lines: what all names share is left out, and of what is too
+    long all the same the middle. Where two would look alike, they have numbers.
+
+    Names are of parts with ` · ` between them, as `grouping.named` makes them.
+    """
+    parts = {name: name.split(SEPARATOR) for name in names}
+    shared = set.intersection(*map(set, parts.values())) if len(parts) > 1 else set()
+    seen, found = Counter[str](), {}
+    for name, own in parts.items():
+        text = SEPARATOR.join([part for part in own if part not in shared] or own)
+        lines = textwrap.wrap(plain(text, len(text)), LINE)
+        if len(lines) > MAX_LINES:
+            lines = [*lines[: MAX_LINES - 2], "…", lines[-1]]
+        label = "\n".join(lines)
+        seen[label] += 1
+        found[name] = label if seen[label] == 1 else f"{label} #{seen[label]}"
+    return found
 
 
 def drawn(

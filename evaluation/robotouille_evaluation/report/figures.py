@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 from robotouille_evaluation.metrics.intervals import Interval
@@ -16,10 +15,11 @@ from robotouille_evaluation.report.drawing import (
     INK,
     SOFT,
     Picture,
+    distinct_labels,
     drawn,
     plain,
 )
-from robotouille_evaluation.report.grouping import datasets, interval, named
+from robotouille_evaluation.report.grouping import datasets, interval, named, part_played
 from robotouille_evaluation.report.tables import STEPS_TO_GO_BINS, bin_of_steps_to_go
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["all_figures"]
 
-MAX_PANELS = 12
-"""Players that have a panel each; those with most episodes."""
+MAX_PANELS, MAX_BARS = 12, 40
+"""Players that have a panel, or bars; those with most episodes."""
 OPTIMALITY_BINS = ("1", "1 to 1.25", "1.25 to 1.5", "more than 1.5")
 CATEGORY_COLOURS = {
     "state": COLOURS[0],
@@ -57,6 +57,13 @@ class Bar(NamedTuple):
     label: str
     shares: dict[str, Interval | None]
     reference: bool = False
+    parts: Mapping[str, str] = {}
+    """Of a data set that was not played whole, how much."""
+
+    @property
+    def room(self) -> float:
+        """The height that it needs, in bars."""
+        return max(len(self.shares), 0.9 * (self.label.count("\n") + 1))
 
 
 def success_bars(rows: Sequence[EpisodeRow]) -> Picture | None:
@@ -64,8 +71,9 @@ def success_bars(rows: Sequence[EpisodeRow]) -> Picture | None:
     sets = list(datasets(rows))
     if not sets:
         return None
-    bars = list(chain(_own_bars(rows), _published_bars(sets)))
-    height = 1.1 + 0.19 * sum(len(bar.shares) + 0.7 for bar in bars)
+    own, left = _own_bars(rows)
+    bars = [*own, *_published_bars(sets)]
+    height = 1.1 + 0.19 * sum(bar.room + 0.7 for bar in bars)
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -75,14 +83,28 @@ def success_bars(rows: Sequence[EpisodeRow]) -> Picture | None:
         "Success by data set in per cent, with 95 % intervals. Hollow bars are published figures "
         f"({published.SOURCE})."
     )
+    caption += f" {left} more players are in the tables." if left else ""
     return drawn("success", caption, (7.2, height), draw)
 
 
-def _own_bars(rows: Sequence[EpisodeRow]) -> Iterator[Bar]:
-    for name, group in named(rows).items():
+def _own_bars(rows: Sequence[EpisodeRow]) -> tuple[list[Bar], int]:
+    """The bars, and how many players are left out."""
+    groups = named(rows)
+    shown = _largest(groups, MAX_BARS)
+    labels = distinct_labels(shown)
+    bars = []
+    for name, group in shown.items():
         own = datasets(group)
         shares = {each: interval(episodes, succeeded) for each, episodes in own.items()}
-        yield Bar(plain(name), shares)
+        parts = {each: part_played(each, episodes) for each, episodes in own.items()}
+        bars.append(Bar(labels[name], shares, parts=parts))
+    return bars, len(groups) - len(shown)
+
+
+def _largest(groups: Groups, number: int) -> Groups:
+    """The groups with most rows, in their order."""
+    chosen = sorted(groups, key=lambda name: -len(groups[name]))[:number]
+    return {name: groups[name] for name in groups if name in set(chosen)}
 
 
 def _published_bars(sets: Sequence[str]) -> Iterator[Bar]:
@@ -103,29 +125,36 @@ def _bars(axes: Axes, bars: Sequence[Bar], sets: Sequence[str]) -> None:
     middles, place = [], 0.0
     for bar in bars:
         begin = place
+        place += (bar.room - len(bar.shares)) / 2
         for name in sets:
             if found := bar.shares.get(name):
-                _bar(axes, place, found, _set_colour(name), bar.reference)
+                part = bar.parts.get(name, "")
+                _bar(axes, place, found, _set_colour(name), bar.reference, part)
                 place += 1
-        middles.append((begin + place - 1) / 2)
-        place += 0.7
+        middles.append(begin + (bar.room - 1) / 2)
+        place = begin + bar.room + 0.7
     axes.set_yticks(middles, [bar.label for bar in bars])
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(place - 0.9, -0.9)
-    axes.set_xlim(0, 108)
+    axes.set_xlim(0, 130 if any(any(bar.parts.values()) for bar in bars) else 108)
+    axes.set_xticks(range(0, 101, 20))
     axes.set_xlabel("success, %")
     axes.grid(visible=False, axis="y")
     axes.grid(visible=True, axis="x")
     _legend_of_sets(axes, sets)
 
 
-def _bar(axes: Axes, place: float, found: Interval, colour: str, reference: bool) -> None:
-    mean, high = 100 * found.mean, 100 * found.high
+def _bar(
+    axes: Axes, place: float, found: Interval, colour: str, reference: bool, part: str
+) -> None:
+    mean = high = 100 * found.mean
     face = "none" if reference else colour
     axes.barh(place, mean, height=0.86, color=face, edgecolor=colour, linewidth=1)
-    if not reference:
+    if not reference and found.low is not None and found.high is not None:
+        high = 100 * found.high
         axes.plot([100 * found.low, high], [place, place], color=INK, linewidth=1)
-    axes.text(max(mean, high) + 1, place, f"{mean:.3g}", va="center", fontsize=8)
+    said = f"{mean:.3g} ({part})" if part else f"{mean:.3g}"
+    axes.text(high + 1, place, said, va="center", fontsize=8)
 
 
 def _legend_of_sets(axes: Axes, sets: Sequence[str]) -> None:
@@ -141,22 +170,25 @@ def _legend_of_sets(axes: Axes, sets: Sequence[str]) -> None:
 def _panels(
     name: str, caption: str, panels: Groups, draw: Callable[[Axes, list[EpisodeRow]], None]
 ) -> Picture | None:
-    chosen = dict(sorted(panels.items(), key=lambda item: -len(item[1]))[:MAX_PANELS])
-    shown = {key: panels[key] for key in panels if key in chosen}
+    shown = _largest(panels, MAX_PANELS)
+    labels = distinct_labels(shown)
     if not shown:
         return None
     columns = min(2, len(shown))
     lines = -(-len(shown) // columns)
+    titles = [label.count("\n") for label in labels.values()]
+    height = 2.6 * lines + 0.17 * sum(max(titles[i : i + columns])
+                                      for i in range(0, len(titles), columns))  # fmt: skip
 
     def draw_all(figure: Figure) -> None:
         for i, (title, group) in enumerate(shown.items()):
             axes = figure.add_subplot(lines, columns, i + 1)
-            axes.set_title(plain(title))
+            axes.set_title(labels[title])
             draw(axes, group)
 
     left = len(panels) - len(shown)
     caption += f" {left} more players are in the tables." if left else ""
-    return drawn(name, caption, (3.6 * columns, 2.6 * lines), draw_all)
+    return drawn(name, caption, (3.6 * columns, height), draw_all)
 
 
 def _chosen(rows: Sequence[EpisodeRow], wanted: Callable[[EpisodeRow], bool]) -> Groups:
@@ -288,9 +320,8 @@ def failure_pies(rows: Sequence[EpisodeRow]) -> Picture | None:
     for name, group in named(rows).items():
         for dataset, episodes in datasets(group).items():
             if lost := [row for row in episodes if row.measures.failure]:
-                groups[
-                    f"{plain(name, 30)}, {_SHORT.get(dataset, plain(dataset, 8))} ({len(lost)})"
-                ] = lost
+                short = _SHORT.get(dataset, plain(dataset, 8))
+                groups[f"{name} · {short} ({len(lost)})"] = lost
     caption = (
         "Why episodes failed: state, action, transition function or goal outside, what about it "
         "inside, as the classifier tells it."
@@ -331,7 +362,7 @@ def _pie(axes: Axes, group: list[EpisodeRow]) -> None:
     )[0]
     common = [(kinds[kind], kind[1], w) for kind, w in zip(order, wedges, strict=True)]
     shown = sorted(common, key=lambda each: -each[0])[:4]
-    labels = [f"{name} {100 * count / total:.0f} %" for count, name, _ in shown]
+    labels = [f"{plain(name, 24)} {100 * count / total:.0f} %" for count, name, _ in shown]
     axes.legend([w for *_, w in shown], labels, loc="upper center", bbox_to_anchor=(0.5, 0),
                 fontsize=7, ncols=2, handlelength=1, columnspacing=1)  # fmt: skip
     axes.grid(visible=False)

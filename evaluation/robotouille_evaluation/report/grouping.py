@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 from robotouille_evaluation.metrics.intervals import Interval, bootstrap
 from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.report import published
 
-__all__ = ["by", "datasets", "interval", "named", "players", "task_number", "tasks"]
+__all__ = ["by", "datasets", "interval", "named", "part_played", "task_number", "tasks"]
 
 Group = dict[str, list[EpisodeRow]]
 
@@ -46,11 +47,6 @@ _SETTINGS: tuple[Callable[[EpisodeRow], str], ...] = (
 )
 
 
-def players(rows: Sequence[EpisodeRow]) -> list[str]:
-    """The names of all groups of `named`."""
-    return list(named(rows))
-
-
 def datasets(rows: Iterable[EpisodeRow]) -> Group:
     """Rows by data set, in the paper's order."""
 
@@ -69,11 +65,22 @@ def tasks(rows: Iterable[EpisodeRow]) -> Group:
 
 def task_number(task: str) -> int | None:
     """Which of the paper's ten tasks it is, 1 to 10: ours are named `01_…`, the published `0_…`."""
-    found = re.match(r"(\d+)_", task.rpartition("/")[2])
+    found = re.match(r"(\d{1,9})_", task.rpartition("/")[2])
     if not found:
         return None
     digits = found[1]
     return int(digits) if len(digits) > 1 else int(digits) + 1
+
+
+def part_played(dataset: str, rows: Iterable[EpisodeRow]) -> str:
+    """Of a data set that the paper has too, how much was played: `2 of 10 tasks`; nothing for all
+    of it."""
+    known = published.SUCCESS_BY_TASK.get(dataset)
+    if known is None:
+        return ""
+    number = len({row.task for row in rows})
+    whole = max(map(len, known.values()))
+    return f"{number} of {whole} tasks" if number < whole else ""
 
 
 def interval(

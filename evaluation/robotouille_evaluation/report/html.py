@@ -11,13 +11,14 @@ import hashlib
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from pathlib import Path
 from string import Template
 
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.report import published
 from robotouille_evaluation.report.drawing import Picture, inline_svg
-from robotouille_evaluation.report.grouping import datasets, interval, named, tasks
+from robotouille_evaluation.report.grouping import datasets, interval, named, part_played, tasks
 from robotouille_evaluation.report.page_style import STYLE
 from robotouille_evaluation.report.tables import Line, Table, percent
 
@@ -50,7 +51,9 @@ by others, on other instances ($source).</p>$tables</section>
 $graphs
 <section id="episodes"><h2>Episodes</h2>
 <p class="hint">Every episode, by data set, player and task. Watch one with <code>robotouille \
-replay play RECORDING</code>, read it with <code>replay notes</code> or <code>steps</code>.</p>\
+replay play RECORDING</code>, read it with <code>replay notes</code> or <code>steps</code>, and \
+what a model was asked and said with <code>replay said</code>. Recordings are named as seen from \
+where this report was made.</p>\
 $episodes</section>
 <footer><p>What each number means and how it is computed: docs/metrics.md.</p></footer>
 </main>
@@ -65,8 +68,10 @@ def render_page(
     figures: Sequence[Picture],
     graphs: Sequence[Picture] = (),
     title: str = "Robotouille: results",
+    folders: Mapping[str, Path] | None = None,
 ) -> str:
-    """The page's HTML; equal arguments give equal text."""
+    """The page's HTML; equal arguments give equal text. `folders` say where each run lies, by its
+    name."""
     digest = base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()
     return PAGE.substitute(
         title=escape(title),
@@ -79,7 +84,7 @@ def render_page(
         tables="".join(map(_table, tables)),
         graph_link='<a href="#graphs">Tasks</a>' if graphs else "",
         graphs=_graphs(graphs),
-        episodes="".join(_episodes(rows)),
+        episodes="".join(_episodes(rows, folders or {})),
         source=escape(published.SOURCE),
     )
 
@@ -122,7 +127,9 @@ def _cards(rows: Sequence[EpisodeRow]) -> Iterator[tuple[str, str]]:
             ),
             default=(0.0, ""),
         )
-        yield f"{100 * best[0]:.3g} %", f"best, {dataset.replace('_', '-')}: {best[1]}"
+        part = part_played(dataset, episodes)
+        said = f"{dataset.replace('_', '-')} ({part})" if part else dataset.replace("_", "-")
+        yield f"{100 * best[0]:.3g} %", f"best, {said}: {best[1]}"
     prompt, completion = outcomes.tokens(rows)
     if prompt + completion:
         yield f"{(prompt + completion) / 1e6:,.3g} M", "tokens"
@@ -223,14 +230,14 @@ COLUMNS = ("instance", "result", "steps", "fewest", "budget", "to go", "repeated
            "failure", "recording")  # fmt: skip
 
 
-def _episodes(rows: Sequence[EpisodeRow]) -> Iterator[str]:
+def _episodes(rows: Sequence[EpisodeRow], folders: Mapping[str, Path]) -> Iterator[str]:
     names: Mapping[str, list[EpisodeRow]] = named(rows)
     for dataset in datasets(rows):
         yield f"<h3>{escape(dataset.replace('_', '-'))}</h3>"
         for name, group in names.items():
             own = [row for row in group if row.dataset == dataset]
             if own:
-                inner = "".join(_task(task, some) for task, some in tasks(own).items())
+                inner = "".join(_task(task, some, folders) for task, some in tasks(own).items())
                 yield _fold(name, own, f'<div class="inner">{inner}</div>')
 
 
@@ -242,14 +249,13 @@ def _fold(name: str, rows: Sequence[EpisodeRow], content: str) -> str:
     )
 
 
-def _task(task: str, rows: Sequence[EpisodeRow]) -> str:
-    ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.trial, row.run))
-    return _fold(
-        task.rpartition("/")[2], rows, _scrolling(COLUMNS, "".join(map(_episode, ordered)))
-    )
+def _task(task: str, rows: Sequence[EpisodeRow], folders: Mapping[str, Path]) -> str:
+    ordered = sorted(rows, key=lambda row: (row.instance, row.seed, row.run))
+    lines = "".join(_episode(row, folders.get(row.run, Path())) for row in ordered)
+    return _fold(task.rpartition("/")[2], rows, _scrolling(COLUMNS, lines))
 
 
-def _episode(row: EpisodeRow) -> str:
+def _episode(row: EpisodeRow, folder: Path) -> str:
     won = outcomes.succeeded(row)
     result = "solved" if won else row.outcome.ended_by.replace("_", " ")
     failure = row.measures.failure
@@ -258,7 +264,9 @@ def _episode(row: EpisodeRow) -> str:
         why += f" (steps {_some([str(step) for step in failure.steps], 6)})"
     fewest = row.optimum.steps if row.optimum.proven else f"≥ {row.optimum.bound}"
     wrong = row.counts.invalid + row.counts.malformed
-    instance = f"{row.instance.rpartition('/')[2]}, seed {row.seed}, trial {row.trial}"
+    instance = f"{row.instance.rpartition('/')[2]}, seed {row.seed}"
+    if row.attempts > 1:
+        instance += f", attempt {row.attempts}"
     values = [row.outcome.steps, fewest, row.budget.steps, _to_go(row), row.repetitions, wrong,
               row.counts.calls, row.error or why]  # fmt: skip
     cells = "".join(
@@ -268,7 +276,7 @@ def _episode(row: EpisodeRow) -> str:
     return (
         f'<tr><th scope="row">{escape(instance)}</th>'
         f'<td class="text {"won" if won else "lost"}">{escape(result)}</td>{cells}'
-        f'<td class="text">{_recording(row)}</td></tr>'
+        f'<td class="text">{_recording(row, folder)}</td></tr>'
     )
 
 
@@ -283,7 +291,7 @@ def _to_go(row: EpisodeRow) -> str:
     return f"{least:.2f}" if least == most else f"{least:.2f}–{most:.2f}"
 
 
-def _recording(row: EpisodeRow) -> str:
+def _recording(row: EpisodeRow, folder: Path) -> str:
     if row.recording is None:
         return ""
-    return f"<code>{escape(shlex.quote(f'{row.run}/{row.recording}'))}</code>"
+    return f"<code>{escape(shlex.quote(str(folder / row.recording)))}</code>"

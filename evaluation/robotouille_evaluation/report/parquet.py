@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel
 
-from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.metrics.rows import Category, EpisodeRow, Number
 
 __all__ = ["SCHEMA", "write_parquet"]
 
@@ -20,21 +20,25 @@ TYPES: Mapping[object, pa.DataType] = {
     int: pa.int64(),
     float: pa.float64(),
     str: pa.string(),
-    tuple[int, ...]: pa.list_(pa.int64()),
+    Category: pa.string(),
+    tuple[Number, ...]: pa.list_(pa.int64()),
     dict[str, float]: pa.map_(pa.string(), pa.float64()),
 }
 
 
-def _without_none(annotation: object) -> Any:
+def _bare(annotation: object) -> Any:
+    """A type without None and without limits."""
     if get_origin(annotation) in (Union, UnionType):
         (annotation,) = (part for part in get_args(annotation) if part is not type(None))
+    if get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
     return annotation
 
 
 def _fields(model: type[BaseModel], prefix: str = "") -> Iterator[pa.Field]:
     """Parts of a row are taken apart: `outcome.steps` is the column `outcome_steps`."""
     for name, field in model.model_fields.items():
-        kind = _without_none(field.annotation)
+        kind = _bare(field.annotation)
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             yield from _fields(kind, f"{prefix}{name}_")
         else:

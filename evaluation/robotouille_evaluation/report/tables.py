@@ -14,11 +14,21 @@ from robotouille_evaluation.metrics.asynchrony import success_by_asynchronous_fi
 from robotouille_evaluation.metrics.intervals import Interval, mcnemar_test
 from robotouille_evaluation.metrics.rows import EpisodeRow, Measures
 from robotouille_evaluation.report import published
-from robotouille_evaluation.report.grouping import by, datasets, interval, named, task_number, tasks
+from robotouille_evaluation.report.grouping import (
+    by,
+    datasets,
+    interval,
+    named,
+    part_played,
+    task_number,
+    tasks,
+)
 
 __all__ = ["Line", "Table", "all_tables", "csv_text"]
 
 NONE = "–"
+MAX_COMPARED = 30
+"""Players that are compared pair by pair; those with most episodes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +54,7 @@ def csv_text(table: Table) -> str:
     """A table as CSV, with a last column that says which lines are published ones."""
     output = StringIO()
     writer = csv.writer(output, lineterminator="\n")
-    writer.writerow([*table.columns, "source"])
+    writer.writerow(map(_inert, (*table.columns, "source")))
     for line in table.lines:
         source = published.SOURCE if line.reference else "own"
         writer.writerow([_inert(cell) for cell in (*line.cells, source)])
@@ -52,8 +62,10 @@ def csv_text(table: Table) -> str:
 
 
 def _inert(cell: str) -> str:
-    """A cell that no spreadsheet takes for a formula."""
-    return f"'{cell}" if cell[:1] in ("=", "+", "-", "@", "\t") else cell
+    """A cell that no spreadsheet takes for a formula, or for several lines."""
+    cell = cell.replace("\r", " ").replace("\n", " ")
+    formula = cell[:1] == "\t" or cell.lstrip()[:1] in ("=", "+", "-", "@")
+    return f"'{cell}" if formula else cell
 
 
 def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
@@ -76,9 +88,9 @@ def all_tables(rows: Sequence[EpisodeRow]) -> list[Table]:
 
 
 def percent(interval: Interval | None) -> str:
-    """A rate with its interval: `47 % (37–57)`."""
-    if interval is None:
-        return NONE
+    """A rate with its interval, if one is known: `47 % (37–57)`."""
+    if interval is None or interval.low is None or interval.high is None:
+        return _percent(interval.mean if interval else None)
     low, high = round(100 * interval.low), round(100 * interval.high)
     return f"{_percent(interval.mean)} ({low}–{high})"
 
@@ -106,7 +118,7 @@ def success_by_dataset(rows: Sequence[EpisodeRow]) -> Table:
     lines = []
     for name, group in named(rows).items():
         own = datasets(group)
-        cells = [percent(interval(own.get(each, ()), outcomes.succeeded)) for each in sets]
+        cells = [_success_and_part(each, own.get(each, ())) for each in sets]
         lines.append(Line((name, *cells, str(len(group)))))
     for each in published.SUCCESS:
         known = {"synchronous": each.synchronous, "asynchronous": each.asynchronous}
@@ -115,10 +127,16 @@ def success_by_dataset(rows: Sequence[EpisodeRow]) -> Table:
             lines.append(Line((f"{each.model}, {each.strategy}", *cells, NONE), reference=True))
     note = (
         "Episodes that reached the goal within their budget, with 95 % bootstrap intervals over "
-        "instances. Published ones: 100 episodes each."
+        "instances. Published ones: 100 episodes each. A part of a data set does not compare with "
+        "the whole: its tasks differ in how hard they are."
     )
     columns = ("player", *sets, "episodes")
     return Table("success", "Success by data set", columns, tuple(lines), note)
+
+
+def _success_and_part(dataset: str, rows: Sequence[EpisodeRow]) -> str:
+    rate, part = percent(interval(rows, outcomes.succeeded)), part_played(dataset, rows)
+    return f"{rate}, {part}" if rows and part else rate
 
 
 def success_by_task(rows: Sequence[EpisodeRow]) -> Iterator[Table]:
@@ -212,7 +230,8 @@ def steps_to_go(rows: Sequence[EpisodeRow]) -> Table:
             lines.append(Line(("gpt-4o, ReAct", dataset, *shares, NONE, NONE), reference=True))
     note = (
         "Fewest steps from the last state to the goal / fewest from the first, of failures. Up to "
-        "0.5 is progress; more than 1 is farther away than at first."
+        "0.5 is progress; more than 1 is farther away than at first. It is measured by "
+        "`robotouille benchmark run --steps-to-go`, while a run is played and not afterwards."
     )
     columns = ("player", "data set", *STEPS_TO_GO_BINS, "failures", "not known")
     return Table("steps_to_go", "Steps to go of failures", columns, tuple(lines), note)
@@ -232,16 +251,17 @@ def behaviour(rows: Sequence[EpisodeRow]) -> Table:
             _percent(outcomes.invalid_rate(episodes)),
             _percent(outcomes.malformed_rate(episodes)),
             _percent(recovered / stumbles if stumbles else None),
+            _number(_mean(row.measures.repeated_mistakes for row in episodes), ".3g"),
             _percent(_mean(row.measures.waiting_share for row in episodes)),
             _percent(_mean(row.measures.idle_share for row in episodes)),
         )
         lines.append(Line((name, dataset, *cells)))
     columns = ("player", "data set", "repeated, successes", "repeated, failures", "invalid",
-               "malformed", "recovered", "waiting", "idle")  # fmt: skip
+               "malformed", "recovered", "made again", "waiting", "idle")  # fmt: skip
     note = (
-        "Mean repeated transitions an episode; wrong answers by calls; stumbles recovered from; "
-        "shares of the players' steps without an action while something runs, and while nothing "
-        "does."
+        "Mean repeated transitions an episode; wrong answers by calls; stumbles recovered from, "
+        "and how often an episode has a mistake again after recovery; shares of the players' steps "
+        "without an action while something runs, and while nothing does."
     )
     return Table("behaviour", "Repetition, errors and waiting", columns, tuple(lines), note)
 
@@ -278,8 +298,8 @@ def failures(rows: Sequence[EpisodeRow]) -> Table:
     for dataset, shares in published.FAILURES.items():
         if lines and any(row.dataset == dataset for row in rows):
             for key, value in shares.items():
-                category, _, subcategory = key.partition(": ")
-                cells = ("gpt-4o, ReAct", dataset, category, subcategory or "all of them",
+                kind, _, subcategory = key.partition(": ")
+                cells = ("gpt-4o, ReAct", dataset, kind, subcategory or "all of them",
                          _published(value), NONE)  # fmt: skip
                 lines.append(Line(cells, reference=True))
     columns = ("player", "data set", "category", "subcategory", "share", "failures")
@@ -412,7 +432,8 @@ def comparisons(rows: Sequence[EpisodeRow]) -> Table:
         for name, group in named(rows).items()
     }
     lines = []
-    names = list(results)
+    names = sorted(results, key=lambda name: -len(results[name]))[:MAX_COMPARED]
+    names.sort()
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
             both = sorted(results[one].keys() & results[other].keys(), key=str)
@@ -425,5 +446,10 @@ def comparisons(rows: Sequence[EpisodeRow]) -> Table:
                 Line((one, other, str(sum(mine)), str(sum(theirs)), str(len(both)), shown))
             )
     columns = ("one", "other", "one solves", "other solves", "of", "p")
-    note = "McNemar's exact test on episodes of the same instance; not corrected for their number."
+    note = (
+        "McNemar's exact test on episodes of the same instance and seed; not corrected for their "
+        "number."
+    )
+    if left := len(results) - len(names):
+        note += f" {left} more players, those with fewest episodes, are left out."
     return Table("comparisons", "Players compared pair by pair", columns, tuple(lines), note)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -29,6 +29,7 @@ def write_report(
     *,
     title: str = "Robotouille: results",
     graphs: Sequence[Picture] | None = None,
+    folders: Mapping[str, Path] | None = None,
 ) -> Path:
     """Write `report.html`, `figures/NAME.svg` and `.png`, `tables/NAME.csv`, `rows.parquet`.
 
@@ -39,6 +40,8 @@ def write_report(
         folder: Where to; it is made if there is none, and files of the same names are replaced.
         title: The page's.
         graphs: Pictures of the tasks; those of the shipped tasks that were played if None.
+        folders: Where each run lies, by its name: the page names recordings so. If None, all are
+            taken to be of the run in which the report's folder lies.
 
     Returns:
         The path of the page.
@@ -65,7 +68,10 @@ def write_report(
         )
     write_parquet(rows, folder / "rows.parquet")
     page = folder / "report.html"
-    page.write_text(render_page(rows, tables, figures, graphs, title), encoding="utf-8")
+    if folders is None:
+        folders = {row.run: folder.parent for row in rows}
+    text = render_page(rows, tables, figures, graphs, title, folders)
+    page.write_text(text, encoding="utf-8")
     return page
 
 

@@ -116,7 +116,7 @@ async def play_job(
     return EpisodeRow(
         **_what_was_played(job, run, pack, instance),
         timing=world.task.timing.value,
-        trial=episode.trials - 1,
+        attempts=episode.trials,
         budget=BudgetRow(rule=_rule(job), steps=limit),
         outcome=result,
         counts=_counts(episode.exchanges, episode.stages),

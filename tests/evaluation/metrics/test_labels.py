@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robotouille.errors import FileError
 from robotouille_evaluation.metrics import Measures
 from robotouille_evaluation.metrics.labels import Label, agreement, cohens_kappa, read_labels
-from robotouille_evaluation.metrics.rows import FailureRow
+from robotouille_evaluation.metrics.rows import Category, FailureRow
 from tests.support.episode_rows import row
 
 ROWS = [
@@ -74,8 +74,8 @@ def test_full_agreement_is_one(labels: list[str]) -> None:
 
 
 def test_agreement_joins_by_recording() -> None:
-    goal = Measures(failure=FailureRow(category="goal", subcategory="wrong order"))
-    rule = Measures(failure=FailureRow(category="transition", subcategory="another rule"))
+    goal = Measures(failure=FailureRow(category=Category.GOAL, subcategory="wrong order"))
+    rule = Measures(failure=FailureRow(category=Category.TRANSITION, subcategory="another rule"))
     rows = [
         row(recording="a.rtr", measures=goal),
         row(recording="b.rtr", measures=rule),

@@ -31,7 +31,7 @@ from robotouille_evaluation.metrics.outcomes import (
 from tests.evaluation.metrics.courses import SANDWICH, solo
 from tests.support.episode_rows import made_up_rows, row
 
-FAILED = Result(success=False, steps=12, ended_by="step_limit")
+FAILED = Result(success=False, steps=12, ended_by="step-limit")
 
 PLAN = (
     "Move robot1 from table3 to table1",

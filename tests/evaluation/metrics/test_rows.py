@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
 from robotouille.errors import FileError
-from robotouille_evaluation.metrics import read_rows, write_rows
+from robotouille_evaluation.metrics import BudgetRow, PackId, read_rows, write_rows
 from tests.support.episode_rows import made_up_rows, row
 
 
@@ -24,7 +26,7 @@ def test_rows_come_back(tmp_path: Path) -> None:
 
 
 def test_a_last_line_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
-    text = "".join(write_rows([row(), row(trial=1)]))
+    text = "".join(write_rows([row(), row(attempts=2)]))
     for kept in range(1, 60):
         assert read_rows(written(tmp_path, text[:-kept])) == [row()] or kept == 1
 
@@ -45,7 +47,7 @@ def test_of_a_job_that_was_played_again_the_last_row_counts(tmp_path: Path) -> N
 
 def test_rows_are_checked() -> None:
     with pytest.raises(ValidationError):
-        row(trial=-1)
+        row(attempts=0)
     with pytest.raises(ValidationError):
         row(seconds=float("nan"))
     with pytest.raises(ValidationError):
@@ -56,3 +58,44 @@ def test_who_played() -> None:
     assert row(agent="llm", strategy="react", model="m").player == "llm · react · m"
     assert row(agent="react (m)", strategy="react", model="m").player == "react (m)"
     assert row(agent="planner", strategy="planner").player == "planner"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"seed": 10**30},
+        {"seed": -(10**30)},
+        {"attempts": 10**30},
+        {"outcome": {"success": False, "steps": 10**30, "ended_by": "goal"}},
+        {"usage": {"prompt_tokens": 10**30}},
+        {"measures": {"failure": {"category": "bad mood", "subcategory": ""}}},
+        {"measures": {"failure": {"category": "goal", "subcategory": "", "steps": [10**30]}}},
+    ],
+)
+def test_numbers_that_no_column_holds_and_unknown_categories_are_no_row(
+    tmp_path: Path, fields: dict[str, Any]
+) -> None:
+    line = json.dumps({**row().model_dump(mode="json"), **fields})
+    with pytest.raises(FileError, match="line 1: "):
+        read_rows(written(tmp_path, f"{line}\n"))
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        {"pack": PackId(name="ours", version="1.0", digest="fedcba9876543210")},
+        {"kind": "noisy"},
+        {"seats": 2},
+        {"seed": 1},
+        {"timing": "people"},
+        {"clock": "lockstep"},
+        {"variant": "stochastic"},
+        {"budget": BudgetRow(rule="published", steps=12)},
+    ],
+)
+def test_what_was_played_on_other_terms_is_no_pair(terms: dict[str, Any]) -> None:
+    assert row(agent="a", **terms).pair != row(agent="b").pair
+
+
+def test_a_second_attempt_is_compared_with_a_first() -> None:
+    assert row(agent="reflexion", attempts=2).pair == row(agent="react").pair

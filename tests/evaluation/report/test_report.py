@@ -18,8 +18,8 @@ from robotouille.certification.shipped_plan import plan_beside
 from robotouille_evaluation.metrics import EpisodeRow, PackId, Result
 from robotouille_evaluation.report import write_report
 from robotouille_evaluation.report.dependency_graph import dependency_graph
-from robotouille_evaluation.report.drawing import inline_svg
-from robotouille_evaluation.report.figures import all_figures
+from robotouille_evaluation.report.drawing import distinct_labels, inline_svg
+from robotouille_evaluation.report.figures import all_figures, success_bars
 from robotouille_evaluation.report.html import render_page
 from robotouille_evaluation.report.tables import all_tables
 from tests.support.episode_rows import made_up_rows, row
@@ -98,6 +98,37 @@ def test_whatever_is_in_a_row_is_only_text() -> None:
         "li",
     }
     assert "alert(1)&lt;/script&gt;" in page
+
+
+def test_recordings_are_named_as_their_runs_were_when_the_report_was_made(tmp_path: Path) -> None:
+    rows = [row(run=name, recording="recordings/a.rbt") for name in ("mine", "other")]
+    folders = {"mine": Path("runs/my run"), "other": Path("/runs/other")}
+    page = render_page(rows, (), (), folders=folders)
+    assert "<code>&#x27;runs/my run/recordings/a.rbt&#x27;</code>" in page
+    assert "<code>/runs/other/recordings/a.rbt</code>" in page
+    inside = write_report(rows[:1], tmp_path / "x/report", graphs=()).read_text()
+    assert f"<code>{tmp_path}/x/recordings/a.rbt</code>" in inside
+
+
+def test_labels_are_whole_or_different() -> None:
+    model = "openai/some-organisation/quite-a-long-name-70b-instruct"
+    names = [f"react-last-observation · {model} · {pack} · own" for pack in ("ours 1", "theirs 2")]
+    labels = distinct_labels([*names, "planner · ours 1 · own"])
+    for name, pack in zip(names, ("ours 1", "theirs 2"), strict=True):
+        whole = f"react-last-observation · {model} · {pack}"
+        assert labels[name].replace("\n", "").replace(" ", "") == whole.replace(" ", "")
+    assert labels["planner · ours 1 · own"] == "planner · ours 1"
+    long = [f"{letter * 999} the end" for letter in "xy"]
+    assert all(label.endswith("the end") for label in distinct_labels(long).values())
+    hidden = distinct_labels([f"{'x' * 400}{n}{'x' * 400}" for n in range(3)])
+    assert len({*hidden.values()}) == 3
+    assert distinct_labels(["planner"]) == {"planner": "planner"}
+
+
+@pytest.mark.slow
+def test_a_picture_of_very_many_players_can_be_drawn() -> None:
+    picture = success_bars([row(agent=f"a{n}") for n in range(500)])
+    assert picture is not None and "460 more players" in picture.caption
 
 
 def test_hostile_names_do_not_leave_the_folder(tmp_path: Path) -> None:

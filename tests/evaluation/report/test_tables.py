@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+from io import StringIO
+
 import pytest
 
 from robotouille_evaluation.metrics import BudgetRow, Measures, Result
@@ -22,7 +25,7 @@ from robotouille_evaluation.report.tables import (
 )
 from tests.support.episode_rows import made_up_rows, row
 
-LOST = Result(success=False, steps=12, ended_by="step_limit")
+LOST = Result(success=False, steps=12, ended_by="step-limit")
 
 
 def test_success_by_dataset() -> None:
@@ -37,6 +40,22 @@ def test_success_by_dataset() -> None:
     assert all(line.reference for line in theirs)
 
 
+def test_a_part_of_a_data_set_is_marked() -> None:
+    def cell(*tasks: int) -> str:
+        return success_by_dataset([row(task=f"{n:02}_x") for n in tasks]).lines[0].cells[1]
+
+    assert cell(1, 2, 2).endswith(", 2 of 10 tasks")
+    assert cell(*range(1, 11)) == "100 % (69–100)"
+    own, *_ = success_by_dataset([row(dataset="mine")]).lines
+    assert "tasks" not in own.cells[1]
+
+
+def test_no_interval_is_shown_where_none_is_known() -> None:
+    rows = [row(task=f"{n:02}_x", seed=seed, **({"outcome": LOST} if seed else {}))
+            for n in range(1, 11) for seed in range(2)]  # fmt: skip
+    assert success_by_dataset(rows).lines[0].cells[1] == "50 %"
+
+
 def test_success_by_task_has_the_published_columns_of_that_task() -> None:
     (table,) = success_by_task([row(task="synchronous/03_lettuce_tomato_sandwich")])
     assert table.columns[:3] == ("task", "optimum", "planner")
@@ -45,9 +64,9 @@ def test_success_by_task_has_the_published_columns_of_that_task() -> None:
 
 def test_what_may_not_be_averaged_is_listed_apart() -> None:
     other = BudgetRow(rule="published", steps=12)
-    groups = named([row(), row(budget=other), row(budget=other, trial=1)])
+    groups = named([row(), row(budget=other), row(budget=other, attempts=2)])
     assert {name: len(group) for name, group in groups.items()} == {
-        "planner · 1.5 x optimum": 1,
+        "planner · own": 1,
         "planner · published": 2,
     }
     assert list(named([row()])) == ["planner"]
@@ -79,7 +98,7 @@ def test_players_are_compared_on_common_episodes() -> None:
 @pytest.mark.parametrize(
     ("task", "number"),
     [("synchronous/01_cheese_sandwich", 1), ("10_big", 10), ("asynchronous/0_cheese", 1),
-     ("9_onion", 10), ("soup", None), ("synchronous", None)],
+     ("9_onion", 10), ("soup", None), (f"{'1' * 5000}_x", None), ("synchronous", None)],
 )  # fmt: skip
 def test_which_task_of_the_paper_it_is(task: str, number: int | None) -> None:
     assert task_number(task) == number
@@ -105,9 +124,31 @@ def test_the_order_of_data_sets_and_tasks() -> None:
     assert list(tasks(rows))[0].startswith("01_")
 
 
-def test_csv_cells_are_no_formulas() -> None:
-    table = Table("t", "T", ("player", "x"), (Line(("=1+1", "a,b")),))
-    assert csv_text(table) == 'player,x,source\n\'=1+1,"a,b",own\n'
+@pytest.mark.parametrize("cell", ["=1+1", "+1", "-1", "@a", "\t=1", "  =1", "\ta"])
+def test_csv_cells_are_no_formulas_in_the_head_neither(cell: str) -> None:
+    table = Table("t", "T", ("player", cell), (Line(("a,b", cell)),))
+    head, line = csv.reader(StringIO(csv_text(table), newline=""))
+    assert head == ["player", f"'{cell}", "source"]
+    assert line == ["a,b", f"'{cell}", "own"]
+
+
+def test_csv_cells_have_one_line() -> None:
+    table = Table("t", "T", ("player",), (Line(("a\r=1\n+1",)), Line(("\r=1",))))
+    assert csv_text(table) == "player,source\na =1 +1,own\n' =1,own\n"
+
+
+def test_of_very_many_players_some_are_compared() -> None:
+    rows = [row(agent=f"a{n:04}", instance=f"i{i}") for n in range(100) for i in range(1 + n % 2)]
+    table = comparisons(rows)
+    assert len(table.lines) == 30 * 29 // 2
+    assert all(line.cells[4] == "2" for line in table.lines)
+    assert "70 more players" in table.note
+
+
+def test_a_second_attempt_counts_in_a_comparison() -> None:
+    rows = [row(agent="react", outcome=LOST), row(agent="reflexion", attempts=2)]
+    (line,) = comparisons(rows).lines
+    assert line.cells[:5] == ("react", "reflexion", "0", "1", "1")
 
 
 def test_every_line_has_all_columns() -> None:

@@ -1,0 +1,115 @@
+"""`benchmark report|compare|agreement` on rows that are there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from robotouille_evaluation.cli.benchmark import benchmark
+from robotouille_evaluation.metrics import BudgetRow, Category, EpisodeRow, Measures, PackId
+from robotouille_evaluation.metrics import Result as Outcome
+from robotouille_evaluation.metrics.rows import FailureRow
+from robotouille_evaluation.runs import RunFolder
+from tests.support.episode_rows import row
+
+PUBLISHED = PackId(name="published", version="1", digest="fedcba9876543210")
+
+
+def called(*words: Any) -> Result:
+    return CliRunner().invoke(benchmark, [str(word) for word in words])
+
+
+def run_of(path: Path, *rows: EpisodeRow) -> Path:
+    path.mkdir(parents=True)
+    for each in rows:
+        RunFolder(path).add(each)
+    return path
+
+
+def test_agents_of_different_terms_do_not_compare_and_it_is_said_why(tmp_path: Path) -> None:
+    ours = run_of(tmp_path / "a", row(agent="planner"))
+    theirs = run_of(
+        tmp_path / "b",
+        row(agent="react (m)", pack=PUBLISHED, budget=BudgetRow(rule="published", steps=20)),
+    )
+    result = called("compare", "planner", "react (m)", ours, theirs)
+    assert result.exit_code == 1
+    told = " ".join(result.output.split())
+    assert "pack ours 1.0 (0123456789ab) and published 1 (fedcba987654)" in told
+    assert "budget own (12 steps) and published (20 steps)" in told
+    assert "timing" not in told
+
+
+def test_a_second_attempt_and_a_name_without_its_model(tmp_path: Path) -> None:
+    run = run_of(
+        tmp_path / "a",
+        *(row(agent="react (m)", job=f"a{n}", instance=f"i{n}") for n in range(2)),
+        *(row(agent="reflexion (m)", job=f"b{n}", instance=f"i{n}", attempts=2) for n in range(2)),
+    )
+    result = called("compare", "react", "reflexion (m)", run, "--json")
+    assert json.loads(result.output) == {
+        "episodes": 2,
+        "react": 2,
+        "reflexion (m)": 2,
+        "p": 1.0,
+        "mean_steps": {"react": 8.0, "reflexion (m)": 8.0, "p": 1.0},
+    }
+    assert "has no episode; there are react (m), reflexion (m)" in " ".join(
+        called("compare", "planner", "react", run).output.split()
+    )
+
+
+def test_twelve_of_twelve_against_none(tmp_path: Path) -> None:
+    lost = Outcome(success=False, steps=12, ended_by="step-limit")
+    run = run_of(
+        tmp_path / "a",
+        *(row(agent="planner", job=f"a{n}", instance=f"i{n}") for n in range(12)),
+        *(row(agent="random", job=f"b{n}", instance=f"i{n}", outcome=lost) for n in range(12)),
+    )
+    told = " ".join(called("compare", "planner", "random", run).output.split())
+    # 2 / 2^12, for both tests.
+    assert told == (
+        "12 episodes: planner solves 12, random 0; p < 0.001 (McNemar, exact). "
+        "Mean steps 8.0 and 12.0; p < 0.001 (permutation)"
+    )
+
+
+@pytest.mark.slow
+def test_a_report_names_recordings_by_the_folders_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where two runs have one name."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("one/mine", "two/mine"):
+        run_of(Path(name), row(run="mine", job="a", recording="recordings/a.rbt"))
+    assert called("report", "one/mine", "two/mine", "--out", "out").exit_code == 0
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    assert "<code>one/mine/recordings/a.rbt</code>" in page
+    assert "<code>two/mine/recordings/a.rbt</code>" in page
+
+
+def test_a_label_of_one_run_is_not_paired_with_another_run(tmp_path: Path) -> None:
+    """A job has the same recording in every run."""
+    lost = {
+        category: Measures(failure=FailureRow(category=category, subcategory="x"))
+        for category in Category
+    }
+    kept = {"job": "a", "recording": "recordings/a.rbt"}
+    one = run_of(tmp_path / "one", row(run="one", measures=lost[Category.GOAL], **kept))
+    two = run_of(tmp_path / "two", row(run="two", measures=lost[Category.STATE], **kept))
+    labels = tmp_path / "labels.csv"
+    labels.write_text("recording,category\nrecordings/a.rbt,goal\n", encoding="utf-8")
+    result = called("agreement", labels, one, two)
+    assert result.exit_code == 1
+    assert "is of the runs one and two: say which in a column `run`" in " ".join(
+        result.output.split()
+    )
+    assert "classified" not in called("agreement", labels, one).output
+    labels.write_text("run,recording,category\none,recordings/a.rbt,goal\n", encoding="utf-8")
+    result = called("agreement", labels, one, two)
+    assert result.exit_code == 0
+    assert "classified" not in result.output
