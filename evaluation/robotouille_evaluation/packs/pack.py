@@ -156,16 +156,6 @@ class Experiment:
     seeds: tuple[int, ...]
     settings: Mapping[str, Any]
 
-    @property
-    def multiplier(self) -> float:
-        """The factor from a task's constant to its step budget."""
-        return float(self.settings.get("game", {}).get("max_step_multiplier", 1))
-
-    def budget(self, task: str) -> Budget:
-        """The steps that a run of a task may take here; UnknownNameError if it has no such task."""
-        constants = dict(zip(self.tasks, self.optimal_steps, strict=True))
-        return published_budget(_named("task", task, constants), self.multiplier)
-
 
 @dataclass(frozen=True)
 class Pack:

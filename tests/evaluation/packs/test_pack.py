@@ -101,10 +101,7 @@ def test_a_run_goes_on_while_its_steps_are_fewer_than_the_budget(constant: int, 
     budget = published_budget(constant)
     assert budget.steps == 1.5 * constant
     assert budget.max_steps == most
-    taken = 0
-    while budget.allows_another(taken):
-        taken += 1
-    assert taken == most
+    assert next(taken for taken in range(most + 1) if not taken < budget.steps) == most
 
 
 def test_budgets_say_of_which_kind_they_are() -> None:

@@ -54,16 +54,15 @@ def read_yaml(path: Path, root: Path) -> dict[str, Any]:
             depth += isinstance(event, yaml.CollectionStartEvent)
             depth -= isinstance(event, yaml.CollectionEndEvent)
             if isinstance(event, yaml.AliasEvent):
-                _fail(path, f"line {event.start_mark.line + 1}: aliases (*name) are not read")
+                _fail(path, f"{_place(event.start_mark)}aliases (*name) are not read")
             if depth > MAX_DEPTH:
                 _fail(path, f"is nested more than {MAX_DEPTH} levels deep")
         value = yaml.safe_load(text)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        place = "" if mark is None else f"line {mark.line + 1}: "
-        _fail(path, f"{place}is not YAML: {' '.join(str(error.problem).split())[:200]}")
+        problem = " ".join(str(error.problem).split())[:MAX_QUOTED]
+        _fail(path, f"{_place(error.problem_mark)}is not YAML: {problem}")
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        _fail(path, f"is not YAML: {' '.join(str(error).split())[:200]}")
+        _fail(path, f"is not YAML: {' '.join(str(error).split())[:MAX_QUOTED]}")
     if not isinstance(value, dict):
         _fail(path, f"expected settings by name, found {type(value).__name__}")
     return value
@@ -205,6 +204,11 @@ def _list(path: Path, settings: dict[str, Any], name: str, kind: type) -> list[A
     if not isinstance(found, list) or not all(type(entry) is kind for entry in found):
         _fail(path, f"evaluation.{name}: expected a list of {kind.__name__}, found {_short(found)}")
     return found
+
+
+def _place(mark: Any) -> str:
+    """The line of a mark of PyYAML, which can lack it; never the line's text."""
+    return "" if mark is None else f"line {mark.line + 1}: "
 
 
 def _short(found: object) -> str:
