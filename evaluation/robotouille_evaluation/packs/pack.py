@@ -156,6 +156,23 @@ class Experiment:
     seeds: tuple[int, ...]
     settings: Mapping[str, Any]
 
+    @property
+    def prompt_ids(self) -> tuple[str, ...]:
+        """The prompts that it names."""
+        prompts = self.settings["llm"]["prompts"]
+        named = (prompt for prompt in prompts.values() if isinstance(prompt, Mapping))
+        return tuple(
+            f"{p['experiment_name']}/{p.get('prompt_version')}-{p.get('prompt_description')}"
+            for p in named
+            if p.get("experiment_name")
+        )
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The examples that it names."""
+        folder = self.settings["llm"].get("example_dir_path")
+        return (folder,) if isinstance(folder, str) and folder else ()
+
 
 @dataclass(frozen=True)
 class Pack:

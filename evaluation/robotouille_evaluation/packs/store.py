@@ -21,6 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.files import is_file, parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json
 
 __all__ = ["FORMAT", "MANIFEST", "default_folder", "read_pack", "write_pack"]
@@ -82,6 +83,13 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
         pack = _PACKS.validate_python(_raw(manifest, values))
     except (ValidationError, LookupError, TypeError) as error:
         _fail(folder, f"is not laid out as a pack: {str(error).splitlines()[0]}")
+    faults = [
+        Fault(f"experiment {experiment.id}", fault)
+        for experiment in pack.experiments
+        for fault in setting_faults(experiment.agent, experiment.settings)
+    ]
+    if faults:
+        raise FileError(str(folder / "experiments.json"), faults)
     if pack.digest != manifest["digest"]:
         _fail(folder / MANIFEST, f"digest: expected {pack.digest}, found {manifest['digest']}")
     if digest is not None and pack.digest != digest:

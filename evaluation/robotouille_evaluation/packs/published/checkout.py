@@ -257,16 +257,5 @@ def _unmet(pack: Pack) -> Iterator[str]:
     examples = {found.name for found in pack.examples}
     for experiment in pack.experiments:
         yield from (f"{PROBLEMS}/{name}.json" for name in experiment.tasks if name not in tasks)
-        llm = experiment.settings["llm"]
-        folder = llm.get("example_dir_path")
-        if isinstance(folder, str) and folder and folder not in examples:
-            yield f"{EXAMPLES}/{folder}"
-        yield from (f"{PROMPTS}/{id_}.yml" for id_ in _prompt_ids(llm) if id_ not in prompts)
-
-
-def _prompt_ids(llm: dict[str, Any]) -> Iterator[str]:
-    prompts = llm.get("prompts")
-    for prompt in prompts.values() if isinstance(prompts, dict) else ():
-        if isinstance(prompt, dict) and prompt.get("experiment_name"):
-            version, description = prompt.get("prompt_version"), prompt.get("prompt_description")
-            yield f"{prompt['experiment_name']}/{version}-{description}"
+        yield from (f"{EXAMPLES}/{name}" for name in experiment.shown if name not in examples)
+        yield from (f"{PROMPTS}/{id_}.yml" for id_ in experiment.prompt_ids if id_ not in prompts)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from robotouille.errors import Fault, FileError, MissingExtraError
+from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Experiment
 from robotouille_evaluation.packs.published.files import read_text
 
@@ -82,9 +83,12 @@ def read_experiment(conf: Path, path: Path) -> Experiment | None:
     optimal = _list(path, evaluation, "optimal_steps", int)
     if len(optimal) != len(tasks):
         _fail(path, f"evaluation: {len(tasks)} tasks, but {len(optimal)} optimal_steps")
+    agent = str(game.get("agent_name"))
+    if faults := setting_faults(agent, settings):
+        raise FileError(str(path), [Fault("", fault) for fault in faults])
     return Experiment(
         id=path.relative_to(conf / "experiments").with_suffix("").as_posix(),
-        agent=str(game.get("agent_name")),
+        agent=agent,
         tasks=tuple(tasks),
         optimal_steps=tuple(optimal),
         seeds=tuple(_list(path, evaluation, "testing_seeds", int)),
