@@ -205,12 +205,23 @@ class Pack:
         """The task of a name, or the only one that begins so (`synchronous/01`, `01`, `hamburger`).
 
         Raises:
-            UnknownNameError: There is none, with the nearest name, or there are several.
+            UnknownNameError: There is none, with the nearest name or all of the data set, or there
+                are several.
         """
         found = names_meant(name, self._tasks)
         if len(found) > 1:
             raise UnknownNameError(f"{name!r} is not one task but {len(found)}: {', '.join(found)}")
-        return _named("task", found[0] if found else name, self._tasks)
+        if not found:
+            raise UnknownNameError(f"there is no task {name!r}{self._tasks_meant(name)}")
+        return self._tasks[found[0]]
+
+    def _tasks_meant(self, name: str) -> str:
+        """The clause that names the nearest task, or those of the data set. For a number it is
+        those: tasks may be numbered otherwise here."""
+        dataset, _, rest = name.rpartition("/")
+        near = "" if rest.isdecimal() else did_you_mean(name, self._tasks)
+        listed = [task.name for task in self.tasks if task.dataset == dataset]
+        return f"; {dataset} has {', '.join(listed)}" if listed and not near else near
 
     def instance(self, id_: str) -> PackInstance:
         """The instance of an id; UnknownNameError names the nearest."""

@@ -58,11 +58,11 @@ def write_pack(pack: Pack, folder: Path) -> None:
             folder.replace(old)
         draft.replace(folder)
     except OSError as error:
+        _fail(folder, f"cannot be written: {error.strerror or error}")
+    finally:
         with suppress(OSError):
             if old.exists() and not folder.exists():
                 old.replace(folder)
-        _fail(folder, f"cannot be written: {error.strerror or error}")
-    finally:
         shutil.rmtree(draft, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
 
@@ -134,8 +134,10 @@ def _hash(content: bytes) -> str:
 def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not is_file(path):
-        near = did_you_mean(folder.name, _packs_beside(folder))
-        _fail(folder, f"is no pack: it has no {MANIFEST}{near}")
+        hint = did_you_mean(folder.name, _packs_beside(folder))
+        if is_file(folder / "domain/robotouille.json"):
+            hint = f"; `robotouille pack import {folder}` makes one of a checkout"
+        _fail(folder, f"is no pack: it has no {MANIFEST}{hint}")
     manifest = parse_json(_read(path).decode(errors="replace"), str(path))
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         found = manifest.get("format") if isinstance(manifest, dict) else manifest

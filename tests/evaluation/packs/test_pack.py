@@ -42,6 +42,8 @@ def test_tasks_are_found_by_their_numbers_and_dishes() -> None:
         ours().task("01")
     with pytest.raises(UnknownNameError, match="did you mean 'synchronous/01_cheese_sandwich'"):
         ours().task("synchronous/01_chese_sandwich")
+    with pytest.raises(UnknownNameError, match="; synchronous has synchronous/01_cheese"):
+        ours().task("synchronous/00")
 
 
 def test_our_ids_are_no_published_ones() -> None:
