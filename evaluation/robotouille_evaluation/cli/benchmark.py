@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["benchmark"]
 
-benchmark = typer.Typer(no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare.")
+benchmark = typer.Typer(
+    no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
+)
 
 for command in (report, compare, agreement):
     benchmark.command()(command)
