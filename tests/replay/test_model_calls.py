@@ -12,6 +12,7 @@ from robotouille import World, load_task
 from robotouille.episode import Episode, Rules
 from robotouille.episode.quota import MAX_NOTE, SEAT_QUOTA_BYTES
 from robotouille.errors import ProtocolError
+from robotouille.replay import model_calls as reading
 from robotouille.replay.model_calls import (
     MAX_ANSWER,
     MAX_MESSAGE,
@@ -106,6 +107,10 @@ def test_another_process_of_the_bot_begins_anew() -> None:
 @pytest.mark.parametrize(
     "text",
     ["", "x", "[]", "{}", '{"number":1}', '{"number":"a","known":0,"new":[],"sent":[]}', "[" * 5000,
+     '{"number":1e999,"known":0,"new":[],"sent":[]}',
+     '{"number":1,"known":1e999,"new":[],"sent":[]}',
+     '{"number":1,"known":0,"new":[],"sent":[1e999]}',
+     '{"number":1,"known":0,"new":[],"sent":[[]]}',
      '{"number":1,"known":0,"new":[1],"sent":[]}', '{"number":1,"known":0,"new":[],"sent":3}'],
 )  # fmt: skip
 def test_notes_of_anybody_else_are_no_calls(text: str) -> None:
@@ -119,6 +124,38 @@ def test_a_hostile_note_takes_no_memory() -> None:
     course.note('{"number":2,"known":1000000000,"new":[],"sent":[-1,7,1000000000]}')
     (call,) = model_calls(course.recording())
     assert [message["content"] for message in call.messages] == ["", "", ""]
+
+
+def test_a_message_that_is_said_to_be_sent_very_often_is_not_multiplied() -> None:
+    course = Course()
+    text = CallNotes().note([("user", "x" * MAX_MESSAGE)], answer="")
+    often = '"sent":[0' + ",0" * 4000 + "]"
+    course.note(text.replace('"sent":[0]', often))
+    course.note(CallNotes().note([("user", "short")], answer=""))
+    (call,) = model_calls(course.recording())
+    assert call.messages[0]["content"] == "short"
+
+
+def test_all_calls_of_a_seat_together_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, "MAX_SEAT", 250)
+    course, notes = Course(), CallNotes()
+    for _ in range(4):
+        course.note(notes.note([("user", "x" * 100)], answer=""))
+    assert len(list(model_calls(course.recording()))) == 2
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(1, 4))
+def test_a_lost_piece_loses_its_own_call_only(kept: int) -> None:
+    course, notes = Course(), CallNotes()
+    texts = [notes.note([("user", f"{n}" * 400)], answer=n) for n in range(3)]
+    course.note(texts[0])
+    for at in range(kept):
+        course.episode.note("robot1", TOPIC, texts[1][at * 50 : at * 50 + 50], 1.0, more=True)
+    course.note(texts[2], 50)
+    calls = list(model_calls(course.recording()))
+    assert [(call.rest["answer"], call.missed) for call in calls] == [(0, 0), (2, 1)]
+    assert calls[1].messages == ({"role": "user", "content": "2" * 400},)
 
 
 def test_a_text_that_is_too_long_is_cut_and_says_so() -> None:

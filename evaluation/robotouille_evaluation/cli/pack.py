@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from types import FrameType
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -39,6 +42,9 @@ pack = typer.Typer(
     no_args_is_help=True,
     help="Packs of tasks to evaluate on: import the published one, build ours, compare them.",
 )
+
+SAVE_SECONDS, SAY_SECONDS = 60.0, 30.0
+"""Between two writings of a pack that is being proven; between two lines where is no terminal."""
 
 FolderArgument = Annotated[Path, typer.Argument(help="Folder of a pack.")]
 OutOption = Annotated[
@@ -115,7 +121,7 @@ def show(folder: FolderArgument, json_output: JsonOption = False) -> None:
 
 @pack.command()
 def check(folder: FolderArgument, json_output: JsonOption = False) -> None:
-    """Check a pack: every hash, every reference, and every instance as a world.
+    """Check a pack: every hash, every reference, every instance as a world, and every plan in it.
 
     Exit status 1 if anything is wrong.
     """
@@ -144,17 +150,21 @@ def prove(
 ) -> None:
     """Find shortest plans of the default and free instances, and keep those that are proven.
 
-    The pack gets another digest. After an interruption, what is proven is kept, and the next run
-    goes on.
+    The pack gets another digest. What is proven is written every minute, and when the command is
+    interrupted or ended (SIGINT, SIGTERM); the next run goes on.
     """
-    with _errors():
+    with _errors(), _terminable():
         found = read_pack(folder)
         proven: list[PackInstance] = []
         with suppress(KeyboardInterrupt), _bar("instances") as progress:
+            written = time.monotonic()
             for instance in prove_instances(
                 found, solve, expansions=expansions, seconds=timeout, progress=progress
             ):
-                proven.append(instance)  # noqa: PERF402 - an interruption keeps what came before
+                proven.append(instance)
+                if time.monotonic() - written >= SAVE_SECONDS:
+                    write_pack(with_instances(found, proven), folder)
+                    written = time.monotonic()
         made = with_instances(found, proven)
         write_pack(made, folder)
     open_ones = sum(i.optimal() is None for i in made.instances_of(kinds=KINDS))
@@ -225,9 +235,24 @@ def _errors() -> Iterator[None]:
 
 
 @contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM interrupts as Ctrl+C does: what is done is kept."""
+
+    def interrupt(number: int, frame: FrameType | None) -> NoReturn:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
 def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on stderr, where that is a terminal."""
+    """A progress bar on stderr; a line now and then, where that is no terminal."""
     console = Console(stderr=True)
+    said = time.monotonic()
     columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
@@ -235,6 +260,10 @@ def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
         job = bar.add_task(what, total=None)
 
         def progress(done: int, total: int) -> None:
+            nonlocal said
             bar.update(job, completed=done, total=total)
+            if not console.is_terminal and time.monotonic() - said >= SAY_SECONDS:
+                tell(f"{done} of {total} {what}", err=True)
+                said = time.monotonic()
 
         yield progress

@@ -30,10 +30,6 @@ class Budget:
         """The steps that are taken at most: 32 of 31.5."""
         return math.ceil(self.steps)
 
-    def allows_another(self, taken: int) -> bool:
-        """Whether a run goes on after so many steps."""
-        return taken < self.steps
-
 
 def published_budget(constant: int, multiplier: float = MULTIPLIER) -> Budget:
     """The published limit: one constant a task, whatever the layout, and no rounding."""

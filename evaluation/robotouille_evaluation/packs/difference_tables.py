@@ -21,7 +21,10 @@ def text_tables(found: PackDifferences) -> list[Table]:
     """Tables for a terminal: all in all, task by task, word by word; those that have rows."""
     tables = []
     for title, rows in _sections(found):
-        table = Table("", "", found.a, found.b, title=title, title_justify="left", show_lines=False)
+        names = (Text(printable(name)) for name in (found.a, found.b))
+        table = Table("", "", title=title, title_justify="left", show_lines=False)
+        for name in names:
+            table.add_column(name)
         for row in rows:
             table.add_row(*(Text(printable(cell)) for cell in row))
         tables.append(table)
@@ -32,7 +35,12 @@ def markdown_tables(found: PackDifferences) -> str:
     """The same as Markdown, a heading above each table."""
     lines: list[str] = []
     for title, rows in _sections(found):
-        lines += [f"### {title}", "", f"| | | {found.a} | {found.b} |", "| --- | --- | --- | --- |"]
+        lines += [
+            f"### {title}",
+            "",
+            f"| | | {_cell(found.a)} | {_cell(found.b)} |",
+            "| --- | --- | --- | --- |",
+        ]
         lines += [f"| {' | '.join(map(_cell, row))} |" for row in rows]
         lines.append("")
     return "\n".join(lines)

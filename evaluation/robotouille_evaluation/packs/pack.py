@@ -157,14 +157,21 @@ class Experiment:
     settings: Mapping[str, Any]
 
     @property
-    def multiplier(self) -> float:
-        """The factor from a task's constant to its step budget."""
-        return float(self.settings.get("game", {}).get("max_step_multiplier", 1))
+    def prompt_ids(self) -> tuple[str, ...]:
+        """The prompts that it names."""
+        prompts = self.settings["llm"]["prompts"]
+        named = (prompt for prompt in prompts.values() if isinstance(prompt, Mapping))
+        return tuple(
+            f"{p['experiment_name']}/{p.get('prompt_version')}-{p.get('prompt_description')}"
+            for p in named
+            if p.get("experiment_name")
+        )
 
-    def budget(self, task: str) -> Budget:
-        """The steps that a run of a task may take here; UnknownNameError if it has no such task."""
-        constants = dict(zip(self.tasks, self.optimal_steps, strict=True))
-        return published_budget(_named("task", task, constants), self.multiplier)
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The examples that it names."""
+        folder = self.settings["llm"].get("example_dir_path")
+        return (folder,) if isinstance(folder, str) and folder else ()
 
 
 @dataclass(frozen=True)
@@ -198,12 +205,23 @@ class Pack:
         """The task of a name, or the only one that begins so (`synchronous/01`, `01`, `hamburger`).
 
         Raises:
-            UnknownNameError: There is none, with the nearest name, or there are several.
+            UnknownNameError: There is none, with the nearest name or all of the data set, or there
+                are several.
         """
         found = names_meant(name, self._tasks)
         if len(found) > 1:
             raise UnknownNameError(f"{name!r} is not one task but {len(found)}: {', '.join(found)}")
-        return _named("task", found[0] if found else name, self._tasks)
+        if not found:
+            raise UnknownNameError(f"there is no task {name!r}{self._tasks_meant(name)}")
+        return self._tasks[found[0]]
+
+    def _tasks_meant(self, name: str) -> str:
+        """The clause that names the nearest task, or those of the data set. For a number it is
+        those: tasks may be numbered otherwise here."""
+        dataset, _, rest = name.rpartition("/")
+        near = "" if rest.isdecimal() else did_you_mean(name, self._tasks)
+        listed = [task.name for task in self.tasks if task.dataset == dataset]
+        return f"; {dataset} has {', '.join(listed)}" if listed and not near else near
 
     def instance(self, id_: str) -> PackInstance:
         """The instance of an id; UnknownNameError names the nearest."""

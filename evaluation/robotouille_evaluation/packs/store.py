@@ -21,6 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from robotouille.domain.files import is_file, parse_json
 from robotouille.errors import Fault, FileError, did_you_mean
+from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Pack, canonical_json
 
 __all__ = ["FORMAT", "MANIFEST", "default_folder", "read_pack", "write_pack"]
@@ -57,11 +58,11 @@ def write_pack(pack: Pack, folder: Path) -> None:
             folder.replace(old)
         draft.replace(folder)
     except OSError as error:
+        _fail(folder, f"cannot be written: {error.strerror or error}")
+    finally:
         with suppress(OSError):
             if old.exists() and not folder.exists():
                 old.replace(folder)
-        _fail(folder, f"cannot be written: {error.strerror or error}")
-    finally:
         shutil.rmtree(draft, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
 
@@ -82,6 +83,13 @@ def read_pack(folder: Path, *, digest: str | None = None) -> Pack:
         pack = _PACKS.validate_python(_raw(manifest, values))
     except (ValidationError, LookupError, TypeError) as error:
         _fail(folder, f"is not laid out as a pack: {str(error).splitlines()[0]}")
+    faults = [
+        Fault(f"experiment {experiment.id}", fault)
+        for experiment in pack.experiments
+        for fault in setting_faults(experiment.agent, experiment.settings)
+    ]
+    if faults:
+        raise FileError(str(folder / "experiments.json"), faults)
     if pack.digest != manifest["digest"]:
         _fail(folder / MANIFEST, f"digest: expected {pack.digest}, found {manifest['digest']}")
     if digest is not None and pack.digest != digest:
@@ -126,8 +134,10 @@ def _hash(content: bytes) -> str:
 def _read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not is_file(path):
-        near = did_you_mean(folder.name, _packs_beside(folder))
-        _fail(folder, f"is no pack: it has no {MANIFEST}{near}")
+        hint = did_you_mean(folder.name, _packs_beside(folder))
+        if is_file(folder / "domain/robotouille.json"):
+            hint = f"; `robotouille pack import {folder}` makes one of a checkout"
+        _fail(folder, f"is no pack: it has no {MANIFEST}{hint}")
     manifest = parse_json(_read(path).decode(errors="replace"), str(path))
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         found = manifest.get("format") if isinstance(manifest, dict) else manifest

@@ -8,6 +8,10 @@ RUN/calls/JOB-PLAYER.jsonl   see `journal`
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 
@@ -32,6 +36,8 @@ class RunPlan(BaseModel):
     name: str
     pack: PackId
     pack_folder: str
+    """Where the pack lies. On the disk it is relative to the run, if the pack is in its folder:
+    a run may be moved."""
     jobs: tuple[Job, ...] = ()
     software: str
     steps_to_go: bool = False
@@ -52,7 +58,8 @@ class RunFolder:
         try:
             path.mkdir(parents=True, exist_ok=True)
             beside = folder._plan_file.with_suffix(".new")
-            beside.write_text(plan.model_dump_json(indent=1), encoding="utf-8")
+            written = plan.model_copy(update={"pack_folder": _relative(plan.pack_folder, path)})
+            beside.write_text(written.model_dump_json(indent=1), encoding="utf-8")
             beside.replace(folder._plan_file)
         except OSError as error:
             raise _unwritable(path, error) from None
@@ -75,7 +82,7 @@ class RunFolder:
         return self.path / "rows.jsonl"
 
     def plan(self) -> RunPlan:
-        """What the run consists of."""
+        """What the run consists of; the folder of its pack is absolute."""
         name = str(self._plan_file)
         try:
             text = self._plan_file.read_text(encoding="utf-8")
@@ -90,18 +97,40 @@ class RunFolder:
             raise FileError(name, [Fault(place, first["msg"])]) from None
         if plan.format != FORMAT:
             raise FileError(name, [Fault("format", f"is {plan.format}, this reads {FORMAT}")])
-        return plan
+        where = str(self.path.resolve() / plan.pack_folder)
+        return plan.model_copy(update={"pack_folder": where})
+
+    @contextmanager
+    def playing(self) -> Iterator[None]:
+        """While this process plays the run, no other one does: calls would be paid for twice. (On
+        Windows nobody is kept out.)
+
+        Raises:
+            RobotouilleError: Another process is playing it.
+        """
+        if sys.platform == "win32":
+            yield
+            return
+        import fcntl
+
+        try:
+            descriptor = os.open(self._plan_file, os.O_RDONLY)
+        except OSError as error:
+            raise _unreadable(self._plan_file, error) from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError:
+            raise RobotouilleError(f"{self.path} is being played by another process") from None
+        finally:
+            os.close(descriptor)
 
     def finished(self) -> dict[str, EpisodeRow]:
-        """The rows of the episodes that are over, by job. A row that was torn is dropped."""
-        path = self._rows_file
-        try:
-            _drop_torn_line(path)
-        except FileNotFoundError:
+        """The rows of the episodes that are over, by job, without one that was torn. Nothing on
+        the disk is changed: the run may be going on."""
+        if not self._rows_file.exists():
             return {}
-        except OSError as error:
-            raise FileError(str(path), [Fault("", f"cannot be read: {error.strerror}")]) from None
-        return {row.job: row for row in read_rows(path)}
+        return {row.job: row for row in read_rows(self._rows_file)}
 
     def rows(self) -> list[EpisodeRow]:
         """The rows of the episodes that are over."""
@@ -111,7 +140,8 @@ class RunFolder:
         """One more is over; it is on the disk when this returns."""
         line = row.model_dump_json().encode() + b"\n"
         try:
-            with FileIO(self._rows_file, "ab") as file:
+            with FileIO(self._rows_file, "ab+") as file:
+                _end_line(file)
                 append_line(file, line)
         except OSError as error:
             raise _unwritable(self._rows_file, error) from None
@@ -136,13 +166,33 @@ class RunFolder:
         return self.path / "recordings" / f"{job.id}{suffix}.rbt"
 
 
-def _drop_torn_line(path: Path) -> None:
-    """A row is whole, or is not there: the next one begins on a line of its own."""
-    content = path.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole != len(content):
-        with path.open("r+b") as file:
-            file.truncate(whole)
+def _end_line(file: FileIO) -> None:
+    """The next row begins on a line of its own: a torn one is cut off, a whole one is ended."""
+    size = file.seek(0, os.SEEK_END)
+    if size == 0:
+        return
+    file.seek(size - 1)
+    if file.read(1) == b"\n":
+        return
+    file.seek(0)
+    content = file.readall()
+    last = content.rfind(b"\n") + 1
+    try:
+        EpisodeRow.model_validate_json(content[last:])
+    except ValidationError:
+        file.truncate(last)
+    else:
+        append_line(file, b"\n")
+
+
+def _relative(pack_folder: str, run: Path) -> str:
+    """The folder of a pack, relative to the run's if it is in it."""
+    inside = Path(pack_folder).is_relative_to(run.resolve())
+    return Path(pack_folder).relative_to(run.resolve()).as_posix() if inside else pack_folder
+
+
+def _unreadable(path: Path, error: OSError) -> FileError:
+    return FileError(str(path), [Fault("", f"cannot be read: {error.strerror or error}")])
 
 
 def _unwritable(path: Path, error: OSError) -> FileError:

@@ -8,19 +8,55 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import asdict
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from robotouille.errors import Fault, FileError
-from robotouille_evaluation.models.model import Completion, ModelRequest, Usage
+from robotouille_evaluation.models.model import Completion, ModelRequest
 from robotouille_evaluation.runs.appending import append_line
 
 __all__ = ["CallJournal"]
 
 OVERFLOW = "overflow"
+MAX_TOKENS = 10**12
+"""Of one call; a file that says more was not written here."""
+
+
+class _Call(BaseModel):
+    """A line of the file: what was asked, as a hash, and the answer or that it was too long."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    request: str
+    overflow: bool = False
+    completion: Completion | None = None
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> _Call:
+        if self.overflow != (self.completion is None):
+            raise ValueError("is neither answered nor too long")
+        if self.completion is not None:
+            usage, seconds = self.completion.usage, self.completion.seconds
+            counts = (usage.prompt_tokens, usage.completion_tokens, self.completion.attempts)
+            if not all(0 <= count <= MAX_TOKENS for count in counts):
+                raise ValueError("has counts that no call has")
+            if not math.isfinite(seconds + (usage.cost or 0)):
+                raise ValueError("has no finite numbers")
+        return self
+
+    def line(self) -> bytes:
+        """As it is written."""
+        row: dict[str, object] = {"request": self.request}
+        if self.completion is None:
+            row["overflow"] = True
+        else:
+            row["completion"] = asdict(self.completion)
+        return json.dumps(row, ensure_ascii=False).encode() + b"\n"
 
 
 class CallJournal:
@@ -34,7 +70,7 @@ class CallJournal:
         self._path = path
         self._next = 0
         self._file: FileIO | None = None
-        self._kept: list[dict[str, Any]] = []
+        self._kept: list[_Call] = []
         self._kept = self._read()
 
     def __enter__(self) -> CallJournal:
@@ -48,11 +84,6 @@ class CallJournal:
     ) -> None:
         self.close()
 
-    @property
-    def kept(self) -> int:
-        """Calls that need not be made again."""
-        return len(self._kept)
-
     def answered(self, request: ModelRequest) -> Completion | str | None:
         """What this request was answered; `overflow` where it was too long; None if nobody asked.
 
@@ -61,29 +92,25 @@ class CallJournal:
         if self._next >= len(self._kept):
             return None
         call = self._kept[self._next]
-        if call["request"] != digest(request):
+        if call.request != digest(request):
             del self._kept[self._next :]
             self._rewrite()
             return None
         self._next += 1
-        if call.get("overflow"):
-            return OVERFLOW
-        return _completion(call)
+        return call.completion or OVERFLOW
 
     def keep(self, request: ModelRequest, completion: Completion | None) -> None:
         """An answer, or None where the request was too long; it is on the disk afterwards."""
-        call: dict[str, Any] = {"request": digest(request)}
-        if completion is None:
-            call["overflow"] = True
-        else:
-            call["completion"] = asdict(completion)
+        call = _Call.model_construct(
+            request=digest(request), overflow=completion is None, completion=completion
+        )
         self._kept.append(call)
         self._next = len(self._kept)
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
                 self._file = FileIO(self._path, "ab")
-            append_line(self._file, _line(call))
+            append_line(self._file, call.line())
         except OSError as error:
             raise self._unwritable(error) from None
 
@@ -93,7 +120,7 @@ class CallJournal:
             self._file.close()
             self._file = None
 
-    def _read(self) -> list[dict[str, Any]]:
+    def _read(self) -> list[_Call]:
         try:
             content = self._path.read_bytes()
         except FileNotFoundError:
@@ -103,18 +130,13 @@ class CallJournal:
             raise FileError(str(self._path), [fault]) from None
         calls = []
         whole = content[: content.rfind(b"\n") + 1]
-        for number, line in enumerate(whole.splitlines(), start=1):
+        for number, line in enumerate(whole.split(b"\n")[:-1], start=1):
             try:
-                call = json.loads(line)
-                if not isinstance(call["request"], str):
-                    raise TypeError
-                if not call.get("overflow"):
-                    _completion(call)
-            except (ValueError, TypeError, KeyError):
+                calls.append(_Call.model_validate_json(line, strict=True))
+            except ValidationError:
                 raise FileError(
                     str(self._path), [Fault(f"line {number}", "is no call of a model")]
                 ) from None
-            calls.append(call)
         if whole != content:
             self._kept = calls
             self._rewrite()
@@ -124,7 +146,7 @@ class CallJournal:
         self.close()
         beside = self._path.with_suffix(".new")
         try:
-            beside.write_bytes(b"".join(map(_line, self._kept)))
+            beside.write_bytes(b"".join(call.line() for call in self._kept))
             beside.replace(self._path)
         except OSError as error:
             raise self._unwritable(error) from None
@@ -138,12 +160,3 @@ def digest(request: ModelRequest) -> str:
     content = [[(m.role, m.content) for m in request.messages], dict(request.parameters)]
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _completion(call: dict[str, Any]) -> Completion:
-    answer = call["completion"]
-    return Completion(**{**answer, "usage": Usage(**answer["usage"])})
-
-
-def _line(call: dict[str, Any]) -> bytes:
-    return json.dumps(call, ensure_ascii=False).encode() + b"\n"

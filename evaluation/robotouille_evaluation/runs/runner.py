@@ -56,7 +56,7 @@ async def run_jobs(
     Raises:
         FileError: A row cannot be written. What was played before is there, and is not played
             again when the run is resumed.
-        RobotouilleError: An agent cannot be made.
+        RobotouilleError: An agent cannot be made, or another process plays the run.
     """
     plan = folder.plan()
     asking = [job for job in jobs if job.agent.kind == "model"]
@@ -87,18 +87,19 @@ async def run_jobs(
         text = await loop.run_in_executor(executor, _play_elsewhere, *arguments)
         _finish(folder, job, EpisodeRow.model_validate_json(text), finished)
 
-    async with asyncio.TaskGroup() as group:
-        for job in asking:
-            group.create_task(ask(job))
-        if planning:
-            with _executor(workers) as executor:
-                try:
-                    async with asyncio.TaskGroup() as computing:
-                        for job in planning:
-                            computing.create_task(compute(job, executor))
-                except BaseException:
-                    executor.shutdown(wait=False, cancel_futures=True)
-                    raise
+    with folder.playing():
+        async with asyncio.TaskGroup() as group:
+            for job in asking:
+                group.create_task(ask(job))
+            if planning:
+                with _executor(workers) as executor:
+                    try:
+                        async with asyncio.TaskGroup() as computing:
+                            for job in planning:
+                                computing.create_task(compute(job, executor))
+                    except BaseException:
+                        executor.shutdown(wait=False, cancel_futures=True)
+                        raise
 
 
 @contextmanager

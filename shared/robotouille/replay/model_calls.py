@@ -30,8 +30,11 @@ TOPIC = "model-call"
 MAX_MESSAGE, MAX_ANSWER = 50_000, 16_000
 """Characters that are noted of a message, and of an answer; what was left out is counted."""
 
-MAX_LOST = 10_000
-"""Messages of lost notes that room is made for."""
+MAX_CALL, MAX_SEAT = 4_000_000, 100_000_000
+"""Characters that are read of what one call was sent, and all calls of a seat: a short note can say
+that a long message was sent a thousand times. What is longer counts as not recorded."""
+
+BEGIN = '{"number":'
 
 
 class CallNotes:
@@ -86,13 +89,57 @@ class RecordedCall:
         return {**begin, "messages": [dict(message) for message in self.messages], **rest}
 
 
+LOST: Mapping[str, str] = {"role": "", "content": ""}
+
+
 class _Seat:
     """What is known of a seat's calls so far."""
 
     def __init__(self) -> None:
         self.pieces: list[str] = []
         self.number = 0
-        self.known: list[Mapping[str, str]] = []
+        self.known: dict[int, Mapping[str, str]] = {}
+        self.left = MAX_SEAT
+
+    def read(self, step: int, player: str) -> RecordedCall | None:
+        """The call of the pieces; None where some are missing, or they are somebody else's."""
+        row = _object("".join(self.pieces))
+        if row is None:
+            # The end of an earlier note may have been lost: the last one begins behind it.
+            begins = (i for i in reversed(range(len(self.pieces))) if _begins(self.pieces[i]))
+            row = _object("".join(self.pieces[next(begins, len(self.pieces)) :]))
+        self.pieces.clear()
+        try:
+            return None if row is None else self._call(row, step, player)
+        except (ValueError, TypeError, KeyError, OverflowError):
+            return None
+
+    def _call(self, row: dict[str, Any], step: int, player: str) -> RecordedCall | None:
+        number, first = int(row.pop("number")), int(row.pop("known"))
+        new, sent = row.pop("new"), row.pop("sent")
+        known = {} if number == 1 else self.known
+        told = [{"role": str(role), "content": str(content)} for role, content in new]
+        known.update(enumerate(told, start=first))
+        self.known, before = known, 0 if number == 1 else self.number
+        messages = tuple(known.get(int(i), LOST) for i in sent)
+        size = sum(len(message["content"]) for message in messages)
+        if size > min(MAX_CALL, self.left):
+            return None
+        self.left -= size
+        self.number = number
+        return RecordedCall(step, player, messages, row, max(0, number - before - 1))
+
+
+def _begins(piece: str) -> bool:
+    return piece.startswith(BEGIN)
+
+
+def _object(text: str) -> dict[str, Any] | None:
+    try:
+        row = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return row if isinstance(row, dict) else None
 
 
 def model_calls(recording: Recording, player: str | None = None) -> Iterator[RecordedCall]:
@@ -104,29 +151,8 @@ def model_calls(recording: Recording, player: str | None = None) -> Iterator[Rec
             continue
         seat = seats.setdefault(note["player"], _Seat())
         seat.pieces.append(note["text"])
-        if not note.get("more"):
-            text = "".join(seat.pieces)
-            seat.pieces.clear()
-            if (found := _read(text, seat, note["step"], note["player"])) is not None:
-                yield found
-
-
-def _read(text: str, seat: _Seat, step: int, player: str) -> RecordedCall | None:
-    """The call of a note; None where pieces of it are missing, or it is somebody else's."""
-    try:
-        row = json.loads(text)
-        number, known = int(row.pop("number")), int(row.pop("known"))
-        new, sent = row.pop("new"), row.pop("sent")
-        if number == 1:
-            seat.known, seat.number = [], 0
-        lost = {"role": "", "content": ""}
-        seat.known += [lost] * min(known - len(seat.known), MAX_LOST)
-        seat.known += [{"role": str(role), "content": str(content)} for role, content in new]
-        messages = tuple(seat.known[i] if 0 <= i < len(seat.known) else lost for i in sent)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return None
-    missed, seat.number = max(0, number - seat.number - 1), number
-    return RecordedCall(step, player, messages, row, missed)
+        if not note.get("more") and (found := seat.read(note["step"], note["player"])) is not None:
+            yield found
 
 
 def call_texts(

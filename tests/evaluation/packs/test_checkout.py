@@ -113,7 +113,7 @@ def test_settings_are_put_together(tmp_path: Path) -> None:
         "prompt_version": "1.0.0",
         "temperature": 0.7,
     }
-    assert experiment.budget("synchronous/0_toast").max_steps == 8
+    assert experiment.settings["game"]["max_step_multiplier"] == 1.5
 
 
 def test_what_json_has_not_becomes_a_text(tmp_path: Path) -> None:

@@ -42,6 +42,8 @@ def test_tasks_are_found_by_their_numbers_and_dishes() -> None:
         ours().task("01")
     with pytest.raises(UnknownNameError, match="did you mean 'synchronous/01_cheese_sandwich'"):
         ours().task("synchronous/01_chese_sandwich")
+    with pytest.raises(UnknownNameError, match="; synchronous has synchronous/01_cheese"):
+        ours().task("synchronous/00")
 
 
 def test_our_ids_are_no_published_ones() -> None:
@@ -101,10 +103,30 @@ def test_a_run_goes_on_while_its_steps_are_fewer_than_the_budget(constant: int, 
     budget = published_budget(constant)
     assert budget.steps == 1.5 * constant
     assert budget.max_steps == most
-    taken = 0
-    while budget.allows_another(taken):
-        taken += 1
-    assert taken == most
+    assert next(taken for taken in range(most + 1) if not taken < budget.steps) == most
+
+
+@pytest.mark.parametrize(
+    ("plan", "bound", "words"),
+    [
+        (("-", "-"), 2, "does not reach the goal"),
+        (("# a comment",), 1, "has lines that are no steps"),
+        (("- -",), 1, "plan for 1 players"),
+        (None, 99, "every plan at least 99"),
+        (None, -1, "every plan at least -1"),
+    ],
+)
+def test_a_plan_that_is_none_is_a_fault(
+    plan: tuple[str, ...] | None, bound: int, words: str
+) -> None:
+    instance = ours().instance(f"{SANDWICH}/default")
+    known = instance.best()
+    assert known is not None
+    forged = KnownPlan(1, known.plan if plan is None else plan, bound)
+    one = replace(ours(), instances=(replace(instance, plans=(known,)),))
+    assert check_pack(one) == []
+    faults = check_pack(replace(one, instances=(replace(instance, plans=(forged,)),)))
+    assert len(faults) == 1 and words in faults[0], faults
 
 
 def test_budgets_say_of_which_kind_they_are() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,49 @@ def test_diff_prints_tables(folder: Path, tmp_path: Path) -> None:
     assert "|  | budget | 8 | – |" in markdown
     row = json.loads(pack("diff", folder, tmp_path / "other pack", "--json").stdout)
     assert {"aspect": "optimum", "a": "5", "b": ""} in row["tasks"][0]["differences"]
+
+
+def test_names_of_packs_do_not_steer_the_terminal(folder: Path, tmp_path: Path) -> None:
+    found = read_pack(folder)
+    name = "[/red]\x1b[2J|x"
+    other = replace(found, name=name, tasks=(replace(found.tasks[0], optimal=6),))
+    write_pack(other, tmp_path / "other")
+    for more in ([], ["--markdown"]):
+        result = pack("diff", folder, tmp_path / "other", *more)
+        assert result.exit_code == 0, result.output
+        assert "\x1b" not in result.output and "/red" in result.output
+
+
+def test_check_finds_prompts_and_examples_that_are_not_there(folder: Path) -> None:
+    write_pack(replace(read_pack(folder), prompts=(), examples=()), folder)
+    result = pack("check", folder)
+    assert result.exit_code == 1
+    assert result.stdout.splitlines() == [
+        "experiment ReAct/plain: the pack has no prompt 'ReAct/1.0.0-plain'",
+        "experiment ReAct/plain: the pack has no examples 'synchronous/examples'",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"llm": []}, "llm: "),
+        ({"game": []}, "game: "),
+        ({"llm": {}}, "llm.prompts: Field required"),
+        ({"llm": {"prompts": {"action_proposal_prompt": 3}}}, "llm.prompts.action_proposal_prompt"),
+    ],
+)
+def test_experiments_that_nobody_can_play_are_errors(
+    folder: Path, change: dict[str, object], words: str
+) -> None:
+    found = read_pack(folder)
+    (experiment,) = found.experiments
+    bad = replace(experiment, settings={**experiment.settings, **change})
+    write_pack(replace(found, experiments=(bad,)), folder)
+    result = pack("show", folder)
+    assert result.exit_code == 1 and result.exception is not None
+    assert isinstance(result.exception, SystemExit)
+    assert f"experiment ReAct/plain: {words}" in " ".join(result.stderr.split())
 
 
 def test_diff_names_a_folder_that_is_no_pack(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -73,3 +75,29 @@ def test_the_command_goes_on_after_an_interruption(
     result = CliRunner().invoke(app, ["pack", "prove", str(folder)])
     assert result.stdout.startswith("1 proven now, 0 have no proven plan\n")
     assert read_pack(folder).digest in result.stdout
+
+
+def test_the_command_keeps_what_is_proven_when_it_is_ended(
+    pack: Pack, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "toast"
+    write_pack(pack, folder)
+    found: list[int | None] = []
+
+    def ended(world: World, *arguments: object, **options: object) -> object:
+        found.append(read_pack(folder).instances[0].optimal())
+        if len(found) > 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return proving(world)
+
+    monkeypatch.setattr(commands, "SAVE_SECONDS", 0.0)
+    monkeypatch.setattr(commands, "SAY_SECONDS", 0.0)
+    monkeypatch.setattr(commands, "solve", ended)
+    before = signal.getsignal(signal.SIGTERM)
+    result = CliRunner().invoke(app, ["pack", "prove", str(folder)])
+    assert result.stdout.startswith("1 proven now, 1 have no proven plan\n")
+    assert "1 of 2 instances\n" in result.stderr
+    assert found[0] is None
+    assert found[1] is not None, "it is written meanwhile"
+    assert read_pack(folder).instances[0].optimal() is not None
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -71,6 +71,29 @@ def test_a_write_that_fails_leaves_the_old_pack(
     assert [path.name for path in folder.parent.iterdir()] == ["toast"]
 
 
+def test_an_interruption_leaves_the_old_pack(
+    folder: Path, pack: Pack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Path.replace
+
+    def interrupted(path: Path, target: Path) -> Path:
+        if path.suffix == ".part":
+            raise KeyboardInterrupt
+        return whole(path, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_pack(pack, folder)
+    monkeypatch.undo()
+    assert read_pack(folder) == pack
+    assert [path.name for path in folder.parent.iterdir()] == ["toast"]
+
+
+def test_of_a_checkout_a_pack_can_be_made(tmp_path: Path, pack: Pack) -> None:
+    with pytest.raises(FileError, match=r"`robotouille pack import .*checkout` makes one"):
+        read_pack(tmp_path / "checkout")
+
+
 def test_missing_and_changed_files_are_all_named(folder: Path) -> None:
     (folder / "prompts.json").unlink()
     (folder / "tasks.json").write_text("[]")

@@ -176,6 +176,54 @@ def test_rows_survive_a_tear_and_another_run_is_refused(tmp_path: Path) -> None:
         created(tmp_path, all_jobs)
 
 
+def test_reading_a_run_changes_nothing(tmp_path: Path) -> None:
+    """It may be going on: what looks torn is a row that is being written."""
+    (job, *_) = all_jobs = planned(agent("scripted"))
+    folder = created(tmp_path, all_jobs)
+    row = play(folder, job)
+    folder.add(row)
+    rows = tmp_path / "rows.jsonl"
+    whole = rows.read_bytes()
+    rows.write_bytes(whole + whole[:40])
+    assert folder.rows() == [row]
+    assert rows.read_bytes() == whole + whole[:40]
+    folder.add(row)
+    assert rows.read_bytes() == whole * 2
+    rows.write_bytes(whole[:-1])
+    folder.add(row)
+    assert rows.read_bytes() == whole * 2, "a row that lacks its line feed only counts"
+
+
+def test_a_run_is_played_by_one_process_at_a_time(tmp_path: Path) -> None:
+    all_jobs = planned(agent("scripted"))
+    created(tmp_path, all_jobs)
+
+    async def nobody(job: Job) -> Model:
+        raise AssertionError
+
+    def go_on() -> None:
+        workers, one = Workers(), RunFolder(tmp_path)
+        asyncio.run(run_jobs(one, pack(), (), workers, nobody, lambda *_: None))
+
+    with RunFolder(tmp_path).playing():
+        with pytest.raises(RobotouilleError, match="is being played by another process"):
+            go_on()
+    go_on()
+
+
+def test_a_run_that_was_moved_finds_the_pack_in_it(tmp_path: Path) -> None:
+    id_ = PackId(name=pack().name, version=pack().version, digest=pack().digest)
+    for where, moved in (("run/pack", "moved/pack"), ("packs/mine", "packs/mine")):
+        folder = str(tmp_path.resolve() / where)
+        plan = RunPlan(name="r", pack=id_, pack_folder=folder, software="0")
+        run = RunFolder.create(tmp_path / "run", plan)
+        assert run.plan() == plan
+        run.path.rename(tmp_path / "moved")
+        found = RunFolder(tmp_path / "moved").plan()
+        assert found.pack_folder == str(tmp_path.resolve() / moved)
+        (tmp_path / "moved/run.json").unlink()
+
+
 def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="there is no run"):
         RunFolder(tmp_path).plan()

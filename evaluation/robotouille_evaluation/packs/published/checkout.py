@@ -27,6 +27,7 @@ from robotouille_evaluation.packs.pack import (
 )
 from robotouille_evaluation.packs.published.configuration import read_experiment, read_yaml
 from robotouille_evaluation.packs.published.examples import read_examples
+from robotouille_evaluation.packs.published.files import require_inside
 from robotouille_evaluation.packs.published.layouts import generate_layout
 
 __all__ = ["Import", "read_checkout"]
@@ -67,11 +68,20 @@ class _Reading:
     faults: list[str] = field(default_factory=list)
 
     def files(self, folder: str, pattern: str) -> list[Path]:
-        """The files of a folder of the checkout; a missing folder is noted."""
+        """The files of a folder of the checkout; a missing folder is noted, and so is what leads
+        outside the checkout."""
         found = sorted(path for path in (self.root / folder).rglob(pattern) if is_file(path))
         if not found:
             self.missing.append(folder)
-        return found
+        return [path for path in found if self._is_inside(path)]
+
+    def _is_inside(self, path: Path) -> bool:
+        try:
+            require_inside(path, self.root)
+        except FileError as error:
+            self.failed(error)
+            return False
+        return True
 
     def failed(self, error: FileError) -> None:
         """Note a file that cannot be used."""
@@ -126,6 +136,7 @@ def _domain(root: Path) -> dict[str, Any]:
     if absent:
         why = f"is no checkout of the published repository: it has no {' and no '.join(absent)}"
         raise FileError(str(root), [Fault("", why)])
+    require_inside(root / DOMAIN, root)
     domain = read_json(root / DOMAIN)
     if not isinstance(domain, dict) or not {"predicate_defs", "action_defs"} <= domain.keys():
         why = "expected a domain with predicate_defs and action_defs; is it another version?"
@@ -204,7 +215,7 @@ def _instance(name: str, raw: dict[str, Any], seed: int, noisy: bool) -> PackIns
 def _prompts(reading: _Reading) -> Iterator[Prompt]:
     for path in reading.files(PROMPTS, "*.yml"):
         try:
-            raw = read_yaml(path)
+            raw = read_yaml(path, reading.root)
             texts = {key: raw.get(key) for key in ("system", "instructions")}
             for key, text in texts.items():
                 if not isinstance(text, str):
@@ -220,7 +231,9 @@ def _examples(reading: _Reading) -> Iterator[Examples]:
     for folder in dict.fromkeys(path.parent for path in files):
         try:
             name = folder.relative_to(reading.root / EXAMPLES).as_posix()
-            yield read_examples(folder, name)
+            yield read_examples(
+                [path for path in files if path.parent == folder], name, reading.root
+            )
         except FileError as error:
             reading.failed(error)
 
@@ -244,16 +257,5 @@ def _unmet(pack: Pack) -> Iterator[str]:
     examples = {found.name for found in pack.examples}
     for experiment in pack.experiments:
         yield from (f"{PROBLEMS}/{name}.json" for name in experiment.tasks if name not in tasks)
-        llm = experiment.settings["llm"]
-        folder = llm.get("example_dir_path")
-        if folder and folder not in examples:
-            yield f"{EXAMPLES}/{folder}"
-        yield from (f"{PROMPTS}/{id_}.yml" for id_ in _prompt_ids(llm) if id_ not in prompts)
-
-
-def _prompt_ids(llm: dict[str, Any]) -> Iterator[str]:
-    prompts = llm.get("prompts")
-    for prompt in prompts.values() if isinstance(prompts, dict) else ():
-        if isinstance(prompt, dict) and prompt.get("experiment_name"):
-            version, description = prompt.get("prompt_version"), prompt.get("prompt_description")
-            yield f"{prompt['experiment_name']}/{version}-{description}"
+        yield from (f"{EXAMPLES}/{name}" for name in experiment.shown if name not in examples)
+        yield from (f"{PROMPTS}/{id_}.yml" for id_ in experiment.prompt_ids if id_ not in prompts)

@@ -9,40 +9,28 @@ are in the file as they are sent: in full, or shortened to `...`.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
-from robotouille.domain.files import MAX_FILE_BYTES
 from robotouille.errors import Fault, FileError
 from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleStep
+from robotouille_evaluation.packs.published.files import read_text
 
 __all__ = ["parse_episode", "read_examples"]
 
 HEADING = re.compile(r"^Interaction \d+\n-+\n", re.MULTILINE)
-REASONED = re.compile(r"Observation:\s*(?P<user>.*?)\n(?P<assistant>^Reasoning:.*)", re.M | re.S)
-PLANNED = re.compile(r"Observation:\s*(?P<user>.*?)(?P<assistant>^(?:Plan|Action):.*)", re.M | re.S)
+OBSERVATION, REASONING = "Observation:", "\nReasoning:"
+PLANS = ("\nPlan:", "\nAction:")
 
 
-def read_examples(folder: Path, name: str) -> Examples:
-    """The example files in a folder, by name.
+def read_examples(paths: Iterable[Path], name: str, root: Path) -> Examples:
+    """Example files below `root`, in their order.
 
     Raises:
         FileError: One cannot be read or is no example.
     """
-    episodes = tuple(_read(path) for path in sorted(folder.glob("*.txt")))
-    return Examples(name, episodes)
-
-
-def _read(path: Path) -> ExampleEpisode:
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise FileError(str(path), [Fault("", f"is larger than {MAX_FILE_BYTES:,} bytes")])
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        fault = Fault("", f"cannot be read: {error.strerror or error}")
-        raise FileError(str(path), [fault]) from None
-    except UnicodeDecodeError as error:
-        raise FileError(str(path), [Fault("", f"is not UTF-8 text: {error.reason}")]) from None
-    return parse_episode(text, path.stem, str(path))
+    episodes = (parse_episode(read_text(path, root), path.stem, str(path)) for path in paths)
+    return Examples(name, tuple(episodes))
 
 
 def parse_episode(text: str, name: str, source: str = "example") -> ExampleEpisode:
@@ -52,9 +40,28 @@ def parse_episode(text: str, name: str, source: str = "example") -> ExampleEpiso
         raise FileError(source, [Fault("", "is no example: it has no interaction")])
     steps = []
     for number, part in enumerate(parts, start=1):
-        match = REASONED.search(part) or PLANNED.search(part)
-        if match is None:
+        step = _step(part)
+        if step is None:
             fault = Fault(f"interaction {number}", "has no observation with an answer")
             raise FileError(source, [fault])
-        steps.append(ExampleStep(match["user"], match["assistant"].rstrip()))
+        steps.append(step)
     return ExampleEpisode(name, tuple(steps))
+
+
+def _step(part: str) -> ExampleStep | None:
+    """The user's message and the answer; None if there is no answer behind an observation."""
+    before, found, rest = part.partition(OBSERVATION)
+    if not found:
+        return None
+    after = len(before) + len(OBSERVATION)
+    begin = len(part) - len(rest.lstrip())
+    # The published pattern takes the blanks in front of an answer only if there is no later one.
+    end = part.find(REASONING, begin)
+    if end < 0:
+        end = part.find(REASONING, after)
+    if end >= 0:
+        return ExampleStep(part[begin:end], part[end + 1 :].rstrip())
+    ends = [end for word in PLANS if (end := part.find(word, begin - 1)) >= 0]
+    if not ends:
+        return None
+    return ExampleStep(part[begin : min(ends) + 1], part[min(ends) + 1 :].rstrip())

@@ -1,0 +1,115 @@
+"""Checkouts that somebody else made: nothing outside them is read, and none takes long."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille.errors import FileError
+from robotouille_evaluation.packs.pack import ExampleStep
+from robotouille_evaluation.packs.published.checkout import read_checkout
+from robotouille_evaluation.packs.published.examples import parse_episode
+from tests.support.checkouts import EXPERIMENT, write_checkout
+
+pytest.importorskip("yaml")
+
+PLAIN = "conf/experiments/ReAct/plain.yaml"
+
+
+def faults(folder: Path, files: dict[str, str | None]) -> str:
+    return "\n".join(read_checkout(write_checkout(folder, files), seeds=[]).faults)
+
+
+@pytest.mark.parametrize("base", ["../../../secret", "{}/secret", "../../../secret\0"])
+def test_a_base_file_outside_the_checkout_is_not_read(tmp_path: Path, base: str) -> None:
+    (tmp_path / "secret.yaml").write_text("api_key: hunter2\n")
+    text = EXPERIMENT.replace("/llm: base_llm", f'/llm: "{base.format(tmp_path)}"')
+    found = read_checkout(write_checkout(tmp_path / "checkout", {PLAIN: text}), seeds=[])
+    assert found.pack.experiments == ()
+    assert "hunter2" not in repr(found)
+    (fault,) = found.faults
+    assert "leads outside" in fault or "not YAML" in fault
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        PLAIN,
+        "conf/llm/base_llm.yaml",
+        "agents/prompt_builder/prompts/ReAct/1.0.0-plain.yml",
+        "agents/in_context_examples/data/synchronous/examples/0_toast_26.txt",
+    ],
+)
+def test_links_that_lead_outside_are_not_followed(tmp_path: Path, path: str) -> None:
+    root = write_checkout(tmp_path / "checkout")
+    outside = (root / path).rename(tmp_path / "outside")
+    (root / path).symlink_to(outside)
+    assert "leads outside" in "\n".join(read_checkout(root, seeds=[]).faults)
+
+
+def test_a_link_in_place_of_the_domain_is_an_error(tmp_path: Path) -> None:
+    root = write_checkout(tmp_path / "checkout")
+    outside = (root / "domain/robotouille.json").rename(tmp_path / "outside")
+    (root / "domain/robotouille.json").symlink_to(outside)
+    with pytest.raises(FileError, match="leads outside"):
+        read_checkout(root)
+
+
+def test_errors_do_not_quote_the_file(tmp_path: Path) -> None:
+    found = faults(tmp_path, {PLAIN: "a: 1\nhunter2: [b: c: d\n"})
+    assert "line 2: is not YAML" in found
+    assert "hunter2" not in found
+
+
+def chain(times: int, length: int) -> str:
+    links = (f'  a{n}: "{f"${{llm.a{n + 1}}}" * times}"' for n in range(length))
+    return "\n".join([EXPERIMENT, *links, f"  a{length}: ha\n"])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &a [1]\nb: *a\n", "line 2: aliases (*name) are not read"),
+        ("a: &a [*a]\n", "line 1: aliases (*name) are not read"),
+        (f"a: {'[' * 60}{']' * 60}\n", "nested more than 50 levels"),
+        (f"a: {'[' * 5000}\n", "nested more than 50 levels"),
+        (f"a: 0x{'f' * 9000}\n", ""),
+        (EXPERIMENT + f"  huge: 0x{'f' * 9000}\n", "more than 64 bits"),
+        (EXPERIMENT + f"  0x{'f' * 900}: 1\n", "more than 64 bits"),
+        (chain(10, 15), "longer than 1,000,000 characters"),
+        (EXPERIMENT + "  a:\n    b: ${llm.a}\n", "stands for itself"),
+        (EXPERIMENT.replace("[5, 9]", "[" + "'x', " * 999 + "]"), "…"),
+    ],
+)
+def test_a_file_that_grows_is_given_up(tmp_path: Path, text: str, words: str) -> None:
+    found = faults(tmp_path, {PLAIN: text})
+    assert words in found
+    assert len(found) < 1000
+
+
+PUBLISHED = (
+    re.compile(r"Observation:\s*(?P<user>.*?)\n(?P<assistant>^Reasoning:.*)", re.M | re.S),
+    re.compile(r"Observation:\s*(?P<user>.*?)(?P<assistant>^(?:Plan|Action):.*)", re.M | re.S),
+)
+PIECES = ["Observation:", "Reasoning:", "Plan:", "Action:", "\n", " ", "x", "\N{NO-BREAK SPACE}"]
+
+
+@given(st.lists(st.sampled_from(PIECES), max_size=14).map("".join))
+def test_examples_are_split_as_the_published_patterns_do(part: str) -> None:
+    match = PUBLISHED[0].search(part) or PUBLISHED[1].search(part)
+    text = f"Interaction 1\n---\n{part}"
+    if match is None:
+        with pytest.raises(FileError):
+            parse_episode(text, "x")
+    else:
+        wanted = ExampleStep(match["user"], match["assistant"].rstrip())
+        assert parse_episode(text, "x").steps == (wanted,)
+
+
+def test_an_example_without_answers_takes_no_time() -> None:
+    with pytest.raises(FileError, match="no observation with an answer"):
+        parse_episode("Interaction 1\n---\n" + "Observation:\n" * 50_000, "x")
