@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from robotouille.errors import Fault, FileError, MissingExtraError
-from robotouille_evaluation.packs.experiment_settings import setting_faults
 from robotouille_evaluation.packs.pack import Experiment
+from robotouille_evaluation.packs.published.experiment_settings import setting_faults
 from robotouille_evaluation.packs.published.files import read_text
 
 __all__ = ["read_experiment", "read_yaml"]
