@@ -78,7 +78,10 @@ class Endpoint:
     max_concurrent: int = 100
 
     def __post_init__(self) -> None:
-        parts = urlsplit(self.base_url)
+        try:
+            parts = urlsplit(self.base_url)
+        except ValueError as error:
+            raise WrongArgumentError(f"the base URL of a model is none: {error}") from None
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise WrongArgumentError("the base URL of a model begins with http:// or https://")
         if parts.username or parts.password or parts.query or parts.fragment:
