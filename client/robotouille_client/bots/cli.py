@@ -101,7 +101,11 @@ async def _take_seat(
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
             game = await client.join(code, seat=seat, view=view)
             tell(printable(f"{game.name or name} plays {game.seat} in {game.code}"), err=True)
-            meanwhile = (keep_seat(client, game, kept), _tell_of_line(client))
+            meanwhile = (
+                keep_seat(client, game, kept),
+                _tell_of_line(client),
+                _tell_of_free_seats(game),
+            )
             tasks = [asyncio.create_task(each) for each in meanwhile]
             try:
                 outcome = await player(game)
@@ -137,6 +141,19 @@ async def _tell_of_line(client: Client) -> None:
             news = "back on the line" if is_there else "the server does not answer; trying again"
             tell(f"{client.name}: {news}", err=True)
         was_there = is_there
+        await asyncio.sleep(LOOK_SECONDS)
+
+
+async def _tell_of_free_seats(game: Game) -> None:
+    """Say for which seats the game waits, when it does and whenever these change."""
+    import asyncio
+
+    told: list[str] = []
+    while game.phase == "waiting":
+        free = [seat.player for seat in game.seats if not seat.name]
+        if free and free != told:
+            tell(printable(f"{game.seat} waits for {', '.join(free)}"), err=True)
+            told = free
         await asyncio.sleep(LOOK_SECONDS)
 
 
