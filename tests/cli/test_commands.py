@@ -127,6 +127,20 @@ def test_bots_as_processes_cook_together(tmp_path: Path) -> None:
     assert read_recording(file).verify().ok
 
 
+@pytest.mark.process
+def test_a_bot_says_for_whom_it_waits(tmp_path: Path) -> None:
+    flags = ("--task", "multi_agent/01", "--mode", "turn", "--max-steps", "2")
+    home = {"XDG_STATE_HOME": str(tmp_path)}
+    with process(tmp_path, *flags) as (_, url, code):
+        first = bot(url, code, "ada", **home)
+        assert first.stderr is not None
+        assert f"ada plays robot1 in {code}" in first.stderr.readline()
+        assert "robot1 waits for robot2" in first.stderr.readline()
+        second = bot(url, code, "bob", **home)
+        for each in (first, second):
+            assert json.loads(each.communicate(timeout=90)[0])["steps"] == 2
+
+
 @pytest.mark.slow
 @pytest.mark.process
 def test_a_bot_that_was_killed_comes_back_into_its_seat(tmp_path: Path) -> None:

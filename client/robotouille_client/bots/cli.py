@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from contextlib import suppress
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
 
@@ -16,13 +16,17 @@ from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Awaitable, Callable, Mapping
+    from contextlib import AbstractAsyncContextManager
 
     from robotouille.protocol.messages import View
     from robotouille_client.bots.player import MakePolicy
     from robotouille_client.client import Client
     from robotouille_client.game import Game
     from robotouille_client.kept_seat import KeptSeat
+
+    Player = Callable[[Game], Awaitable[Mapping[str, Any]]]
+    """Plays to the end; the outcome, empty if the connection was lost for good."""
 
 __all__ = ["main"]
 
@@ -38,8 +42,8 @@ class TextBot(Protocol):
 
     view: View
 
-    async def play(self, game: Game) -> Mapping[str, Any]:
-        """To its end; the outcome, empty if the connection was lost for good."""
+    def opened(self) -> AbstractAsyncContextManager[Player]:
+        """What plays it to its end; a seat is taken only when there is somebody to play it."""
         ...
 
 
@@ -62,11 +66,32 @@ async def _run(
     seat: str | None,
     bot: MakePolicy | TextBot,
 ) -> Any:
+    """Make the bot ready, and then play to the end."""
+    from robotouille_client.bots.player import play
+
+    async with AsyncExitStack() as opened:
+        if isinstance(bot, TextBot):
+            player = await opened.enter_async_context(bot.opened())
+            return await _take_seat(url, name, token, episode, seat, player, bot.view)
+        make_policy = bot
+        return await _take_seat(
+            url, name, token, episode, seat, lambda game: play(game, make_policy), "state"
+        )
+
+
+async def _take_seat(
+    url: str,
+    name: str,
+    token: str | None,
+    episode: str | None,
+    seat: str | None,
+    player: Player,
+    view: View,
+) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
 
     from robotouille_client.bots.own_policy import OwnPolicyError
-    from robotouille_client.bots.player import play
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
 
@@ -74,14 +99,16 @@ async def _run(
     with kept_seat(state_folder(), url, code, name) as kept:
         resume = kept.token if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
-            view: View = bot.view if isinstance(bot, TextBot) else "state"
             game = await client.join(code, seat=seat, view=view)
             tell(printable(f"{game.name or name} plays {game.seat} in {game.code}"), err=True)
-            meanwhile = (keep_seat(client, game, kept), _tell_of_line(client))
+            meanwhile = (
+                keep_seat(client, game, kept),
+                _tell_of_line(client),
+                _tell_of_free_seats(game),
+            )
             tasks = [asyncio.create_task(each) for each in meanwhile]
             try:
-                playing = bot.play(game) if isinstance(bot, TextBot) else play(game, bot)
-                outcome = await playing
+                outcome = await player(game)
             except OwnPolicyError:
                 await _give_up(client, kept)
                 raise
@@ -114,6 +141,19 @@ async def _tell_of_line(client: Client) -> None:
             news = "back on the line" if is_there else "the server does not answer; trying again"
             tell(f"{client.name}: {news}", err=True)
         was_there = is_there
+        await asyncio.sleep(LOOK_SECONDS)
+
+
+async def _tell_of_free_seats(game: Game) -> None:
+    """Say for which seats the game waits, when it does and whenever these change."""
+    import asyncio
+
+    told: list[str] = []
+    while game.phase == "waiting":
+        free = [seat.player for seat in game.seats if not seat.name]
+        if free and free != told:
+            tell(printable(f"{game.seat} waits for {', '.join(free)}"), err=True)
+            told = free
         await asyncio.sleep(LOOK_SECONDS)
 
 

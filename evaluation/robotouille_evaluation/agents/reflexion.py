@@ -8,6 +8,7 @@ from dataclasses import replace
 from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.histories import as_messages
 from robotouille_evaluation.agents.proposal import (
+    MAX_REASONING,
     Exchange,
     ExchangeVerdict,
     Observation,
@@ -35,6 +36,7 @@ class Reflexion:
         retries: int = 1,
     ) -> None:
         self._inner = ReAct(prompts, settings)
+        self._truncate = settings.truncate
         self._reflection = reflection
         self.retries_left = retries
         self._said: list[tuple[str, str]] = []
@@ -61,7 +63,7 @@ class Reflexion:
         for exchange in proposal.exchanges:
             if exchange.completion is not None:
                 prompt = exchange.request.messages[-1].content
-                self._said.append((prompt, exchange.completion.text))
+                self._said.append((prompt, self._kept(exchange.completion.text)))
         return replace(proposal, exchanges=(*reflected, *proposal.exchanges))
 
     def _reflect(self) -> Generator[ModelRequest, Completion, Exchange]:
@@ -74,9 +76,13 @@ class Reflexion:
         request = ModelRequest(tuple(messages), purpose="reflect")
         completion = yield request
         parts = completion.text.split(HEADING)
-        learned = parts[1] if len(parts) > 1 else completion.text
+        learned = self._kept(parts[1] if len(parts) > 1 else completion.text)
         self._inner.footer = f"\n\n{HEADING}{learned}"
         return Exchange(request, completion, ExchangeVerdict.REFLECTION, reasoning=learned)
+
+    def _kept(self, said: str) -> str:
+        """What is sent again of an answer, as of ReAct's own."""
+        return said[:MAX_REASONING] if self._truncate else said
 
 
 def _reduced(prompt: str) -> str:

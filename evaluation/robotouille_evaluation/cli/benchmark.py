@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable, Sequence
-from contextlib import AsyncExitStack
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -15,16 +14,14 @@ from rich.console import Console
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.program import tell
 from robotouille_client.console import failing
-from robotouille_evaluation.cli.results import agreement, compare, report, write_page
+from robotouille_evaluation.cli.results import agreement, compare, report
 
 if TYPE_CHECKING:
     from robotouille_evaluation.cli.models import ModelChoice
-    from robotouille_evaluation.metrics.rows import EpisodeRow
-    from robotouille_evaluation.models import Model
     from robotouille_evaluation.packs.pack import Pack, PackInstance
-    from robotouille_evaluation.runs import AgentSpec, Job, RunFolder, Workers
+    from robotouille_evaluation.runs import AgentSpec, Job, RunFolder
 
-__all__ = ["benchmark"]
+__all__ = ["agent_spec", "benchmark"]
 
 benchmark = typer.Typer(
     no_args_is_help=True, help="Evaluate agents on packs of tasks: run, resume, report, compare."
@@ -138,10 +135,11 @@ def run(
     scheduler: SchedulerOption = "",
 ) -> None:
     """Play agents on tasks, and write a report."""
-    from robotouille_evaluation.cli.models import ModelChoice
+    from robotouille_evaluation.cli.models import ModelChoice, check_model
+    from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import write_pack
     from robotouille_evaluation.realtime import Late
-    from robotouille_evaluation.runs import RealTime, RunFolder, jobs
+    from robotouille_evaluation.runs import RealTime, RunFolder, Workers, jobs
 
     RunFolder(out).require_new()
     real_time = None
@@ -161,7 +159,9 @@ def run(
         chosen = list(used.instances)
     parameters = {} if temperature is None else {"temperature": temperature}
     choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
-    specs = [_agent(name, used, choice) for name in _words(agents)]
+    specs = [agent_spec(name, used, choice) for name in _words(agents)]
+    if any(spec.kind == "model" for spec in specs):
+        asyncio.run(check_model(choice))
     planned = tuple(
         jobs(
             used,
@@ -176,7 +176,8 @@ def run(
     if pack is None or variant == "delay-free":
         write_pack(used, folder)
     run_folder = _create(out, used, folder, planned, steps_to_go)
-    _play(run_folder, used, planned, processes, calls, scheduler)
+    _warn_of_unknown_optima(used, planned, folder)
+    play(run_folder, used, planned, Workers(processes, calls, scheduler))
 
 
 @benchmark.command()
@@ -188,20 +189,30 @@ def resume(
     scheduler: SchedulerOption = "",
     timeout: TimeoutOption = None,
     attempts: AttemptsOption = None,
+    base_url: Annotated[
+        str,
+        typer.Option(help="The run's own, said again where a key would be sent to it."),
+    ] = "",
 ) -> None:
     """Go on with a run that was stopped, and play what ended with an error once more; no paid call
     is made again.
 
     Models are asked as the run says; a time-out or a number of attempts given here comes first.
+    An address that is not OpenAI's has to be named again: a key is sent nowhere because a file says
+    so.
     """
+    from robotouille_evaluation.cli.models import ModelChoice, require_base_url
+    from robotouille_evaluation.cli.playing import play
     from robotouille_evaluation.packs.store import read_pack
-    from robotouille_evaluation.runs import RunFolder
+    from robotouille_evaluation.runs import RunFolder, Workers
 
     folder = RunFolder(run_folder)
     plan = folder.plan()
+    asked = {job.agent.name: job.agent for job in plan.jobs if job.agent.kind == "model"}
+    require_base_url([ModelChoice.of(agent) for agent in asked.values()], base_url)
     pack = read_pack(Path(plan.pack_folder), digest=plan.pack.digest)
     planned = [_asked_otherwise(job, timeout, attempts) for job in plan.jobs]
-    _play(folder, pack, planned, processes, calls, scheduler)
+    play(folder, pack, planned, Workers(processes, calls, scheduler))
 
 
 def _asked_otherwise(job: Job, timeout: float | None, attempts: int | None) -> Job:
@@ -258,14 +269,19 @@ def _instances(
     return found
 
 
-def _agent(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
-    """Raises RobotouilleError before anything is begun where there is no such agent."""
+def agent_spec(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
+    """Who plays, by the name; UnknownNameError where there is no such agent."""
     from robotouille_evaluation.agents.making import make_strategy
     from robotouille_evaluation.runs import AgentSpec
 
     if name in COMPUTED:
         return AgentSpec(name=name, kind=name)
-    make_strategy(pack, name, pack.datasets[0])
+    try:
+        make_strategy(pack, name, pack.datasets[0])
+    except UnknownNameError:
+        if "/" not in name:
+            raise
+        raise _no_experiment(name, pack) from None
     return AgentSpec(
         name=f"{name} ({model.name})",
         kind="model",
@@ -277,6 +293,34 @@ def _agent(name: str, pack: Pack, model: ModelChoice) -> AgentSpec:
         timeout=model.timeout,
         attempts=model.attempts,
     )
+
+
+def _no_experiment(name: str, pack: Pack) -> UnknownNameError:
+    """Names the nearest of the same agent and data set."""
+    known = [experiment.id for experiment in pack.experiments]
+    if not known:
+        return UnknownNameError(
+            f"no experiment {name!r}: {pack.name} has none; `--pack` names a pack that was "
+            "imported (`robotouille pack import CHECKOUT`)"
+        )
+    group = f"{name.rpartition('/')[0]}/"
+    same = [id_ for id_ in known if id_.startswith(group)]
+    if not same:
+        return UnknownNameError(f"no experiment {name!r}{did_you_mean(name, known)}")
+    return UnknownNameError(f"no experiment {name!r}; there are {', '.join(same)}")
+
+
+def _warn_of_unknown_optima(pack: Pack, planned: Iterable[Job], folder: Path) -> None:
+    """Optimality is worked out when an episode is over: later it is too late."""
+    wanted = {(job.instance, job.seats) for job in planned}
+    unknown = [1 for name, seats in wanted if pack.instance(name).best(seats) is None]
+    if unknown:
+        tell(
+            f"{len(unknown)} of {len(wanted)} instances have no known shortest plan: their "
+            "optimality will be missing from the report; "
+            f"`robotouille pack prove {folder}` comes before a run",
+            err=True,
+        )
 
 
 def _create(
@@ -297,71 +341,3 @@ def _create(
             steps_to_go=steps_to_go,
         ),
     )
-
-
-def _play(
-    folder: RunFolder,
-    pack: Pack,
-    planned: Sequence[Job],
-    processes: int,
-    calls: int,
-    scheduler: str,
-) -> None:
-    """Play what is left, with progress; then report."""
-    from robotouille_evaluation.cli.progress import RunProgress
-    from robotouille_evaluation.runs import Workers
-
-    done = folder.finished()
-    over = {job for job, row in done.items() if row.error is None}
-    left = [job for job in planned if job.id not in over]
-    workers = Workers(processes, calls, scheduler)
-    with RunProgress([done[job] for job in over], len(planned)) as progress:
-        try:
-            asyncio.run(_run(folder, pack, left, workers, progress.finished))
-        except KeyboardInterrupt:
-            raise RobotouilleError(
-                f"stopped; `robotouille benchmark resume {folder.path}` goes on"
-            ) from None
-        except BaseExceptionGroup as group:
-            raise _first(group) from None
-    tell(str(write_page(folder.rows(), folder.path / "report")))
-
-
-async def _run(
-    folder: RunFolder,
-    pack: Pack,
-    left: Sequence[Job],
-    workers: Workers,
-    finished: Callable[[Job, EpisodeRow], None],
-) -> None:
-    from robotouille_evaluation.cli.models import MOCK, ModelChoice, open_model
-    from robotouille_evaluation.runs import run_jobs
-
-    async with AsyncExitStack() as opened:
-        models: dict[str, Model] = {}
-
-        async def make(job: Job) -> Model:
-            """One client for all episodes of a model; mocks have one each, so that they repeat."""
-            agent = job.agent
-            if agent.model == MOCK:
-                return await open_model(ModelChoice(MOCK), job.seed, opened)
-            if agent.name not in models:
-                choice = ModelChoice(
-                    agent.model,
-                    agent.base_url,
-                    agent.parameters,
-                    agent.prices,
-                    agent.timeout,
-                    agent.attempts,
-                )
-                models[agent.name] = await open_model(choice, 0, opened)
-            return models[agent.name]
-
-        await run_jobs(folder, pack, left, workers, make, finished)
-
-
-def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    error: BaseException = group
-    while isinstance(error, BaseExceptionGroup):
-        error = error.exceptions[0]
-    return error

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import AsyncExitStack, contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
@@ -20,7 +20,7 @@ from robotouille_evaluation.agents.exchange_rows import exchange_row
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
-from robotouille_evaluation.cli.models import ModelChoice, open_model
+from robotouille_evaluation.cli.models import FATAL, ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
     Model,
@@ -34,8 +34,6 @@ from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptio
 from robotouille_evaluation.runs.appending import append_line
 
 __all__ = ["LanguageModelBot"]
-
-FATAL = (ModelErrorKind.NO_KEY, ModelErrorKind.REFUSED, ModelErrorKind.ENDPOINT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,20 +79,30 @@ class LanguageModelBot:
         options = RealTimeOptions(Late(late), digest_tokens, maker, Charge.parse(charge))
         return cls(choice, strategy, transcript, seed, options)
 
-    async def play(self, game: Game) -> Mapping[str, Any]:
-        """To the end. Raises ModelError where nobody answers at all."""
-        pack = build_own_pack()
-        strategy = make_strategy(pack, self.strategy, "asynchronous")
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[Callable[[Game], Awaitable[Mapping[str, Any]]]]:
+        """What plays a game to its end, once the model and all else that it takes are there.
+
+        Raises:
+            UnknownNameError: There is no such strategy.
+            ModelError: There is no key or no such provider; in a game, that nobody answers at all.
+            RobotouilleError: The transcript cannot be written.
+        """
+        strategy = make_strategy(build_own_pack(), self.strategy, "asynchronous")
         async with AsyncExitStack() as opened:
             model = await open_model(self.model, self.seed, opened)
-            with _transcript(self.transcript) as told:
+            complete = _patiently(model)
+            told = opened.enter_context(_transcript(self.transcript))
+
+            async def play(game: Game) -> Mapping[str, Any]:
                 while not (game.has_state or game.ended):
                     await game.next_event()
-                complete = _patiently(model)
                 if game.clock.get("clock") == "realtime":
                     moving = RealTimeAgent(game, strategy, complete, self.options, told)
                     return await moving.play()
                 return await NetworkAgent(game, strategy, complete, told).play()
+
+            yield play
 
 
 def _patiently(model: Model) -> Complete:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from robotouille_evaluation.models.failures import shown, without_secrets
 from robotouille_evaluation.models.model import ModelError, ModelErrorKind, Usage
 from robotouille_evaluation.models.prices import Prices
 
@@ -34,13 +35,19 @@ class Answer:
     usage: Usage
 
 
-def read_answer(content_type: str, body: bytes, prices: Prices | None = None) -> Answer:
+def read_answer(
+    content_type: str,
+    body: bytes,
+    prices: Prices | None = None,
+    secrets: Sequence[str] = (),
+) -> Answer:
     """The answer in a body of status 200.
 
     Args:
         content_type: Of the body; a stream of events is understood although none is asked for.
         body: All of it.
         prices: Of tokens.
+        secrets: Keys, which are struck out wherever they are repeated.
 
     Raises:
         ModelError: It is no chat completion, broke off, or has no text.
@@ -51,18 +58,23 @@ def read_answer(content_type: str, body: bytes, prices: Prices | None = None) ->
     elif kind.endswith("json"):
         whole = _parsed(body)
     else:
-        raise _no_completion(f"answers with {kind[:60] or 'no content type'!r} instead of JSON")
+        raise _no_completion(
+            f"answers with {shown(kind, *secrets)[:60] or 'no content type'!r} instead of JSON"
+        )
     if isinstance(whole.get("error"), dict | str):
-        raise _no_completion(f"answers with an error: {str(whole['error'])[:300]}")
-    return read_completion(whole, prices)
+        raise _no_completion(f"answers with an error: {shown(whole['error'], *secrets)}")
+    return read_completion(whole, prices, secrets)
 
 
-def read_completion(whole: Mapping[str, object], prices: Prices | None = None) -> Answer:
+def read_completion(
+    whole: Mapping[str, object], prices: Prices | None = None, secrets: Sequence[str] = ()
+) -> Answer:
     """The answer in a chat completion.
 
     Args:
         whole: The JSON of the completion.
         prices: Of tokens.
+        secrets: Keys, which are struck out wherever they are repeated.
 
     Raises:
         ModelError: It is no chat completion, or has no text.
@@ -70,11 +82,12 @@ def read_completion(whole: Mapping[str, object], prices: Prices | None = None) -
     usage = _usage(whole.get("usage"), prices)
     choice = _first(whole.get("choices"))
     reason = choice.get("finish_reason")
-    finish_reason = reason[:40] if isinstance(reason, str) and reason else "stop"
+    reason = shown(reason, *secrets)[:40] if isinstance(reason, str) else ""
+    finish_reason = reason or "stop"
     message = _mapping(choice.get("message"))
-    text = _text(message.get("content"))
+    text = without_secrets(_text(message.get("content")), secrets)
     if not text.strip():
-        raise _no_text(message, finish_reason, usage)
+        raise _no_text(message, finish_reason, usage, secrets)
     cut = _cut(text)
     return Answer(cut, "too-long" if len(cut) < len(text) else finish_reason, usage)
 
@@ -89,11 +102,13 @@ def _no_completion(what: str) -> ModelError:
     return ModelError(ModelErrorKind.ENDPOINT, f"the endpoint {what}", retry_may_help=True)
 
 
-def _no_text(message: Mapping[str, object], finish_reason: str, usage: Usage) -> ModelError:
+def _no_text(
+    message: Mapping[str, object], finish_reason: str, usage: Usage, secrets: Sequence[str]
+) -> ModelError:
     if message.get("tool_calls") or message.get("function_call"):
         what = "a tool call instead of text"
     elif message.get("refusal"):
-        what = f"the model declined: {str(message['refusal'])[:300]}"
+        what = f"the model declined: {shown(message['refusal'], *secrets)}"
     else:
         what = f"an answer without text (it ended by {finish_reason!r})"
     again = finish_reason in ("stop", "tool_calls")

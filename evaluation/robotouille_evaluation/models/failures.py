@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC
 from email.utils import parsedate_to_datetime
 
 from robotouille_evaluation.models.model import ModelError, ModelErrorKind
 
-__all__ = ["MAX_SHOWN", "refusal", "without_key"]
+__all__ = ["refusal", "secrets_in", "shown", "without_key", "without_secrets"]
 
 MAX_SHOWN = 300
 """Characters of an endpoint's words that are shown."""
+MIN_SECRET = 8
+"""Characters of a secret; what is shorter is a placeholder, such as `EMPTY`, or a word."""
+SECRET_NAME = re.compile(r"KEY|TOKEN|SECRET", re.IGNORECASE)
 KEY_LIKE = re.compile(
-    r"\b(?:sk|key|pk|gsk|xai)-[\w*.\-]{6,}|Bearer\s+\S+|\S*\*{3}\S*", re.IGNORECASE
+    r"\b(?:sk|pk|gsk|xai|hf|r8|pplx|nvapi)[-_][\w*.\-]{6,}|\bkey-[\w*.\-]{6,}|\bAIza[\w*\-]{6,}"
+    r"|\b[0-9a-f]{32,}\b|Bearer\s+\S+|\S{0,100}\*{3}\S*",
+    re.IGNORECASE,
 )
 OVERFLOW = re.compile(
     r"context.?length|context.?window|context.?size|maximum context|prompt is too long"
@@ -26,11 +31,43 @@ OVERFLOW = re.compile(
 NO_QUOTA = re.compile(r"insufficient_quota|billing|exceeded your current quota", re.IGNORECASE)
 
 
-def without_key(text: str, key: str | None) -> str:
-    """A text in which nothing is left of a key, nor of what looks like one."""
-    if key:
+def without_key(text: str, *keys: str | None) -> str:
+    """A text in which nothing is left of keys, nor of what looks like one."""
+    return KEY_LIKE.sub("[key]", _without(text, keys))
+
+
+def shown(words: object, *keys: str | None) -> str:
+    """The beginning of what an endpoint says, without keys.
+
+    It is cut only when keys are struck out, so that no part of one is left. What looks like a key
+    is looked for only where it could be shown: a text may have megabytes.
+    """
+    return without_key(_without(str(words), keys)[: 4 * MAX_SHOWN])[:MAX_SHOWN]
+
+
+def without_secrets(text: str, secrets: Iterable[str]) -> str:
+    """An answer in which nothing is left of secrets, and in which nothing else is changed."""
+    return _without(text, (secret for secret in secrets if len(secret) >= MIN_SECRET))
+
+
+def _without(text: str, keys: Iterable[str | None]) -> str:
+    for key in filter(None, keys):
         text = text.replace(key, "[key]")
-    return KEY_LIKE.sub("[key]", text)
+    return text
+
+
+def secrets_in(environment: Mapping[str, str]) -> tuple[str, ...]:
+    """The values of variables that are named like keys, the longest first.
+
+    Args:
+        environment: Such as `os.environ`.
+    """
+    found = {
+        value.strip()
+        for name, value in environment.items()
+        if SECRET_NAME.search(name) and len(value.strip()) >= MIN_SECRET
+    }
+    return tuple(sorted(found, key=len, reverse=True))
 
 
 def refusal(
@@ -45,7 +82,10 @@ def refusal(
         key: The one that was sent, if one was.
         now: Unix time, for a `Retry-After` that is a date.
     """
-    said = without_key(_words(body), key)[:MAX_SHOWN] or "no reason given"
+    said = shown(_words(body), key) or "no reason given"
+    if status < 400 and headers.get("location"):
+        there = shown(headers["location"], key)
+        said = f"redirects to {there}; it is not followed: give that address if it is meant"
     kind, retry_may_help = _meaning(status, body, key)
     if kind is ModelErrorKind.NO_KEY:
         said = f"the endpoint wants a key: set ROBOTOUILLE_LLM_API_KEY ({said})"

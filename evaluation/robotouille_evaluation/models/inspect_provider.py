@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from robotouille.errors import MissingExtraError
 from robotouille_evaluation.models.answers import Answer, encodable, read_completion
-from robotouille_evaluation.models.failures import MAX_SHOWN, refusal, without_key
+from robotouille_evaluation.models.failures import refusal, secrets_in, shown
 from robotouille_evaluation.models.model import (
     Completion,
     Message,
@@ -150,7 +151,7 @@ def _read(output: ModelOutput) -> Answer:
     choice = output.choices[0] if output.choices else None
     reason = choice.stop_reason if choice is not None else "unknown"
     if reason == "model_length" and not received:  # Refused, with the provider's words as text.
-        said = without_key(output.completion, None)
+        said = shown(output.completion, *secrets_in(os.environ))
         raise ModelError(ModelErrorKind.CONTEXT_OVERFLOW, said or "the conversation is too long")
     message = {
         "content": output.completion,
@@ -161,17 +162,20 @@ def _read(output: ModelOutput) -> Answer:
         {
             "choices": [{"message": message, "finish_reason": reason}],
             "usage": {"prompt_tokens": sent, "completion_tokens": received},
-        }
+        },
+        secrets=secrets_in(os.environ),
     )
     cost = used.total_cost if used is not None else None
     return replace(answer, usage=replace(answer.usage, cost=cost))
 
 
 def _failed(error: Exception) -> ModelError:
-    """A provider's exception in our words, without keys."""
+    """A provider's exception in our words, without keys: which one it was sent is not known here,
+    so none that the environment has may be in them."""
     said = getattr(error, "message", None) or error
     words = " ".join(MARKUP.sub("", str(said)).split()) or type(error).__name__
+    words = shown(words, *secrets_in(os.environ))
     status = getattr(error, "status_code", None)
     if isinstance(status, int) and status >= 300:
         return refusal(status, {}, words, "", 0.0)
-    return ModelError(ModelErrorKind.ENDPOINT, without_key(words, None)[:MAX_SHOWN])
+    return ModelError(ModelErrorKind.ENDPOINT, words)

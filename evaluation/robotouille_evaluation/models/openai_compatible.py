@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from robotouille.errors import MissingExtraError, WrongArgumentError
 from robotouille_evaluation.models.answers import MAX_BODY_BYTES, Answer, encodable, read_answer
-from robotouille_evaluation.models.failures import refusal, without_key
+from robotouille_evaluation.models.failures import refusal, shown
 from robotouille_evaluation.models.model import (
     Completion,
     ModelError,
@@ -26,6 +26,7 @@ from robotouille_evaluation.models.prices import Prices
 from robotouille_evaluation.models.retries import RetryPolicy
 
 if TYPE_CHECKING:
+    from httpx2 import Response
     from openai import AsyncOpenAI
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Endpoint",
     "OpenAICompatibleModel",
     "key_from_environment",
+    "key_of",
 ]
 
 OPENAI_URL = "https://api.openai.com/v1"
@@ -42,7 +44,10 @@ KEY_VARIABLES = ("ROBOTOUILLE_LLM_API_KEY", "OPENAI_API_KEY")
 RESERVED = frozenset({"messages", "model", "stream", "n"})
 """What no parameter may say, because the model says it."""
 MAX_CONNECT_SECONDS = 10.0
-MAX_REFUSAL_CHARS = 100_000
+MAX_REFUSAL_BYTES = 100_000
+"""How much is read of a body of another status than 200: the beginning says why."""
+MAX_KEY = 4096
+"""Characters of a key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +78,10 @@ class Endpoint:
     max_concurrent: int = 100
 
     def __post_init__(self) -> None:
-        parts = urlsplit(self.base_url)
+        try:
+            parts = urlsplit(self.base_url)
+        except ValueError as error:
+            raise WrongArgumentError(f"the base URL of a model is none: {error}") from None
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise WrongArgumentError("the base URL of a model begins with http:// or https://")
         if parts.username or parts.password or parts.query or parts.fragment:
@@ -109,12 +117,23 @@ def key_from_environment(environment: Mapping[str, str], base_url: str) -> str |
     return openai or None if urlsplit(base_url).scheme == "https" else None
 
 
-def _checked(key: str | None) -> str | None:
-    """A key that can be sent."""
-    key = key.strip() if key else None
-    if key and not (key.isascii() and key.isprintable() and " " not in key):
+def key_of(endpoint: Endpoint, key: str | None = None) -> str | None:
+    """The key that an endpoint is sent.
+
+    Args:
+        endpoint: Where it is.
+        key: By default from the environment.
+
+    Raises:
+        ModelError: OpenAI's own endpoint and no key, or what is given is none.
+    """
+    key = (key or key_from_environment(os.environ, endpoint.base_url) or "").strip()
+    if not (key.isascii() and key.isprintable() and " " not in key and len(key) <= MAX_KEY):
         raise ModelError(ModelErrorKind.NO_KEY, "the key has characters that no key has")
-    return key
+    if not key and endpoint.base_url == OPENAI_URL:
+        what = f"{OPENAI_URL} wants a key: set {' or '.join(KEY_VARIABLES)}; "
+        raise ModelError(ModelErrorKind.NO_KEY, f"{what}--base-url is for an endpoint of your own")
+    return key or None
 
 
 class OpenAICompatibleModel:
@@ -148,12 +167,10 @@ class OpenAICompatibleModel:
     ) -> None:
         self.name = endpoint.model
         self.endpoint = endpoint
-        self._key = _checked(key or key_from_environment(os.environ, endpoint.base_url))
-        if self._key is None and endpoint.base_url == OPENAI_URL:
-            raise ModelError(ModelErrorKind.NO_KEY, f"set {' or '.join(KEY_VARIABLES)}")
+        self._key = key_of(endpoint, key)
         self._rng = rng or random.Random()
         self._clock, self._sleep, self._wall = clock, sleep, wall
-        self._client = _client(endpoint, self._key)
+        self._client = _client(endpoint, self._key, self._refuse)
         self._slots = asyncio.Semaphore(endpoint.max_concurrent)
 
     async def __aenter__(self) -> OpenAICompatibleModel:
@@ -211,11 +228,8 @@ class OpenAICompatibleModel:
         except TimeoutError:
             what = f"no whole answer within {self.endpoint.timeout:g} s"
             raise ModelError(ModelErrorKind.TIME_OUT, what, retry_may_help=True) from None
-        try:
-            return read_answer(content_type, answered, self.endpoint.prices)
-        except ModelError as error:
-            error.detail = without_key(error.detail, self._key)
-            raise
+        secrets = (self._key,) if self._key else ()
+        return read_answer(content_type, answered, self.endpoint.prices, secrets)
 
     async def _post(self, body: dict[str, object]) -> tuple[str, bytes]:
         """The content type and the body of an answer of status 200."""
@@ -230,18 +244,30 @@ class OpenAICompatibleModel:
             async with completions.create(**asked) as response:
                 content_type = response.headers.get("content-type", "")
                 return content_type, await self._read(response.iter_bytes())
-        except openai.APIStatusError as error:
-            response = error.response
-            headers = {name.lower(): value for name, value in response.headers.items()}
-            said = response.text[:MAX_REFUSAL_CHARS]
-            status = response.status_code
-            raise refusal(status, headers, said, self._key, self._wall()) from None
         except ModelError:
             raise
         except openai.APIConnectionError as error:
+            if isinstance(error.__cause__, ModelError):
+                raise error.__cause__ from None
             raise self._unreachable(error.__cause__ or error) from None
         except Exception as error:  # the SDK lets some of its HTTP library's through
             raise self._unreachable(error) from None
+
+    async def _refuse(self, response: Response) -> None:
+        """Raise what a refusal says, before the SDK reads all of it, which may have no end."""
+        if response.is_success:
+            return
+        read = bytearray()
+        async for piece in response.aiter_bytes():
+            read += piece
+            if len(read) > MAX_REFUSAL_BYTES + MAX_KEY:
+                break
+        said = read.decode(errors="replace")
+        if self._key:  # Before it is cut; a part of one at the end of what was read is left out.
+            said = said.replace(self._key, "[key]")
+        body = said[:MAX_REFUSAL_BYTES]
+        headers = {name.lower(): value for name, value in response.headers.items()}
+        raise refusal(response.status_code, headers, body, self._key, self._wall())
 
     @staticmethod
     async def _read(pieces: AsyncIterator[bytes]) -> bytes:
@@ -255,17 +281,24 @@ class OpenAICompatibleModel:
 
     def _unreachable(self, error: BaseException) -> ModelError:
         words = " ".join(f"{type(error).__name__} {error}".split())
-        said = without_key(words, self._key)[:300]
+        said = shown(words, self._key)
         what = f"{self.endpoint.base_url}: {said}"
         return ModelError(ModelErrorKind.ENDPOINT, what, retry_may_help=True)
 
 
-def _client(endpoint: Endpoint, key: str | None) -> AsyncOpenAI:
-    """The SDK's client, without attempts of its own."""
+def _client(
+    endpoint: Endpoint, key: str | None, answered: Callable[[Response], Awaitable[None]]
+) -> AsyncOpenAI:
+    """The SDK's client, without attempts of its own.
+
+    It goes nowhere else than it is told: conversations are for nobody but the endpoint.
+    """
     try:
         import openai
 
-        http_client = openai.DefaultAioHttpClient()
+        http_client = openai.DefaultAioHttpClient(
+            follow_redirects=False, event_hooks={"response": [answered]}
+        )
     except (ImportError, RuntimeError):  # the latter where aiohttp alone is missing
         raise MissingExtraError("a model behind an endpoint", "llm") from None
     return openai.AsyncOpenAI(

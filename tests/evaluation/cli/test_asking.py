@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
@@ -9,10 +10,11 @@ from typing import Any, Self
 import pytest
 from typer.testing import CliRunner, Result
 
-from robotouille.errors import WrongArgumentError
+from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille_evaluation.cli.benchmark import benchmark
 from robotouille_evaluation.cli.bot import LanguageModelBot
 from robotouille_evaluation.cli.models import ModelChoice
+from robotouille_evaluation.cli.playing import MAX_FATAL
 from robotouille_evaluation.models import (
     Completion,
     Endpoint,
@@ -22,6 +24,7 @@ from robotouille_evaluation.models import (
     Prices,
     Usage,
 )
+from robotouille_evaluation.models.openai_compatible import KEY_VARIABLES
 from robotouille_evaluation.runs import RunFolder
 
 RUN = [
@@ -35,6 +38,7 @@ class FakeModel:
 
     asked: list[Endpoint]
     failing: bool
+    kind: ModelErrorKind
 
     def __init__(self, endpoint: Endpoint) -> None:
         self.name, self._endpoint = endpoint.model, endpoint
@@ -47,15 +51,18 @@ class FakeModel:
         pass
 
     async def complete(self, request: ModelRequest) -> Completion:
+        await asyncio.sleep(0)  # As a real one, which is never there at once.
         if FakeModel.failing:
-            raise ModelError(ModelErrorKind.TIME_OUT, "no whole answer in time", attempts=2)
+            raise ModelError(FakeModel.kind, "no whole answer in time", attempts=2)
         assert self._endpoint.prices is not None
         return Completion("Reasoning: .", Usage(1000, 10, self._endpoint.prices.cost(1000, 10)))
 
 
 @pytest.fixture(autouse=True)
 def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    FakeModel.asked, FakeModel.failing = [], False
+    FakeModel.asked, FakeModel.failing, FakeModel.kind = [], False, ModelErrorKind.TIME_OUT
+    for name in KEY_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("robotouille_evaluation.cli.models.OpenAICompatibleModel", FakeModel)
     monkeypatch.setattr(
         "robotouille_evaluation.report.write_report",
@@ -71,7 +78,10 @@ def called(*words: str | Path) -> Result:
 def test_prices_make_costs_and_a_resumed_run_asks_alike(tmp_path: Path) -> None:
     FakeModel.failing = True
     how = ["--price", "2/8", "--timeout", "7.5", "--attempts", "2"]
-    assert called("run", tmp_path / "r", *RUN, *how).exit_code == 0
+    result = called("run", tmp_path / "r", *RUN, *how)
+    assert result.exit_code == 1 and "1 episodes, 0 solved, 1 errors" in result.output
+    assert "time-out: no whole answer in time" in result.output
+    assert f"resume {tmp_path / 'r'}" in result.output
     (row,) = RunFolder(tmp_path / "r").rows()
     assert row.outcome.ended_by == "error" and "time-out" in str(row.error)
     FakeModel.failing = False
@@ -86,7 +96,7 @@ def test_prices_make_costs_and_a_resumed_run_asks_alike(tmp_path: Path) -> None:
 
 def test_a_resumed_run_can_be_more_patient(tmp_path: Path) -> None:
     FakeModel.failing = True
-    assert called("run", tmp_path / "r", *RUN, "--price", "1/1").exit_code == 0
+    assert called("run", tmp_path / "r", *RUN, "--price", "1/1").exit_code == 1
     FakeModel.failing = False
     result = called("resume", tmp_path / "r", "--timeout", "900", "--attempts", "9")
     assert result.exit_code == 0
@@ -95,6 +105,88 @@ def test_a_resumed_run_can_be_more_patient(tmp_path: Path) -> None:
     assert (patient.timeout, patient.retries.attempts) == (900, 9)
     assert len((tmp_path / "r/rows.jsonl").read_text().splitlines()) == 2
     assert len(RunFolder(tmp_path / "r").rows()) == 1, "the same job"
+
+
+@pytest.mark.parametrize(
+    ("kind", "played"), [(ModelErrorKind.REFUSED, MAX_FATAL), (ModelErrorKind.TIME_OUT, 8)]
+)
+def test_a_run_whose_model_answers_nobody_is_stopped(
+    tmp_path: Path, kind: ModelErrorKind, played: int
+) -> None:
+    FakeModel.failing, FakeModel.kind = True, kind
+    result = called("run", tmp_path / "r", *RUN, "--seeds", "8", "--calls", "1", "--price", "1/1")
+    assert result.exit_code == 1
+    assert len(RunFolder(tmp_path / "r").rows()) == played
+    assert ("stopped: the first 5" in result.output) == (played < 8)
+    FakeModel.failing = False
+    assert called("resume", tmp_path / "r", "--calls", "8").exit_code == 0
+
+
+def test_a_run_without_a_key_is_not_begun(tmp_path: Path) -> None:
+    result = called("run", tmp_path / "r", *RUN[:-2])
+    assert result.exit_code == 1
+    assert "https://api.openai.com/v1 wants a key" in result.output
+    assert "--base-url" in result.output
+    assert not (tmp_path / "r").exists()
+
+
+def test_no_key_goes_to_an_address_that_only_the_run_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    FakeModel.failing = True
+    assert called("run", tmp_path / "r", *RUN, "--price", "1/1").exit_code == 1
+    monkeypatch.setenv(KEY_VARIABLES[0], "sk-0123456789")
+    FakeModel.asked, FakeModel.failing = [], False
+    for given in ([], ["--base-url", "http://127.0.0.1:8/v1"]):
+        result = called("resume", tmp_path / "r", *given)
+        assert result.exit_code == 1
+        assert "--base-url http://127.0.0.1:9/v1" in result.output
+    assert not FakeModel.asked
+    assert called("resume", tmp_path / "r", "--base-url", "http://127.0.0.1:9/v1").exit_code == 0
+    assert FakeModel.asked
+
+
+@pytest.mark.parametrize(
+    ("choice", "is_sent_none"),
+    [
+        (ModelChoice("mock"), True),
+        (ModelChoice("m"), True),
+        (ModelChoice("m", "http://localhost:8000/v1"), True),
+        (ModelChoice("m", "http://[::1]:8000/v1"), True),
+        (ModelChoice("m", "https://127.0.0.1/v1"), False),  # is sent OPENAI_API_KEY
+        (ModelChoice("m", "http://127.0.0.1.example.org/v1"), False),
+        (ModelChoice("m", "https://api.openai.com.example.org/v1"), False),
+        (ModelChoice("inspect:openai/m"), True),
+        (ModelChoice("inspect:openai/m", "http://127.0.0.1/v1"), False),
+    ],
+)
+def test_where_keys_may_go(
+    monkeypatch: pytest.MonkeyPatch, choice: ModelChoice, is_sent_none: bool
+) -> None:
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-0123456789")
+    assert choice.is_sent_no_secret == is_sent_none
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "told"),
+    [
+        ("m", {"base_url": ""}, "wants a key"),
+        ("m", {"strategy": "oi"}, "no strategy 'oi'"),
+        ("m", {"transcript": Path("/nowhere/said.jsonl")}, "cannot be written"),
+    ],
+)
+async def test_a_bot_that_cannot_play_takes_no_seat(
+    monkeypatch: pytest.MonkeyPatch, model: str, options: dict[str, Any], told: str
+) -> None:
+    monkeypatch.undo()
+    for name in KEY_VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    usual = {"base_url": "http://127.0.0.1:9/v1", "strategy": "io", "transcript": None, "seed": 1}
+    how = {"temperature": None, "prices": "", "timeout": None, "attempts": None}
+    bot = LanguageModelBot.of(model, **{**usual, **how, **options})
+    with pytest.raises(RobotouilleError, match=told):
+        async with bot.opened():
+            pass
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
-from robotouille_evaluation.cli.benchmark import benchmark
+from robotouille.errors import UnknownNameError
+from robotouille_evaluation.cli.benchmark import agent_spec, benchmark
+from robotouille_evaluation.cli.models import ModelChoice
 from robotouille_evaluation.metrics import EpisodeRow
+from robotouille_evaluation.packs.own import build_own_pack
+from robotouille_evaluation.packs.pack import Experiment
 from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.runs import RunFolder
 
@@ -72,6 +76,7 @@ def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
         (["--kinds", "tidy"], "no kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),
+        (["--agents", "ReAct/asynchronous/nope"], "`--pack` names a pack that was imported"),
         (["--budget", "published", "--tasks", "multi_agent/10_potato_tomato_chicken_soup_and_"
           "potato_cheese_onion_soup"], "no constant"),
     ],
@@ -92,15 +97,42 @@ def test_what_ended_with_an_error_is_played_again(tmp_path: Path) -> None:
     run = tmp_path / "run"
     nobody = "http://127.0.0.1:9/v1"
     result = called("run", run, *MODEL, "--model", "m", "--base-url", nobody)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == 1 and "1 errors" in result.output
     (row,) = RunFolder(run).rows()
     assert row.outcome.ended_by == "error"
     assert row.error is not None
-    assert called("resume", run).exit_code == 0
+    assert called("resume", run).exit_code == 1
     assert len((run / "rows.jsonl").read_text().splitlines()) == 2
     assert len(RunFolder(run).rows()) == 1
     (job,) = RunFolder(run).plan().jobs
     assert job.agent.base_url == nobody
+
+
+def test_experiments_are_named_by_agent_and_data_set() -> None:
+    settings = [
+        Experiment(f"{agent}/{dataset}/{name}", agent, (), (), (), {})
+        for agent in ("ReAct", "IO") for dataset in ("synchronous", "asynchronous")
+        for name in ("original", "last-action")
+    ]  # fmt: skip
+    known = replace(build_own_pack(), experiments=tuple(settings))
+    with pytest.raises(UnknownNameError) as caught:
+        agent_spec("ReAct/asynchronous/nope", known, ModelChoice("mock"))
+    assert "ReAct/asynchronous/original, ReAct/asynchronous/last-action" in str(caught.value)
+    assert "IO" not in str(caught.value) and "ReAct/synchronous" not in str(caught.value)
+
+
+def test_a_run_without_known_optima_says_so(tmp_path: Path) -> None:
+    """As of a pack that was imported."""
+    whole = build_own_pack()
+    kept = [i for i in whole.instances if i.task == SANDWICH and i.kind == "default"]
+    write_pack(
+        replace(whole, instances=tuple(replace(i, plans=()) for i in kept)), tmp_path / "pack"
+    )
+    words = ["--pack", tmp_path / "pack", "--budget", "published"]
+    result = called("run", tmp_path / "run", *MODEL, *words)
+    assert result.exit_code == 0, result.output
+    assert "1 of 1 instances have no known shortest plan" in result.output
+    assert f"robotouille pack prove {tmp_path / 'pack'}" in result.output
 
 
 def test_a_run_is_not_gone_on_with_another_pack(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille_evaluation.models.failures import refusal, without_key
+from robotouille_evaluation.models.failures import refusal, secrets_in, without_key
 
 
 @pytest.mark.parametrize(
@@ -15,11 +15,25 @@ from robotouille_evaluation.models.failures import refusal, without_key
         "key-0123456789xyz is not valid",
         "you sent tops3cret-xyz",
         "you sent AIza*******xyz",
+        "you sent AIzaSyA0123456789_xyz",
+        "you sent gsk_0123456789xyz",
+        "you sent hf_0123456789xyz",
+        "you sent sk_live_0123456789xyz",
     ],
 )
 def test_keys_are_struck_out(text: str) -> None:
     assert "xyz" not in without_key(text, "tops3cret-xyz")
     assert "xyz" not in str(refusal(401, {}, text, "tops3cret-xyz", 0))
+
+
+def test_what_is_a_secret_in_an_environment() -> None:
+    named = {"A_KEY": "0123456789", "my_token": "tok-en-012345", "CLIENT_SECRET": " 87654321 "}
+    others = {"HOME": "/home/somebody", "KEY_COUNT": "7", "TOKENIZERS_PARALLELISM": "false"}
+    assert secrets_in({**named, **others}) == ("tok-en-012345", "0123456789", "87654321")
+
+
+def test_hexadecimal_keys_are_struck_out() -> None:
+    assert without_key(f"key {'0af9' * 8}, not 0af9", None) == "key [key], not 0af9"
 
 
 def test_words_without_keys_stay() -> None:
@@ -28,6 +42,11 @@ def test_words_without_keys_stay() -> None:
 
 def test_an_endless_reason_is_cut() -> None:
     assert len(str(refusal(500, {}, "why " * 10_000, None, 0))) < 400
+
+
+@pytest.mark.parametrize("body", ["*" * 10**6, "x" * 10**6, "sk-" * 10**5])
+def test_a_long_reason_takes_no_time(body: str) -> None:
+    assert len(str(refusal(500, {}, body, "tops3cret-xyz", 0))) < 400
 
 
 def test_other_shapes_of_errors() -> None:

@@ -155,6 +155,20 @@ async def test_what_a_provider_raises_has_a_kind_and_no_key(
     assert KEY not in str(found)
 
 
+async def test_keys_of_the_environment_are_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A provider's key has whatever form its provider likes."""
+    monkeypatch.setenv("MINE_API_KEY", "correct horse battery")
+
+    def fails(*_: object) -> ModelOutput:
+        raise OSError("." * 290 + "correct horse battery")
+
+    found = await refused(fails)
+    assert "correct" not in str(found)
+    said = output("Action: correct horse battery", input_tokens=1, output_tokens=1)
+    completion = await answering(lambda *_: said).complete(REQUEST)
+    assert completion.text == "Action: [key]"
+
+
 async def test_limits_of_inspect_are_its_own() -> None:
     from inspect_ai.util import LimitExceededError, token_limit
 

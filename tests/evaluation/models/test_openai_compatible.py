@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import random
 import sys
 from collections.abc import AsyncIterator
@@ -132,10 +133,11 @@ def test_no_key_for_openai(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ModelError, match="ROBOTOUILLE_LLM_API_KEY") as caught:
         OpenAICompatibleModel(Endpoint("gpt"))
     assert caught.value.kind is KINDS.NO_KEY
+    assert "api.openai.com" in str(caught.value) and "--base-url" in str(caught.value)
 
 
 def test_it_says_which_extra_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    def without_aiohttp() -> None:
+    def without_aiohttp(**_: object) -> None:
         raise RuntimeError("install the extra aiohttp")
 
     monkeypatch.setattr("openai.DefaultAioHttpClient", without_aiohttp)
@@ -282,13 +284,42 @@ async def test_an_answer_that_the_endpoint_cut() -> None:
     assert completion.text == "Action: Mo" and completion.finish_reason == "length"
 
 
-async def test_the_key_does_not_follow_to_another_host() -> None:
+async def test_a_redirection_is_not_followed() -> None:
     async with openai_server.endpoint(answer("yes")) as other:
         there = other.url.replace("127.0.0.1", "localhost") + "/chat/completions"
-        moved = Reply(status=307, headers={"location": there})
-        completion, _ = await success(moved)
-    assert completion.text == "yes"
-    assert "authorization" not in other.received[0].headers
+        caught, requests = await failure(Reply(status=307, headers={"location": there}))
+    assert caught.kind is KINDS.ENDPOINT and requests == 1
+    assert there in str(caught)
+    assert not other.received
+
+
+async def test_an_error_is_not_read_to_its_end() -> None:
+    """It is far from over when it is told: 100 MB are announced that never come."""
+    endless = Reply(b"why " * 250_000, status=500, missing=10**8, content_type="text/plain")
+    caught, _ = await failure(endless, retries=RetryPolicy(attempts=1))
+    assert caught.kind is KINDS.SERVER and "why why" in str(caught)
+
+
+@pytest.mark.parametrize("blanks", [270, 99_990, 100_000, 104_080])
+async def test_no_part_of_a_key_is_left_where_words_are_cut(blanks: int) -> None:
+    said = "." * blanks if blanks < 300 else " " * blanks
+    for reply in (
+        error(400, said + KEY),
+        Reply((said + KEY).encode(), status=400, content_type="text/plain"),
+        answer(None, finish_reason="content_filter", refusal=said + KEY),
+        Reply(json.dumps({"error": said + KEY}).encode()),
+    ):
+        caught, _ = await failure(reply, retries=RetryPolicy(attempts=1))
+        assert "sk-" not in str(caught)
+
+
+async def test_an_answer_that_repeats_the_key() -> None:
+    completion, _ = await success(answer(f"Action: {KEY}", finish_reason=KEY))
+    assert completion.text == "Action: [key]" and completion.finish_reason == "[key]"
+    pieces, _ = await success(stream("Action: ", KEY[:9], KEY[9:]))
+    assert pieces.text == "Action: [key]"
+    short, _ = await success(answer("none of yours"), key="ours")
+    assert short.text == "none of yours", "no secret: a word"
 
 
 @pytest.mark.parametrize("key", ["a b", "schlüssel", "a\nb"])

@@ -13,8 +13,10 @@ from robotouille import World, load_task
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import connect
+from robotouille_evaluation.agents.asking import answer_all
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
+from robotouille_evaluation.agents.proposal import Observation
 from robotouille_evaluation.metrics.rows import Counts, EpisodeRow, PackId
 from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
 from robotouille_evaluation.models import (
@@ -103,6 +105,19 @@ def test_in_process(tmp_path: Path, name: str) -> None:
     )
     check(recording, refused, verdict)
     assert model.longest < 300_000, "no megabyte is sent again"
+
+
+async def test_nor_is_it_in_a_reflection_or_below_what_is_read_next() -> None:
+    model = Stubborn("Reflection: " + "z" * MEGABYTE)
+    complete = ScriptedModel(model).complete
+    strategy = make_strategy(pack(), "reflexion", "synchronous")
+    seen = Observation(f"Valid Actions:\n{FIRST}", (FIRST,), "robot1")
+    for _ in range(2):
+        await answer_all(strategy.propose(seen), complete)
+    assert strategy.retry()
+    await answer_all(strategy.propose(seen), complete)
+    assert model.asked == 1 + 5 + 1 + 5
+    assert model.longest < 300_000
 
 
 @pytest.mark.parametrize("name", first_quickly(ANSWERS, 3))
