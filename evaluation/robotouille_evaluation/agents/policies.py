@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 from robotouille import GroundAction, State, World
 from robotouille.errors import RobotouilleError
 from robotouille.planning import Plan
 from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.policies import Did, PlannerPolicy, Policy, RandomPolicy, Script
+from robotouille.planning.policies import (
+    Did,
+    PlannerPolicy,
+    Policy,
+    RandomPolicy,
+    Script,
+    TeamPolicy,
+)
 from robotouille_evaluation.agents.proposal import Observation, Proposal, ProposalSteps
 
 __all__ = ["PolicyAgent", "Replanner", "planner", "planner_policy", "random_actions", "script"]
@@ -35,7 +43,8 @@ class PolicyAgent:
         if observation.state is None:
             raise RobotouilleError("a policy plans on states; it is no agent that reads")
         action = self._policy.act(observation.state)
-        return Proposal((action.sentence if action is not None else "",))
+        sentence = action.sentence if action is not None else ""
+        return Proposal((sentence,), anticipates=_anticipates(self._policy))
         yield  # It asks nobody, and is a generator all the same.
 
 
@@ -50,6 +59,11 @@ class Replanner:
         self._plan = plan
         self._policy = plan()
         self._expected: State | None = None
+
+    @property
+    def anticipating(self) -> bool:
+        """Whether another's action in the same step is to make the last one possible."""
+        return _anticipates(self._policy)
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step."""
@@ -66,15 +80,32 @@ class Replanner:
         return self._policy.act(state)
 
 
-def planner_policy(world: World, player: str, seed: int) -> Policy:
-    """Searches, and plans anew when others, or chance, get in its way."""
-    anytime = AnytimePlanner(World(world.task))
-    return Replanner(lambda: PlannerPolicy(world, player, seed=seed, anytime=anytime))
+def planner_policy(world: World, player: str, seed: int, clock: str | None = None) -> Policy:
+    """Searches, and plans anew when others, or chance, get in its way. With a clock, it counts on
+    all other seats to plan alike."""
+
+    def make() -> Policy:
+        policy = PlannerPolicy(world, player, seed=seed, anytime=_anytime(world))
+        if clock is not None:
+            policy.meet(dict.fromkeys(world.players, "bot"), clock)
+        return policy
+
+    return Replanner(make)
 
 
-def planner(world: World, player: str, seed: int) -> PolicyAgent:
+@lru_cache(maxsize=4)
+def _anytime(world: World) -> AnytimePlanner:
+    """One for all seats, which make the same plans: the second that asks is answered at once."""
+    return AnytimePlanner(World(world.task))
+
+
+def _anticipates(policy: Policy) -> bool:
+    return isinstance(policy, TeamPolicy | Replanner) and policy.anticipating
+
+
+def planner(world: World, player: str, seed: int, clock: str | None = None) -> PolicyAgent:
     """`planner_policy` as an agent."""
-    return PolicyAgent(planner_policy(world, player, seed))
+    return PolicyAgent(planner_policy(world, player, seed, clock))
 
 
 def random_actions(world: World, player: str, seed: int) -> PolicyAgent:

@@ -89,6 +89,8 @@ class Proposal:
     done: bool = False
     """The agent wants no further turn."""
     whole: bool = False
+    anticipates: bool = False
+    """Another's action in the same step is to make the first one possible."""
     exchanges: tuple[Exchange, ...] = field(default=())
 
 

@@ -99,6 +99,10 @@ class _ToldStage:
         self._stage.answered(player, exchange)
         self._telling.answered(player, exchange)
 
+    def refuse(self, player: str, decision: Decision, state: State | None = None) -> None:
+        """Pass it on."""
+        self._stage.refuse(player, decision, state)
+
 
 def _step_text(step: int, moved: Moved) -> str:
     """Who did what; the names in it are those of the task, and no model's words."""

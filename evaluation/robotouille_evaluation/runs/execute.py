@@ -48,6 +48,7 @@ from robotouille_evaluation.models import (
     ModelError,
     ModelErrorKind,
     ModelRequest,
+    Usage,
 )
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
@@ -120,7 +121,7 @@ async def play_job(
         budget=BudgetRow(rule=_rule(job), steps=limit),
         outcome=result,
         counts=_counts(episode.exchanges, episode.stages),
-        usage=_spent(episode.exchanges),
+        usage=_spent(episode.spent),
         seconds=max(0.0, clock() - begun),
         repetitions=repetitions,
         recording=recording,
@@ -167,12 +168,18 @@ def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> 
     }
 
 
+def _clock(job: Job) -> str:
+    if job.real_time is not None:
+        return "realtime"
+    return "turn" if job.seats == 1 else "lockstep"
+
+
 def _time(job: Job) -> dict[str, Any]:
     """Whether the world waits, and if not, how it goes on."""
     if job.real_time is None:
-        return {"clock": "turn" if job.seats == 1 else "lockstep"}
+        return {"clock": _clock(job)}
     told = job.real_time.model_dump(mode="json", exclude={"slack"})
-    return {"clock": "realtime", "real_time": RealTimeRow(**told)}
+    return {"clock": _clock(job), "real_time": RealTimeRow(**told)}
 
 
 def _rule(job: Job) -> str:
@@ -204,6 +211,8 @@ class _Episode:
         self._pack = pack
         self.stages: list[RecordedStage] = []
         self.exchanges: list[Exchange] = []
+        self.spent: list[Usage] = []
+        """Of all calls, also where nothing came of them."""
 
     @property
     def trials(self) -> int:
@@ -214,7 +223,9 @@ class _Episode:
         """Who is asked for each player, with a journal of its own."""
         return {
             player: _asking(
-                model, journals.enter_context(CallJournal(self._folder.calls(self._job, player)))
+                model,
+                journals.enter_context(CallJournal(self._folder.calls(self._job, player))),
+                self.spent.append,
             )
             for player in self._world.players
         }
@@ -292,7 +303,8 @@ class _Episode:
 def _strategy(job: Job, pack: Pack, world: World, player: str) -> Strategy:
     match job.agent.kind:
         case "planner":
-            return planner(world, player, job.seed)
+            clock = _clock(job) if job.real_time is None else None
+            return planner(world, player, job.seed, clock)
         case "random":
             return random_actions(world, player, job.seed)
         case "scripted":
@@ -319,20 +331,22 @@ def _view(job: Job, *, published: bool) -> View | None:
     return State.text if published else State.text_view
 
 
-def _asking(model: Model | None, journal: CallJournal) -> Complete:
-    """Asks a model for what the journal does not know."""
+def _asking(model: Model | None, journal: CallJournal, spend: Callable[[Usage], None]) -> Complete:
+    """Asks a model for what the journal does not know; `spend` is told what each call has cost."""
 
     async def complete(request: ModelRequest) -> Completion:
         kept = journal.answered(request)
         if kept == OVERFLOW:
             raise ContextOverflow
         if isinstance(kept, Completion):
+            spend(kept.usage)
             return kept
         if model is None:
             raise RobotouilleError("this agent asks a model, and there is none")
         try:
             completion = await model.complete(request)
         except ModelError as error:
+            spend(error.usage)
             if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
                 journal.keep(request, None)
                 raise ContextOverflow from None
@@ -341,6 +355,8 @@ def _asking(model: Model | None, journal: CallJournal) -> Complete:
             completion = Completion(
                 "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
             )
+        else:
+            spend(completion.usage)
         journal.keep(request, completion)
         return completion
 
@@ -383,8 +399,7 @@ def _counts(exchanges: Sequence[Exchange], stages: Sequence[RecordedStage]) -> C
     )
 
 
-def _spent(exchanges: Sequence[Exchange]) -> Spent:
-    used = [e.completion.usage for e in exchanges if e.completion is not None]
+def _spent(used: Sequence[Usage]) -> Spent:
     costs = [usage.cost for usage in used if usage.cost is not None]
     return Spent(
         prompt_tokens=sum(usage.prompt_tokens for usage in used),

@@ -131,6 +131,7 @@ def jobs(
         kind = budget or ("own" if instance.best(count) is not None else "published")
         pack.budget(instance, kind, seats=count)
         for agent in agents:
+            _check_playable(agent, instance, count)
             for seed in seeds:
                 yield Job(
                     agent=agent,
@@ -147,6 +148,19 @@ def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
     found = next((each for each in pack.experiments if each.id == agent.strategy), None)
     by_chance = found is not None and found.settings.get("game", {}).get("stochastic")
     return "stochastic" if by_chance else ""
+
+
+def _check_playable(agent: AgentSpec, instance: PackInstance, seats: int) -> None:
+    """Raises RobotouilleError for what could only break off."""
+    if agent.kind == "scripted" and instance.best(seats) is None:
+        raise RobotouilleError(
+            f"no plan of {instance.id} is known that `scripted` could carry out: leave it out of "
+            "--agents, or let `robotouille pack prove` find plans first"
+        )
+    if agent.strategy.casefold().startswith("reflexion") and seats > 1:
+        raise RobotouilleError(
+            f"{agent.name} begins anew after a failure, alone; {instance.id} is for {seats} players"
+        )
 
 
 def _check_names(agents: Iterable[AgentSpec]) -> None:

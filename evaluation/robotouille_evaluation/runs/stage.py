@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 from robotouille import GroundAction, State, World
@@ -32,6 +33,8 @@ class Decision:
     reasoning: str = ""
     basis: int | None = None
     """The step on which it is based, where that is recorded."""
+    anticipates: bool = False
+    """Another's action in the same step is to make it possible."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,10 @@ class Stage(Protocol):
         """A model was asked and has answered."""
         ...
 
+    def refuse(self, player: str, decision: Decision, state: State | None = None) -> object:
+        """A decision names no action that is valid in a state; in that of now if None."""
+        ...
+
 
 class PlainStage:
     """A world, and nothing else.
@@ -88,6 +95,9 @@ class PlainStage:
         return Moved(self.state, step.state, did)
 
     def answered(self, player: str, exchange: Exchange) -> None:
+        """Is forgotten."""
+
+    def refuse(self, player: str, decision: Decision, state: State | None = None) -> None:
         """Is forgotten."""
 
 
@@ -148,13 +158,12 @@ class RecordedStage:
                 continue
             reasoning, basis = decision.reasoning[:MAX_REASONING], decision.basis
             try:
-                action = (
-                    self._world.parse(state, player, said) if (said := decision.action) else None
-                )
+                said, late = decision.action, decision.anticipates
+                action = self._world.parse(state, player, said, valid=not late) if said else None
             except UnknownNameError as error:
                 self._too_late(player, said, error, reasoning)
                 continue
-            self._submit(player, action, reasoning, basis)
+            self._submit(player, action, reasoning, basis, anticipates=late)
         episode.tick(self._now)
         events = episode.events()
         self._bytes += self._recorder.record(events)
@@ -173,14 +182,28 @@ class RecordedStage:
         self._submit(player, None, "")
 
     def _submit(
-        self, player: str, action: GroundAction | None, reasoning: str, basis: int | None = None
+        self,
+        player: str,
+        action: GroundAction | None,
+        reasoning: str,
+        basis: int | None = None,
+        *,
+        anticipates: bool = False,
     ) -> None:
         self._seq += 1
-        told = player, self._seq, action, self._now
+        submit = partial(
+            self._episode.submit,
+            player,
+            self._seq,
+            action,
+            self._now,
+            basis=basis,
+            anticipates=anticipates,
+        )
         try:
-            self._episode.submit(*told, basis=basis, reasoning=reasoning)
+            submit(reasoning=reasoning)
         except ProtocolError:  # No more reasoning of this seat is recorded.
-            self._episode.submit(*told, basis=basis)
+            submit()
 
     @property
     def steps(self) -> int:
@@ -205,11 +228,13 @@ class RecordedStage:
             why = ProtocolError(code, exchange.feedback, "action")
             self._reject(player, said, why, exchange.reasoning[:MAX_REASONING], basis)
 
-    def refuse(self, player: str, decision: Decision) -> tuple[str, ...]:
-        """Record that a decision names no action that is valid now; why not."""
+    def refuse(
+        self, player: str, decision: Decision, state: State | None = None
+    ) -> tuple[str, ...]:
+        """Record that a decision names no action that is valid in a state (now, if None); why."""
         reasoning, said = decision.reasoning[:MAX_REASONING], decision.action[:MAX_SENTENCE]
         known = self._is_known(player, said)
-        why = _why_not(self._episode.state, player, said)
+        why = _why_not(state or self._episode.state, player, said)
         fault = ProtocolError(ACTION_INVALID if known else ACTION_UNKNOWN, why, "action")
         self._reject(player, said, fault, reasoning, decision.basis)
         return (why,)

@@ -11,6 +11,7 @@ from robotouille import State, World
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.proposal import (
     Exchange,
+    Proposal,
     Strategy,
 )
 from robotouille_evaluation.runs.stage import Decision, Stage
@@ -44,7 +45,7 @@ async def play_team(
     """
     state, steps = stage.state, 0
     waiting: dict[str, list[str]] = {player: [] for player in world.players}
-    told: dict[str, str] = dict.fromkeys(world.players, "")
+    told: dict[str, Proposal] = dict.fromkeys(world.players, Proposal())
     done: set[str] = set()
     exchanges: dict[str, list[Exchange]] = {player: [] for player in world.players}
 
@@ -52,7 +53,7 @@ async def play_team(
         seen = observe(state, player, view)
         proposal = await answer_all(strategies[player].propose(seen), complete[player])
         waiting[player] = list(proposal.actions)
-        told[player] = proposal.reasoning
+        told[player] = proposal
         exchanges[player] += proposal.exchanges
         for exchange in proposal.exchanges:
             stage.answered(player, exchange)
@@ -64,7 +65,7 @@ async def play_team(
         await asyncio.gather(*map(decide, asked))
         if len(done) == len(world.players) and not any(waiting.values()):
             return _result(Ended.FINISH, steps, exchanges)
-        decisions = {p: _next(state, p, waiting, told) for p in _free(world, state)}
+        decisions = {p: _next(stage, state, p, waiting[p], told[p]) for p in _free(world, state)}
         moved = stage.step(decisions)
         state, steps = moved.state, steps + 1
         for strategy in strategies.values():
@@ -78,16 +79,16 @@ def _free(world: World, state: State) -> list[str]:
     return [player for player in world.players if not state.busy_steps(player)]
 
 
-def _next(
-    state: State, player: str, waiting: dict[str, list[str]], told: Mapping[str, str]
-) -> Decision:
-    if not waiting[player]:
+def _next(stage: Stage, state: State, player: str, waiting: list[str], told: Proposal) -> Decision:
+    if not waiting:
         return Decision()
-    action = waiting[player].pop(0)
-    if action and action not in {valid.sentence for valid in state.actions(player)}:
-        waiting[player].clear()
-        return Decision("", told[player])
-    return Decision(action, told[player])
+    decision = Decision(waiting.pop(0), told.reasoning, anticipates=told.anticipates)
+    valid = {action.sentence for action in state.actions(player)}
+    if decision.anticipates or not decision.action or decision.action in valid:
+        return decision
+    stage.refuse(player, decision, state)
+    waiting.clear()
+    return Decision()
 
 
 def _result(ended: Ended, steps: int, exchanges: Mapping[str, list[Exchange]]) -> TeamResult:

@@ -135,7 +135,7 @@ class TextEpisode:
             for exchange in proposal.exchanges:
                 self._exchanges.append(exchange)
                 stage.answered(self._player, exchange)
-            if proposal.whole and not self._possible(proposal.actions, state):
+            if proposal.whole and self._refused(stage, proposal, state):
                 return Ended.PLAN_REFUSED
             for action in proposal.actions:
                 state, seen = self._step(stage, action, proposal.reasoning)
@@ -157,13 +157,15 @@ class TextEpisode:
         self._strategy.observe(moved.did)
         return moved.state, self._observe(moved.seen if self._blind else moved.state)
 
-    def _possible(self, actions: tuple[str, ...], state: State) -> bool:
-        """Whether each is valid when its turn comes, also behind the goal."""
-        for action in actions:
+    def _refused(self, stage: Stage, proposal: Proposal, state: State) -> bool:
+        """Whether some action of a plan is not valid when its turn comes, also behind the goal; the
+        first that is not is recorded."""
+        for action in proposal.actions:
             if action not in {valid.sentence for valid in state.actions(self._player)}:
-                return False
+                stage.refuse(self._player, Decision(action, proposal.reasoning), state)
+                return True
             state = state.step(action).state
-        return bool(actions)
+        return not proposal.actions
 
 
 def _why(proposal: Proposal) -> Ended:
