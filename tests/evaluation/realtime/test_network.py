@@ -228,8 +228,9 @@ def test_the_bot_of_the_command_line_plays_with_every_clock(tmp_path: Path, cloc
                 attempts=None,
                 helper="planner",
             )
-            game = await client.join(opened.code, view=bot.view)
-            outcome = await bot.play(game)
+            async with bot.opened() as play_game:
+                game = await client.join(opened.code, view=bot.view)
+                outcome = await play_game(game)
             assert outcome["reason"] in ("goal", "step_limit")
 
     run(main())

@@ -21,6 +21,7 @@ from robotouille_evaluation.models import (
     ModelRequest,
     ScriptedModel,
     SeededAnswers,
+    Usage,
 )
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
@@ -243,3 +244,48 @@ def test_ours_are_told_who_they_are(tmp_path: Path) -> None:
     job = job_of(MODEL, TASKS[1])
     play(created(tmp_path, (job,)), job, ScriptedModel(answer))
     assert {text.splitlines()[0] for text in heard} == {"You are robot1.", "You are robot2."}
+
+
+def test_planners_of_a_team_count_on_each_other(tmp_path: Path) -> None:
+    job = job_of(agent("planner"), TASKS[1])
+    row = play(created(tmp_path, (job,)), job)
+    assert row.outcome.success
+    assert row.outcome.steps <= 1.05 * (row.optimum.steps or 0)
+    assert row.counts.invalid == 0
+
+
+def test_a_plan_that_is_refused_is_recorded_and_counted(tmp_path: Path) -> None:
+    job = job_of(agent("model", strategy="io", model="mock"), TASKS[0])
+    folder = created(tmp_path, (job,))
+    text = "Plan:\nMove robot1 from table3 to table1\nStack bread2 on cheese1 at table1 with robot1"
+    row = play(folder, job, ScriptedModel(lambda _: text))
+    assert row.outcome.ended_by == "plan-refused"
+    assert row.counts.invalid + row.counts.malformed == 1
+    notes = read_recording(folder.recording(job)).notes()
+    (refused,) = [note for note in notes if note["note"] == "rejected"]
+    assert refused["reasons"]
+
+
+def test_what_was_paid_for_is_counted_though_a_later_call_fails(tmp_path: Path) -> None:
+    job = job_of(MODEL, TASKS[0])
+    calls = itertools.count()
+
+    class Failing:
+        name = "failing"
+
+        async def complete(self, request: ModelRequest) -> Completion:
+            if next(calls) < 2:
+                return Completion("Fly to the moon", Usage(10, 5))
+            raise ModelError(ModelErrorKind.SERVER, "it is ill", usage=Usage(7, 0))
+
+    row = play(created(tmp_path, (job,)), job, Failing())
+    assert row.error
+    assert (row.usage.prompt_tokens, row.usage.completion_tokens) == (27, 10)
+
+
+def test_what_could_only_break_off_is_not_begun() -> None:
+    with pytest.raises(RobotouilleError, match="begins anew after a failure, alone"):
+        planned(agent("model", strategy="reflexion", model="mock"))
+    bare = replace(pack(), instances=tuple(replace(i, plans=()) for i in pack().instances[:1]))
+    with pytest.raises(RobotouilleError, match="pack prove"):
+        tuple(jobs(bare, [agent("scripted")], bare.instances, budget="published"))
