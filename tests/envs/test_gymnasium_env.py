@@ -239,6 +239,7 @@ def test_it_is_shown_in_words() -> None:
     assert RobotouilleEnv(ONE).render() is None
 
 
+@pytest.mark.slow
 def test_it_is_shown_as_a_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")

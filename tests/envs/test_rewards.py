@@ -83,6 +83,7 @@ def test_a_potential_travels_without_what_it_knows() -> None:
     assert pickle.loads(pickle.dumps(potential))(World(ONE).initial) == value == -1.0
 
 
+@pytest.mark.slow
 def test_where_there_is_no_plan_is_as_far_away_as_can_be() -> None:
     world = World("multi_agent/01@2")
     assert StepsToGoPotential()(world.initial) == -1.0

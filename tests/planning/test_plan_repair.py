@@ -115,6 +115,7 @@ def check_bounds(world: World, exact: dict[State, int | None], states: list[Stat
         before = state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timing", Timing)
 @pytest.mark.parametrize("block", first_quickly(range(4)))
 def test_bounds_without_a_search_hold(block: int, timing: Timing) -> None:
@@ -131,6 +132,7 @@ def test_bounds_without_a_search_hold(block: int, timing: Timing) -> None:
     assert checked > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", first_quickly(range(2)))
 def test_bounds_of_longer_steps_hold(block: int) -> None:
     """With people's timing the searches that are allowed are made without walks."""

@@ -40,12 +40,14 @@ def steps(game: TeamGame) -> int:
     return game.outcome.steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_quickly(NEAR, 3, nightly=5))
 def test_two_bots_take_as_long_as_the_certified_plan_of_a_team(name: str) -> None:
     certified = load_certificate(load_task(name)).length or 0
     assert steps(play_team(name)) <= floor(1.05 * certified)
 
 
+@pytest.mark.slow
 def test_so_they_do_over_the_network(tmp_path: Path) -> None:
     bots = policy_maker(BotKind.PLANNER)
     outcome = run(finish(tmp_path, "multi_agent/01", Clock.LOCKSTEP, 2, bots))
@@ -53,6 +55,7 @@ def test_so_they_do_over_the_network(tmp_path: Path) -> None:
     assert [(seat["rejected"], seat["said"]) for seat in outcome["seats"]] == [(0, 1), (0, 1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clock", first_quickly([Clock.TURN, Clock.REALTIME]))
 def test_under_other_clocks_nothing_is_asked_for_in_vain(clock: Clock) -> None:
     assert steps(play_team("multi_agent/01", clock=clock, expansions=QUICK)) <= 32
@@ -77,6 +80,7 @@ def test_where_there_is_no_way_that_is_proven() -> None:
     assert asked == [0, 20, 40]
 
 
+@pytest.mark.slow
 def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:
     """Somebody stands at the only sink until asked, and walks away then."""
     task = "multi_agent/07@4"
@@ -128,6 +132,7 @@ def test_people_are_told_where_a_bot_is_going() -> None:
     assert len(told) <= 2 + game.outcome.steps // 6 if game.outcome else False
 
 
+@pytest.mark.slow
 def test_a_bot_that_leaves_is_done_without_and_counted_on_when_it_is_back() -> None:
     world = World(load_task("multi_agent/01"))
 
@@ -148,6 +153,7 @@ def test_a_bot_that_leaves_is_done_without_and_counted_on_when_it_is_back() -> N
     assert done.count("robot2") > 2
 
 
+@pytest.mark.slow
 def test_bots_of_another_kind_or_version_are_not_counted_on() -> None:
     for other in (RandomPolicy("robot2"), Stranger("robot2", seed=3, travel=False)):
         game = play_team("multi_agent/01", {"robot2": other}, expansions=QUICK)
