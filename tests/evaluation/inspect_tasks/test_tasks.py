@@ -236,10 +236,14 @@ def test_without_pygame_that_is_said(
     assert value(sample)["success"] == 1
 
 
+FAR = "Pick up cheese1 at table1 with robot1"
+"""An action of the task, for which the robot stands elsewhere."""
+
+
 @pytest.mark.slow
 def test_refused_answers_are_told(tmp_path: Path, evaluate: Evaluate) -> None:
     answer = of_plan()
-    first = iter(["Reasoning: up!\nAction: Fly away", "no"])
+    first = iter([f"Reasoning: up!\nAction: {FAR}", "no"])
     sample = only(evaluate(task(tmp_path), lambda asked: next(first, None) or answer(asked)))
     assert (value(sample)["invalid"], value(sample)["malformed"]) == (1, 1)
     refused = [data for data in told(sample) if isinstance(data, dict)]
