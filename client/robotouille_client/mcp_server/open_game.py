@@ -11,7 +11,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.client import Client
 from robotouille_client.game import Game
 from robotouille_client.mcp_server.journal import Journal, quoted
-from robotouille_client.mcp_server.results import ActionOutcome, Chat, GameView, Outcome
+from robotouille_client.mcp_server.results import ActionOutcome, Chat, EpisodeOutcome, GameView
 from robotouille_client.sansio.game_events import ActResult
 
 __all__ = ["OpenGame", "Until"]
@@ -138,11 +138,11 @@ class OpenGame:
         game = self.game
         return 0 if game.seat is None or game.ended else game.state.busy_steps(game.seat)
 
-    def _outcome(self) -> Outcome | None:
+    def _outcome(self) -> EpisodeOutcome | None:
         row = self.game.outcome
         if row is None:
             return None
-        return Outcome(
+        return EpisodeOutcome(
             reason=str(row["reason"]), steps=int(row["steps"]), detail=str(row.get("detail", ""))
         )
 

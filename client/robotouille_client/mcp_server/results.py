@@ -11,12 +11,12 @@ __all__ = [
     "Chat",
     "Created",
     "EpisodeList",
+    "EpisodeOutcome",
     "EpisodeRow",
     "GameView",
     "Left",
-    "Outcome",
-    "Said",
     "SeatRow",
+    "Spoken",
     "ValidActions",
 ]
 
@@ -73,7 +73,7 @@ class ActionOutcome(BaseModel):
     code: Annotated[str, Field(description="The error code of a rejection.")]
 
 
-class Outcome(BaseModel):
+class EpisodeOutcome(BaseModel):
     """How an episode ended."""
 
     reason: Annotated[str, Field(description="goal, step_limit, abandoned or aborted.")]
@@ -112,7 +112,9 @@ class GameView(BaseModel):
     ]
     actions: Annotated[list[str], Field(description="Your valid actions, as `act` takes them.")]
     connected: Annotated[bool, Field(description="Whether the game server answers.")]
-    outcome: Annotated[Outcome | None, Field(description="How the episode ended, if it has.")]
+    outcome: Annotated[
+        EpisodeOutcome | None, Field(description="How the episode ended, if it has.")
+    ]
 
 
 class ValidActions(BaseModel):
@@ -123,7 +125,7 @@ class ValidActions(BaseModel):
     actions: list[str]
 
 
-class Said(BaseModel):
+class Spoken(BaseModel):
     """The words are on their way to everybody in the episode."""
 
     text: str

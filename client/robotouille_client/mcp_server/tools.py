@@ -21,8 +21,8 @@ from robotouille_client.mcp_server.results import (
     EpisodeRow,
     GameView,
     Left,
-    Said,
     SeatRow,
+    Spoken,
     ValidActions,
 )
 from robotouille_client.mcp_server.wording import chat_words, episode_words, view_words
@@ -195,7 +195,7 @@ async def say(
         str, Field(description="Everybody in the episode reads it.", min_length=1, max_length=500)
     ],
     game: Handle = None,
-) -> Annotated[CallToolResult, Said]:
+) -> Annotated[CallToolResult, Spoken]:
     """Say something to everybody in the episode."""
     with explained(), _games(ctx).using(caller_of(ctx), game) as opened:
         if opened.game.ended:
@@ -205,7 +205,7 @@ async def say(
                 "It was not heard: you may not talk here, or talk too much, or the game server "
                 "does not answer. Go on playing; observe tells whether it answers."
             )
-        return _result(Said(text=text), "Said.")
+        return _result(Spoken(text=text), "Said.")
 
 
 async def leave(ctx: Ctx, game: Handle = None) -> Annotated[CallToolResult, Left]:

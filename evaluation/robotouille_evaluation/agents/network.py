@@ -107,6 +107,8 @@ class NetworkAgent:
         for exchange in proposal.exchanges:
             self._told(exchange)
             self._game.note(TOPIC, exchange_note(self._notes, exchange))
+        # Only now: the server may take for an action what was refused here, and the game may end.
+        for exchange in proposal.exchanges:
             await self._record(exchange)
         self._reasoning = proposal.reasoning[:MAX_REASONING]
         self._done = proposal.done

@@ -187,6 +187,8 @@ class RealTimeAgent:
         for exchange in proposal.exchanges:
             self._told(exchange)
             self._game.note(CALLS, exchange_note(self._calls, exchange))
+        # Only now: the server may take for an action what was refused here, and the game may end.
+        for exchange in proposal.exchanges:
             if await self._record(exchange):
                 proposal = replace(proposal, actions=())
         self._seat.answer(proposal)

@@ -24,9 +24,9 @@ __all__ = [
     "DELETION",
     "REPETITIVE",
     "ActionRule",
+    "EffectOutcome",
     "EffectRule",
     "NodeRule",
-    "Outcome",
     "Rules",
     "Shift",
 ]
@@ -54,7 +54,7 @@ class ActionRule:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class EffectOutcome:
     """What an effect does when it creates or deletes: atoms, and the effects it starts."""
 
     sets: tuple[int, ...]
@@ -80,7 +80,7 @@ class NodeRule:
     clears: tuple[int, ...]
     subject: int = -1
     creates: int = -1
-    outcomes: tuple[Outcome, ...] = ()
+    outcomes: tuple[EffectOutcome, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,9 +188,9 @@ class Rules:
         )
         return [rule, *nested]
 
-    def _outcomes(self, node: EffectNode) -> Iterator[Outcome]:
+    def _outcomes(self, node: EffectNode) -> Iterator[EffectOutcome]:
         if node.kind == "deletion":
-            yield Outcome((), (), self._born(node, dict(node.binding)))
+            yield EffectOutcome((), (), self._born(node, dict(node.binding)))
         if node.created is None:
             return
         mask = self.world.table.mask
@@ -199,7 +199,7 @@ class Rules:
             sets = mask([(EXISTS, name), *(bound(c, binding) for c in node.fx if c.is_true)])
             clears = mask(bound(c, binding) for c in node.fx if not c.is_true)
             born = self._born(node, binding)
-            yield Outcome(self.atoms_of(sets), self.atoms_of(clears & ~sets), born)
+            yield EffectOutcome(self.atoms_of(sets), self.atoms_of(clears & ~sets), born)
 
     def _born(self, node: EffectNode, binding: dict[str, str]) -> tuple[int, ...]:
         return self._effects_of(self.world.born_effect(effect, binding) for effect in node.sfx)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from robotouille.batch import layout as at
 from robotouille.batch.goal_rule import ConditionRule
 from robotouille.batch.match_tree import match_tree
-from robotouille.batch.rules import ActionRule, NodeRule, Outcome, Rules
+from robotouille.batch.rules import ActionRule, EffectOutcome, NodeRule, Rules
 
 __all__ = ["Ints", "in_words", "initial_row", "tables"]
 
@@ -119,7 +119,7 @@ def _rules(rules: Rules) -> Lists:
     }
 
 
-def _rule(tests: Sequence[int], writes: ActionRule | NodeRule | Outcome) -> list[int]:
+def _rule(tests: Sequence[int], writes: ActionRule | NodeRule | EffectOutcome) -> list[int]:
     """The record of a rule, up to its writes: word, what is set, what is cleared."""
     sets, clears = in_words(writes.sets), in_words(writes.clears)
     rows = [

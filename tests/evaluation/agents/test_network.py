@@ -11,6 +11,7 @@ import pytest
 
 from robotouille import World, load_task
 from robotouille.planning import solve
+from robotouille.planning.policies import Did
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
@@ -18,7 +19,13 @@ from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
-from robotouille_evaluation.agents.proposal import Exchange
+from robotouille_evaluation.agents.proposal import (
+    Exchange,
+    ExchangeVerdict,
+    Observation,
+    Proposal,
+    ProposalSteps,
+)
 from robotouille_evaluation.models import ModelRequest, ScriptedModel
 from robotouille_evaluation.models.valid_actions import valid_actions
 from robotouille_evaluation.packs.own import build_own_pack
@@ -75,6 +82,45 @@ def test_it_plays_alone_and_what_it_said_is_recorded(tmp_path: Path, clock: str)
     assert seat["invalid"] + seat["malformed"] == seat["rejected"] == refused
     text = str(list(recording.each_frame()))
     assert "step 3" in text and "Fly away" in text and "we should cook" in text
+
+
+def test_calls_are_recorded_though_a_refused_one_ends_the_game(tmp_path: Path) -> None:
+    """What a strategy refuses, such as an answer without reasoning, can be an action for the
+    server; the calls after it were made all the same."""
+    heard: list[Exchange] = []
+
+    class Picky:
+        retries_left = 0
+
+        def __init__(self) -> None:
+            self._plan = list(plan())
+
+        def propose(self, observation: Observation) -> ProposalSteps:
+            request, action = ModelRequest(()), self._plan.pop(0)
+            verdicts = [ExchangeVerdict.ACTION]
+            if not self._plan:
+                verdicts.insert(0, ExchangeVerdict.NO_REASONING)
+            completion = yield request
+            exchanges = tuple(Exchange(request, completion, v, action=action) for v in verdicts)
+            return Proposal((action,), exchanges=exchanges)
+
+        def observe(self, did: Did) -> None:
+            pass
+
+        def retry(self) -> bool:
+            return False
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="m") as client:
+            opened = await client.create(ALONE, clock="turn")
+            game = await client.join(opened.code, view="text")
+            model = ScriptedModel(lambda _: "so")
+            outcome = await NetworkAgent(game, Picky(), model.complete, heard.append).play()
+            assert outcome["reason"] == "goal"
+
+    run(main())
+    (file,) = tmp_path.glob("*.rbt")
+    assert len(list(model_calls(read_recording(file)))) == len(heard) == len(plan()) + 1
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from robotouille.batch.rules import ActionRule, NodeRule, Outcome, Rules
+from robotouille.batch.rules import ActionRule, EffectOutcome, NodeRule, Rules
 
 __all__ = ["Array", "GoalTable", "Padded", "Tests", "Writes", "padded"]
 
@@ -139,7 +139,7 @@ def _tests(rules: Sequence[ActionRule | NodeRule], none: int) -> Tests:
     )
 
 
-def _writes(rules: Sequence[ActionRule | NodeRule | Outcome], none: int) -> Writes:
+def _writes(rules: Sequence[ActionRule | NodeRule | EffectOutcome], none: int) -> Writes:
     both = _rows([*(rule.sets for rule in rules), *(rule.clears for rule in rules)], none)
     return Writes(both[: len(rules)], both[len(rules) :])
 
