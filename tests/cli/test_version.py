@@ -25,5 +25,13 @@ def test_every_program_says_its_version(
     assert capsys.readouterr().out == f"robotouille {version('robotouille')}\n"
 
 
-def test_there_are_programs() -> None:
-    assert len(PROGRAMS) == 6
+def test_these_are_the_programs() -> None:
+    assert {program.name for program in PROGRAMS} == {
+        "robotouille",
+        "robotouille-bot",
+        "robotouille-client",
+        "robotouille-loadtest",
+        "robotouille-mcp",
+        "robotouille-server",
+        "robotouille-token",
+    }
