@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -24,7 +23,7 @@ from robotouille import World, load_task
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import connect
-from tests.support.processes import process
+from tests.support.processes import process, program
 
 MODEL, PERSON = "robot1", "robot2"
 KITCHEN: dict[str, Any] = {
@@ -52,21 +51,11 @@ KITCHEN: dict[str, Any] = {
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.process,
-    pytest.mark.slow,
+    pytest.mark.nightly,
     pytest.mark.skipif(
         not (shutil.which("Xvfb") and shutil.which("xdotool")), reason="needs Xvfb and xdotool"
     ),
 ]
-
-
-def program(module: str, *arguments: str, **environment: str) -> subprocess.Popen[str]:
-    code = f"from {module} import main; main()"
-    return subprocess.Popen(
-        [sys.executable, "-c", code, *arguments],
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
 
 
 async def cut(url: str, code: str, person: Any) -> dict[str, Any]:

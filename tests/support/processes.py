@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["COMMAND", "process", "started"]
+__all__ = ["COMMAND", "process", "program", "started"]
 
 
 COMMAND = [sys.executable, "-c", "from robotouille_server.cli import main; main()"]
@@ -53,3 +53,14 @@ def process(
         found = re.search(r"(ws://\S+)[\s\S]*code is ([A-Z-]+)", text)
         assert found, text
         yield server, found.group(1), found.group(2)
+
+
+def program(module: str, *arguments: str, **environment: str) -> subprocess.Popen[str]:
+    """A module's program as a process of its own."""
+    code = f"from {module} import main; main()"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *arguments],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        text=True,
+    )

@@ -101,7 +101,7 @@ class _Player:
         ):
             self._decided, self._tries = step, 0
             return
-        result = await game.act(action, anticipates=anticipates)
+        result = await game.act(action, basis=step, anticipates=anticipates)
         if result.applied:
             self._decided, self._tries = step, 0
         else:

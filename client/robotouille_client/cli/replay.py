@@ -73,6 +73,7 @@ def info(
         "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
         "steps": recording.length,
         "rejected": {player: dict(counts) for player, counts in rejections(recording).items()},
+        "staleness": {p: seat.staleness for p, seat in recording.measures().seats.items()},
         "outcome": recording.outcome,
     }
     if json_output:
@@ -82,6 +83,7 @@ def info(
     end = recording.outcome
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
     rows["rejected"] = _rejected(rows["rejected"])
+    rows["staleness"] = _staleness(rows["staleness"])
     rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
     for key, value in [*rows.items(), *course_text(recording)]:
         tell(printable(f"{key:9} {value}"))
@@ -95,6 +97,12 @@ def _rejected(counts: dict[str, dict[str, int]]) -> str:
         if kinds
     ]
     return "; ".join(told) or "-"
+
+
+def _staleness(of_each: dict[str, float | None]) -> str:
+    """How many steps old the picture was on which each player's actions were based."""
+    told = [f"{p}: {steps:.1f} steps" for p, steps in of_each.items() if steps is not None]
+    return ", ".join(told) or "-"
 
 
 def _no_end(file: Path) -> str:

@@ -22,7 +22,9 @@ class SeatMeasures:
     `lost` ones were valid when they came, and no more when their turn in the step came. `rejected`
     counts what was taken into no step by kind (`robotouille.episode.RejectionKind`): `invalid`,
     `malformed`, `superseded`. `idle` are the steps in which it chose to do nothing, `said` its
-    chat messages. `thinking` are the seconds that its answers took, all together.
+    chat messages. `thinking` are the seconds that its answers took, all together. `staleness` is
+    the mean number of steps between the state that an action was based on and the one in which it
+    was taken, of those whose basis is recorded; None if there are none.
     """
 
     name: str = ""
@@ -32,6 +34,7 @@ class SeatMeasures:
     idle: int = 0
     said: int = 0
     thinking: float = 0.0
+    staleness: float | None = None
     rejected: Mapping[str, int] = field(default_factory=dict)
 
     @property
@@ -88,7 +91,10 @@ def _count(step: Mapping[str, Any], tallies: Mapping[str, Counter[str]]) -> None
     """What the seats did in a step."""
     for place, move in enumerate(step["moves"]):
         lost = str(place) in step.get("unmet", {})
-        tallies[move["player"]].update({"lost" if lost else "applied": 1, "ms": move["ms"]})
+        tally = tallies[move["player"]]
+        tally.update({"lost" if lost else "applied": 1, "ms": move["ms"]})
+        if "basis" in move:
+            tally.update({"based": 1, "stale": step["step"] - 1 - move["basis"]})
     for player, _ in step.get("idle", ()):
         tallies[player]["idle"] += 1
 
@@ -117,5 +123,6 @@ def _seat(
         idle=tally["idle"],
         said=tally["said"],
         thinking=tally["ms"] / 1000,
+        staleness=tally["stale"] / tally["based"] if tally["based"] else None,
         rejected={kind.value: number for kind, number in rejected.items()},
     )
