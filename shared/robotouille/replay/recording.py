@@ -187,12 +187,12 @@ class Recording:
 
     @cached_property
     def participants(self) -> dict[str, tuple[str, str]]:
-        """Who played each seat last: name and kind."""
+        """Who played each seat last: name and kind. In seat order."""
         people: dict[str, tuple[str, str]] = {}
         for note in self.notes():
             if note["note"] == "roster" and note["name"]:
                 people[note["player"]] = (note["name"], note["kind"])
-        return people
+        return {player: people[player] for player in self.world.players if player in people}
 
     def notes(self) -> Iterator[dict[str, Any]]:
         """Rejections, chat and roster changes, in order, each with the step it came after."""
