@@ -4,31 +4,31 @@
     python -m benchmarks.teams --idle                     # each seat in turn stands still
     python -m benchmarks.teams --network --clock realtime --seats 2 -- 01 04
 
-In process the bots are told what they are told over the network, in its order; with `--network`
-each plays over a socket of a real server. They think in plain Python, as bots do.
+In process the bots are told what they are told over the network, in its order, and think in plain
+Python; with `--network` each is a `robotouille-bot planner` of its own, on a `robotouille-server`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tests.support.bot_games import finish
+from tests.support.processes import process, program
 from tests.support.team_games import Idle, play_team
-from tests.support.virtual_time import run
 
 from robotouille import World, load_certificate, load_task
 from robotouille.episode import Clock
 from robotouille.planning.search.unsolvable import is_cut_off
-from robotouille_client.bots.kinds import BotKind, policy_maker
 
 LIMIT = 200
 NUMBERS = [f"{number:02d}" for number in range(1, 11)]
@@ -41,12 +41,19 @@ def together(name: str, clock: Clock) -> dict[str, Any]:
 
 
 def over_network(name: str, clock: Clock) -> dict[str, Any]:
-    """The outcome of such a game on a server, in virtual time."""
-    seats = load_task(name).seats
-    bot = policy_maker(BotKind.PLANNER)
-    options = {"timing": "benchmark"} if clock is Clock.REALTIME else {}
-    with tempfile.TemporaryDirectory() as folder:
-        return run(finish(Path(folder), name, clock, seats, bot, **options))  # type: ignore[no-any-return]
+    """The outcome of such a game of bots that are processes of their own, on a server."""
+    flags = ["--mode", clock.value, "--timing", "benchmark", "--max-steps", str(LIMIT)]
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        compiled = {"ROBOTOUILLE_COMPILE": "1"}
+        room = process(Path(folder), *flags, "--task", name, **compiled)
+        _, url, code = stack.enter_context(room)
+        options = ["planner", "--url", url, "--episode", code, "--json"]
+        bots = [
+            stack.enter_context(program("robotouille_client.bots.cli", *options, **compiled))
+            for _ in range(load_task(name).seats)
+        ]
+        told = [bot.communicate()[0] for bot in bots]
+    return json.loads(told[0])  # type: ignore[no-any-return]
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -57,7 +64,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seats", type=int, nargs="+", default=[2, 3, 4])
     parser.add_argument("--clock", type=Clock, default=Clock.LOCKSTEP)
     parser.add_argument("--idle", action="store_true", help="with a person who stands still")
-    parser.add_argument("--network", action="store_true", help="over sockets of a real server")
+    parser.add_argument("--network", action="store_true", help="as processes on a server")
     options = parser.parse_args(arguments)
     for number in options.tasks:
         for seats in options.seats:
