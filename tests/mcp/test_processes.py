@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,6 +28,7 @@ from tests.support.server_process import ServerProcess, server_process
 pytestmark = pytest.mark.process
 
 ALONE = "synchronous/01"
+ADA = {"name": "ada", "version": "1"}
 PING = {"jsonrpc": "2.0", "id": 1, "method": "ping"}
 ACCEPT = {"accept": "application/json, text/event-stream"}
 
@@ -71,6 +74,43 @@ def test_a_process_plays_over_stdio_and_leaves_when_its_client_goes(
     done = [read_recording(file) for file in server.recordings.glob("*.rbt")]
     assert [r.participants for r in done] == [{"robot1": ("ada", "model")}]
     assert all(recording.verify().ok for recording in done)
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_frees_the_seat_though_the_client_is_silent(
+    server: ServerProcess, signum: signal.Signals
+) -> None:
+    async def waiting() -> str:
+        async with over(over_stdio(server.url)) as bob:
+            return await bob.opened(ALONE)
+
+    code = asyncio.run(waiting())
+    hello = {"protocolVersion": "2025-06-18", "capabilities": {}}
+    requests = [
+        {"id": 1, "method": "initialize", "params": {**hello, "clientInfo": ADA}},
+        {"method": "notifications/initialized"},
+        {
+            "id": 2,
+            "method": "tools/call",
+            "params": {"name": "join", "arguments": {"episode": code}},
+        },
+    ]
+    with subprocess.Popen(
+        [*COMMAND, "--url", server.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as silent:
+        assert silent.stdin is not None and silent.stdout is not None
+        for request in requests:
+            print(json.dumps({"jsonrpc": "2.0", **request}), file=silent.stdin, flush=True)
+        answers = [json.loads(silent.stdout.readline()) for _ in range(2)]
+        assert not answers[1]["result"].get("isError"), answers
+        silent.send_signal(signum)
+        assert silent.wait(timeout=30) == 128 + signum
+
+    async def free() -> list[str]:
+        async with over(over_stdio(server.url)) as bob:
+            return await free_seats(bob, code)
+
+    assert asyncio.run(free()) == ["robot1"]
 
 
 def test_a_process_serves_both_eras_over_http_and_keeps_clients_apart(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib.util
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated
@@ -81,9 +82,9 @@ def command(
 
 
 def _serve_stdio(make_games: Callable[[], OpenGames]) -> None:
-    from robotouille_client.mcp_server.server import mcp_server
+    from robotouille_client.mcp_server.stdio import serve
 
-    mcp_server(make_games).run("stdio")
+    asyncio.run(serve(make_games()))
 
 
 def _serve_http(
