@@ -157,7 +157,7 @@ def test_after_interference_a_player_who_is_alone_plans_anew(name: str) -> None:
 def test_a_plan_that_is_not_proven_to_be_shortest_is_improved_while_playing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("robotouille.planning.policies.planner_policy.ALONE", Limits(expansions=60))
+    monkeypatch.setattr("robotouille.planning.policies.team_search.ALONE", Limits(expansions=60))
     world = World("asynchronous/09")
     first = AnytimePlanner(world).first(world.initial).plan
     steps, planned = alone(world, lambda step: False)

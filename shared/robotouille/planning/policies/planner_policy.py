@@ -19,36 +19,21 @@ from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
 from robotouille.planning.policies.script import Did, Script
 from robotouille.planning.policies.standing import standing_at, walks_aside
+from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
 from robotouille.planning.policies.team_talk import (
+    TOLD,
     VERSION,
+    Talk,
     announced_version,
-    announcement,
-    intention,
     request,
     requested,
 )
 from robotouille.planning.search.unsolvable import is_cut_off
-from robotouille.planning.search_result import Limits, SearchResult
+from robotouille.planning.search_result import SearchResult
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
 __all__ = ["PlannerPolicy"]
-
-EXPANSIONS = 2_000
-"""Of the beam search, for each plan of a team."""
-
-ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
-"""What may be spent on a decision, or on a plan for two, to find a shorter plan: about 0.1 s for
-one player and 0.5 s for two in plain Python."""
-
-STUBBORN = Limits(expansions=2_000)
-"""What is spent on any plan at all, where a player who is alone has found none: seconds."""
-
-ATTEMPTS = 3
-"""Plans that are made for a team where nobody is in a hurry; the shortest is followed."""
-
-NEAR = 1.11
-"""By how much a plan may be longer than what is proven before a team makes another."""
 
 CHOICES = 6
 """Choices of objects that are tried where others may stand in the way of the first."""
@@ -68,14 +53,8 @@ MAX_CATCHING_UP = 3
 RETRY = 5
 """Steps after which a plan is sought again where there was none, if others have moved."""
 
-ASK_AGAIN, TELL_AGAIN = 20, 6
-"""Steps between two requests to make way, and between two intentions that are told."""
-
 YIELDING = 4
 """Steps for which somebody who has made way stays away."""
-
-TOLD = 3
-"""Actions of an intention."""
 
 
 class PlannerPolicy:
@@ -99,31 +78,29 @@ class PlannerPolicy:
         start: State | None = None,
     ) -> None:
         self.player = player
-        self._expansions = expansions
         self._random = random.Random(f"{seed}:{player}")
         self._team = {player} if alone else set(world.players)
         self._unlike: set[str] = set()
         self._known: Mapping[str, str] = {}
         self._only = len(world.players) == 1
-        self._seed = seed if alone or self._only else 0
         self._punctual = world.task.timing is Timing.BENCHMARK
         self._hurried = not self._punctual
         self._lockstep = False
         self._patience = PATIENCE * len(world.players)
         self._anytime = anytime or AnytimePlanner(World(world.task))
+        shared_seed = seed if alone or self._only else 0
+        self._search = TeamSearch(self._anytime, shared_seed, expansions)
         self._world = world
         self._state = start
         self._silent = alone or self._only
-        self._said = [] if self._silent else [announcement()]
+        self._talk = Talk(silent=self._silent)
         self.anticipating = False
         self._has_plan = True
         self._cut_off = False
-        self._request = ""
         self._others = 0
         self._steps_left = 0
         self._may_improve = False
-        self._step = self._asked = self._told = self._planned = 0
-        self._asked = self._told = -ASK_AGAIN
+        self._step = self._planned = 0
         self._yielding: dict[str, int] = {}
         self._plan_anew()
 
@@ -184,8 +161,7 @@ class PlannerPolicy:
         if self._heed_astray():
             return
         if not self._has_plan:
-            if self._request and self._step - self._asked >= ASK_AGAIN:
-                self._ask(self._request)
+            self._talk.ask_again(self._step)
             if self._step - self._planned >= RETRY and self._may_see_a_way():
                 self._plan_anew()
         elif self._state is not None:
@@ -193,8 +169,7 @@ class PlannerPolicy:
 
     def speak(self) -> list[str]:
         """What there is to be said since this was last asked."""
-        said, self._said = self._said, []
-        return said
+        return self._talk.speak()
 
     def _counted_on(self, player: str) -> bool:
         return player not in self._unlike and self._known.get(player, "bot") in ("bot", "")
@@ -244,13 +219,9 @@ class PlannerPolicy:
             return False
         self._team -= {p for p in astray if p != self.player and p not in self._yielding}
         if self.player in astray and self.player not in self._yielding:
-            self._announce()
+            self._talk.announce()
         self._plan_anew()
         return True
-
-    def _announce(self) -> None:
-        if not self._silent and announcement() not in self._said:
-            self._said.append(announcement())
 
     def _heed_delay(self, state: State, did: Did, outsiders_acted: bool) -> None:
         """Plan anew where others are in the way, or somebody of the team does nothing."""
@@ -286,7 +257,7 @@ class PlannerPolicy:
             self._state = state
             self._plan_anew()
             if returning:
-                self._announce()
+                self._talk.announce()
         self._state = state
         if state.goal_reached or state.busy_steps(self.player):
             return None
@@ -322,10 +293,10 @@ class PlannerPolicy:
         """Make a plan from the state in which it was found to be needed."""
         team = tuple(sorted(self._team))
         self._planned = self._step
-        self._request = ""
+        self._talk.request = ""
         self._others = self._about_others(base)
         self._cut_off = self._is_cut_off(base, team)
-        result = None if self._cut_off else self._search(base, team)
+        result = None if self._cut_off else self._find(base, team)
         self._has_plan = result is not None and result.plan is not None
         if result is not None and result.plan is not None:
             self._follow(result.plan, base)
@@ -335,8 +306,7 @@ class PlannerPolicy:
         if result is not None and result.unsolvable:
             self._follow(Plan(()), base)
         else:
-            plan = self._anytime.towards(base, team=team, seed=self._seed, beam=self._expansions)
-            self._follow(plan, base)
+            self._follow(self._search.towards(base, team), base)
         self._ask_for_a_way(base)
 
     def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
@@ -345,26 +315,14 @@ class PlannerPolicy:
             return False
         return is_cut_off(self._anytime.model, self._anytime.in_model(state), team)
 
-    def _search(self, state: State, team: tuple[str, ...]) -> SearchResult:
-        """The best of some plans for a team."""
-        best = self._attempt(state, team, self._seed)
-        if self._only and best.plan is None and not best.unsolvable:
-            return self._anytime.first(state, STUBBORN, seed=self._seed)
-        attempts = 1 if len(team) == 1 or self._hurried else ATTEMPTS
-        for seed in range(self._seed + 1, self._seed + attempts):
-            if best.unsolvable or (best.plan is not None and len(best.plan) <= NEAR * best.bound):
-                break
-            found = self._attempt(state, team, seed)
-            best = found if _is_shorter(found, best) else best
-        return best
+    def _find(self, state: State, team: tuple[str, ...]) -> SearchResult:
+        """The best of some plans for the team."""
+        return self._search.best(state, team, in_a_hurry=self._hurried, choices=self._choices)
 
-    def _attempt(self, state: State, team: tuple[str, ...], seed: int) -> SearchResult:
-        limits = ALONE if len(team) == 1 else TOGETHER
-        choices = CHOICES if self._outsiders and not self._silent else 1
-        *_, found = self._anytime.search(
-            state, limits, team=team, seed=seed, beam=self._expansions, choices=choices
-        )
-        return found
+    @property
+    def _choices(self) -> int:
+        """How many choices of objects are tried: others may stand in the way of the first."""
+        return CHOICES if self._outsiders and not self._silent else 1
 
     def _improve(self, state: State) -> None:
         """Take what time there is at every decision to look for a shorter plan for the rest.
@@ -372,7 +330,7 @@ class PlannerPolicy:
         Only where steps are those of the plan: elsewhere lengths say little about time. And only
         where there are no other seats, whose parts a shorter plan would count on.
         """
-        for result in self._anytime.search(state, ALONE, beam=0):
+        for result in self._search.shorter(state):
             if result.plan is not None and len(result.plan) < self._steps_left:
                 self._since = []
                 self._follow(result.plan, state)
@@ -386,7 +344,8 @@ class PlannerPolicy:
 
     def _improve_together(self, state: State) -> None:
         """Look for a shorter plan for the rest: all of the team do, in the same step."""
-        found = self._attempt(state, tuple(sorted(self._team)), self._seed + self._step)
+        team = tuple(sorted(self._team))
+        found = self._search.once(state, team, choices=self._choices, after=self._step)
         if found.plan is not None and len(found.plan) < self._steps_left:
             self._base, self._since = state, []
             self._follow(found.plan, state)
@@ -423,40 +382,26 @@ class PlannerPolicy:
         """Tell people and others who cannot know where this seat is about to go."""
         if action is None or self._script is None or not action.schema.definition.travel:
             return
-        if self._silent:
-            return
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
-        if others and self._step - self._told >= TELL_AGAIN:
-            self._told = self._step
-            self._said.append(intention(self._script.coming(TOLD)))
+        if others:
+            self._talk.tell(self._script.coming(TOLD), self._step)
 
     def _ask_for_a_way(self, state: State) -> None:
         """Where there is a way if somebody else walks: ask them to. One of the team asks."""
-        asks = not self._silent and self.player == min(self._team)
-        if not asks or self._step - self._asked < ASK_AGAIN:
+        if self.player != min(self._team) or not self._talk.may_ask(self._step):
             return
         for player in self._outsiders:
             station = standing_at(state, player)
             if station is not None and self._opens_a_way(state, player):
-                self._ask(request(station, player))
+                self._talk.ask(request(station, player), self._step)
                 return
-
-    def _ask(self, text: str) -> None:
-        self._asked, self._request = self._step, text
-        self._said.append(text)
 
     def _opens_a_way(self, state: State, player: str) -> bool:
         """Whether there is a way if one of the others walks."""
         team = tuple(sorted({*self._team, player}))
         if self._cut_off:
             return not self._is_cut_off(state, team)
-        return self._anytime.first(state, team=team, seed=self._seed).plan is not None
-
-
-def _is_shorter(one: SearchResult, other: SearchResult) -> bool:
-    if one.plan is None or other.plan is None:
-        return one.plan is not None
-    return len(one.plan) < len(other.plan)
+        return self._search.first(state, team).plan is not None
 
 
 def _is_something_running(state: State) -> bool:

@@ -8,13 +8,28 @@ from collections.abc import Sequence
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
-__all__ = ["VERSION", "announced_version", "announcement", "intention", "request", "requested"]
+__all__ = [
+    "TOLD",
+    "VERSION",
+    "Talk",
+    "announced_version",
+    "announcement",
+    "intention",
+    "request",
+    "requested",
+]
 
 VERSION = 1
 """Of how planner bots make and follow the plan of a team: those of another one plan differently."""
 
 MAX_SAID = 500
 """Characters of a chat message."""
+
+ASK_AGAIN, TELL_AGAIN = 20, 6
+"""Steps between two requests to make way, and between two intentions that are told."""
+
+TOLD = 3
+"""Actions of an intention."""
 
 _ANNOUNCED = re.compile(r"\(team planner (\d{1,6})\)\s*$")
 _REQUEST = re.compile(r"\b(need|make way|please)\b", re.IGNORECASE)
@@ -46,3 +61,43 @@ def requested(text: str, station: str, world: World) -> bool:
     kind = world.thing(station).kind
     words = re.findall(r"\w+", text.lower())
     return bool(_REQUEST.search(text)) and bool({station.lower(), kind.lower()} & set(words))
+
+
+class Talk:
+    """The words of one seat; nothing, if it is `silent`. `request` is what it asks of others."""
+
+    def __init__(self, *, silent: bool) -> None:
+        self.request = ""
+        self._silent = silent
+        self._said = [] if silent else [announcement()]
+        self._asked = self._told = -ASK_AGAIN
+
+    def speak(self) -> list[str]:
+        """What there is to be said since this was last asked."""
+        said, self._said = self._said, []
+        return said
+
+    def announce(self) -> None:
+        """Say that this seat plans like others that say so."""
+        if not self._silent and announcement() not in self._said:
+            self._said.append(announcement())
+
+    def tell(self, coming: Sequence[GroundAction], step: int) -> None:
+        """Say what comes next, if that was not told a moment ago."""
+        if not self._silent and step - self._told >= TELL_AGAIN:
+            self._told = step
+            self._said.append(intention(coming))
+
+    def may_ask(self, step: int) -> bool:
+        """Whether enough time has passed since the last request."""
+        return not self._silent and step - self._asked >= ASK_AGAIN
+
+    def ask(self, text: str, step: int) -> None:
+        """Ask somebody to make way."""
+        self._asked, self.request = step, text
+        self._said.append(text)
+
+    def ask_again(self, step: int) -> None:
+        """Repeat the last request, if it still stands."""
+        if self.request and self.may_ask(step):
+            self.ask(self.request, step)
