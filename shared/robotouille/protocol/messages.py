@@ -9,16 +9,19 @@ not know, from a newer server, stays the text it is. What clients say is read st
 
 from __future__ import annotations
 
-from enum import StrEnum
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, WithJsonSchema, with_config
-from typing_extensions import TypedDict
+from pydantic import (
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+)
 
 from robotouille.domain.task import Timing
-from robotouille.episode.events import Controller, Reason
 from robotouille.episode.lifecycle import Phase
-from robotouille.episode.pauses import PauseReason
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.episode.rules import (
     Absence,
@@ -31,8 +34,29 @@ from robotouille.episode.rules import (
     Thinking,
 )
 from robotouille.protocol.error_codes import ErrorCode
+from robotouille.protocol.message_parts import (
+    ByValue,
+    EpisodeInfo,
+    FromServer,
+    Identifier,
+    Kind,
+    Known,
+    Message,
+    NamedAction,
+    OutcomeRow,
+    Pause,
+    Position,
+    Ref,
+    RulesRow,
+    SeatAnswer,
+    SeatInfo,
+    Seen,
+    TallyRow,
+    Token,
+    View,
+    Why,
+)
 from robotouille.world.sentences import MAX_SENTENCE
-from robotouille.world.unmet import Unmet, UnmetKind
 
 __all__ = [
     "CLIENT_MESSAGES",
@@ -68,11 +92,13 @@ __all__ = [
     "RulesRow",
     "Said",
     "Say",
+    "SeatAnswer",
     "SeatInfo",
     "Seen",
     "ServerMessage",
     "Snapshot",
     "TallyRow",
+    "View",
     "Welcome",
     "Why",
     "client_messages",
@@ -81,50 +107,7 @@ __all__ = [
 
 PROTOCOL_VERSION = 1
 
-Identifier = Annotated[str, Field(min_length=1, max_length=64)]
-Line = Annotated[str, Field(max_length=500)]
-Token = Annotated[str, Field(min_length=1, max_length=2000)]
-Position = Annotated[int, Field(ge=0, le=2**53)]
-Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
-Kind = Literal["human", "bot", "model"]
-View = Literal["state", "text", "both"]
-
-E = TypeVar("E", bound=StrEnum)
-ByValue = Annotated[E, Field(strict=False)]
-"""A member of an enumeration, which comes as its value."""
-Known = Annotated[
-    ByValue[E] | str, Field(union_mode="left_to_right"), WithJsonSchema({"type": "string"})
-]
-"""A member of an enumeration if it is one that this version knows, else the text as it came."""
-
-
-class Message(BaseModel):
-    """Base of all messages: immutable, typed strictly, unknown fields refused, numbers finite."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class FromServer(Message):
-    """What a server says: fields that only a newer one knows are left out."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-OPEN = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
-"""Of rows that a newer server may have more fields in."""
-
-
 # From client to server
-
-
-class Seen(Message):
-    """How much of an episode a client has: the step of its state, and its chat messages. With
-    `stale` its state is not good any more, and it needs a whole picture."""
-
-    episode: Identifier
-    step: Annotated[int, Field(ge=0, le=2**53)] = 0
-    said: Annotated[int, Field(ge=0, le=2**53)] = 0
-    stale: bool = False
 
 
 class Hello(Message):
@@ -177,9 +160,10 @@ class Create(Message):
 
 
 class Join(Message):
-    """Enter an episode by its id or short code: play a seat, or watch.
+    """Enter an episode by its id or short code: play a seat, or several, or watch.
 
-    `known` lists digests of tasks the client has already, so that they need not be sent.
+    `seats` are several to play over this one connection: by name, or `all` that are free now. It
+    is all of them or none. `known` lists digests of tasks the client has already, so that they need not be sent.
     """
 
     type: Literal["join"] = "join"
@@ -189,20 +173,29 @@ class Join(Message):
     seat: Identifier | None = None
     view: View = "state"
     known: Annotated[list[Identifier], Field(max_length=64)] = []
+    seats: Annotated[list[Identifier], Field(max_length=16)] | Literal["all"] = []
+
+    @field_validator("seats", mode="wrap")
+    @classmethod
+    def _check_seats(
+        cls, value: Any, validated: ValidatorFunctionWrapHandler, info: ValidationInfo
+    ) -> list[str] | str:
+        try:
+            seats: list[str] | str = validated(value)
+        except ValidationError:
+            raise ValueError("expected 'all', or the names of at most 16 seats") from None
+        if seats and (info.data.get("seat") is not None or info.data.get("role") != "player"):
+            raise ValueError("several seats are for players, and not together with 'seat'")
+        if isinstance(seats, list) and len(set(seats)) < len(seats):
+            raise ValueError("a seat is named twice")
+        return seats
 
 
 class Leave(Message):
-    """Leave the episode; a seat becomes free."""
+    """Leave the episode; all of one's seats become free."""
 
     type: Literal["leave"] = "leave"
     ref: Ref | None = None
-
-
-class NamedAction(Message):
-    """An action by name and arguments, e.g. `move` of `robot1`, `table1`, `table2`."""
-
-    name: Identifier
-    args: Annotated[list[Identifier], Field(max_length=16)] = []
 
 
 class Act(Message):
@@ -212,7 +205,8 @@ class Act(Message):
     `seq` rises by at least one with each new action; the same again is the same action. `basis`
     is the step the choice was made on, `think_ms` the declared thinking time. `basis` and
     `reasoning` are recorded, and shown to nobody. An action that `anticipates` need not be valid
-    yet: another's action in the same step is to make it so.
+    yet: another's action in the same step is to make it so. `seat` is the one of one's seats that
+    acts; the first if nothing is said.
     """
 
     type: Literal["act"] = "act"
@@ -222,10 +216,11 @@ class Act(Message):
     think_ms: Annotated[int, Field(ge=0, le=86_400_000)] = 0
     reasoning: Annotated[str, Field(max_length=8000)] | None = None
     anticipates: bool = False
+    seat: Identifier | None = None
 
 
 class Say(Message):
-    """A chat message to everybody in the episode."""
+    """A chat message to everybody in the episode; that of the first of several seats."""
 
     type: Literal["say"] = "say"
     text: Annotated[str, Field(min_length=1, max_length=500)]
@@ -243,6 +238,7 @@ class Note(Message):
     topic: Identifier
     text: Annotated[str, Field(min_length=1, max_length=MAX_NOTE)]
     more: bool = False
+    seat: Identifier | None = None
 
 
 class Resync(Message):
@@ -272,104 +268,6 @@ class Welcome(FromServer):
     grace: float
 
 
-class SeatInfo(FromServer):
-    """A seat and who plays it; `name` is empty while it is free.
-
-    `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
-    or a bot meanwhile (`stand-in`).
-    """
-
-    player: Identifier
-    name: str = ""
-    kind: str = ""
-    present: bool = False
-    controller: Known[Controller] = Controller.FREE
-    applied: int = 0
-    rejected: int = 0
-
-
-class Why(FromServer):
-    """A reason for which an action was rejected, as a value; its words are in `reasons` (or
-    `unmet`) at the same place."""
-
-    kind: Known[UnmetKind]
-    predicate: str = ""
-    objects: list[str] = []
-    expected: bool = True
-
-    @classmethod
-    def of(cls, unmet: Unmet) -> Why:
-        """What goes with the words of a reason."""
-        return cls(
-            kind=unmet.kind,
-            predicate=unmet.predicate,
-            objects=list(unmet.objects),
-            expected=unmet.expected,
-        )
-
-    def value(self, words: str) -> Unmet:
-        """The reason with its words; a kind that a newer server knows is another to us."""
-        kind = self.kind if isinstance(self.kind, UnmetKind) else UnmetKind.OTHER
-        return Unmet(kind, words, self.predicate, tuple(self.objects), self.expected)
-
-
-class Pause(FromServer):
-    """Why the game stands still, and the seconds after which that ends by itself."""
-
-    reason: Known[PauseReason]
-    left: float | None = None
-
-
-@with_config(OPEN)
-class RulesRow(TypedDict, total=False):
-    """The rules of an episode, as `Rules` has them; a newer server may have more."""
-
-    clock: Known[Clock]
-    step_rate: float
-    move_budget: float | None
-    max_steps: int
-    thinking: str
-    grace: float
-    absence: Known[Absence]
-    stand_in: str
-
-
-@with_config(OPEN)
-class TallyRow(TypedDict, total=False):
-    """What one seat did over an episode: how many actions applied, were rejected, and so on."""
-
-    player: str
-    applied: int
-    rejected: int
-    idle: int
-    said: int
-
-
-@with_config(OPEN)
-class OutcomeRow(TypedDict, total=False):
-    """How an episode ended, as `Outcome.to_json` has it."""
-
-    reason: Known[Reason]
-    steps: int
-    seconds: float
-    detail: str
-    seats: list[TallyRow]
-
-
-class EpisodeInfo(FromServer):
-    """An episode as the lobby lists it."""
-
-    episode: Identifier
-    code: Identifier
-    task: str
-    clock: Known[Clock]
-    phase: Known[Phase]
-    step: int
-    max_steps: int
-    seats: list[SeatInfo]
-    spectators: int = 0
-
-
 class Episodes(FromServer):
     """The answer to `list`."""
 
@@ -396,6 +294,8 @@ class Joined(FromServer):
     sequence number: the next action's is higher. `said` is the number of chat messages so far.
     `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
     server is started anew meanwhile. `anticipates` says that the server knows this field of `act`.
+    `seats` are one's own where there are several: `seat` is the first of them, and `seq` the highest
+    number of any.
     """
 
     type: Literal["joined"] = "joined"
@@ -410,6 +310,7 @@ class Joined(FromServer):
     said: int = 0
     resume: Token | None = None
     anticipates: bool = False
+    seats: list[str] = []
 
 
 class Moved(FromServer):
@@ -432,7 +333,8 @@ class Snapshot(FromServer):
     the client said it knows it. `clock` are the rules, `left` the seconds until the next step or
     the end of the move's budget, `said` the number of chat messages so far. `last_seq` is the
     seat's last action whose fate is decided: taken in step `last_step`, or rejected for
-    `last_reasons`.
+    `last_reasons`. Where one has several seats, that is the first's; `answers` tell the same of the
+    others, and `seq` is the highest number of any.
     """
 
     type: Literal["snapshot"] = "snapshot"
@@ -453,6 +355,7 @@ class Snapshot(FromServer):
     last_seq: int = 0
     last_step: int = 0
     last_reasons: list[str] = []
+    answers: list[SeatAnswer] = []
     turn: str | None = None
     clock: RulesRow
     left: float | None = None
@@ -510,7 +413,7 @@ class Observation(FromServer):
 
 class Rejected(FromServer):
     """An action that was not taken into a step: why (`code`, `reasons`, `why`), and at which
-    step."""
+    step. `seat` says whose it was where one has several."""
 
     type: Literal["rejected"] = "rejected"
     seq: int
@@ -519,6 +422,7 @@ class Rejected(FromServer):
     reasons: list[str]
     why: list[Why] = []
     code: Known[ErrorCode] = ErrorCode.ACTION_INVALID
+    seat: str = ""
 
 
 class Said(FromServer):

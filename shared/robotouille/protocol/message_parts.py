@@ -1,0 +1,196 @@
+"""What messages of the wire protocol are made of: their base, types of fields, and parts."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, with_config
+from typing_extensions import TypedDict
+
+from robotouille.episode.events import Controller, Reason
+from robotouille.episode.lifecycle import Phase
+from robotouille.episode.pauses import PauseReason
+from robotouille.episode.rules import Absence, Clock
+from robotouille.world.unmet import Unmet, UnmetKind
+
+__all__ = [
+    "ByValue",
+    "EpisodeInfo",
+    "FromServer",
+    "Identifier",
+    "Kind",
+    "Known",
+    "Message",
+    "NamedAction",
+    "OutcomeRow",
+    "Pause",
+    "Position",
+    "Ref",
+    "RulesRow",
+    "SeatAnswer",
+    "SeatInfo",
+    "Seen",
+    "TallyRow",
+    "Token",
+    "View",
+    "Why",
+]
+
+Identifier = Annotated[str, Field(min_length=1, max_length=64)]
+Token = Annotated[str, Field(min_length=1, max_length=2000)]
+Position = Annotated[int, Field(ge=0, le=2**53)]
+Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
+Kind = Literal["human", "bot", "model"]
+View = Literal["state", "text", "both"]
+
+E = TypeVar("E", bound=StrEnum)
+ByValue = Annotated[E, Field(strict=False)]
+"""A member of an enumeration, which comes as its value."""
+Known = Annotated[
+    ByValue[E] | str, Field(union_mode="left_to_right"), WithJsonSchema({"type": "string"})
+]
+"""A member of an enumeration if it is one that this version knows, else the text as it came."""
+
+
+class Message(BaseModel):
+    """Base of all messages: immutable, typed strictly, unknown fields refused, numbers finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class FromServer(Message):
+    """What a server says: fields that only a newer one knows are left out."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+OPEN = ConfigDict(extra="allow", strict=True, allow_inf_nan=False)
+"""Of rows that a newer server may have more fields in."""
+
+
+class Seen(Message):
+    """How much of an episode a client has: the step of its state, and its chat messages. With
+    `stale` its state is not good any more, and it needs a whole picture."""
+
+    episode: Identifier
+    step: Annotated[int, Field(ge=0, le=2**53)] = 0
+    said: Annotated[int, Field(ge=0, le=2**53)] = 0
+    stale: bool = False
+
+
+class NamedAction(Message):
+    """An action by name and arguments, e.g. `move` of `robot1`, `table1`, `table2`."""
+
+    name: Identifier
+    args: Annotated[list[Identifier], Field(max_length=16)] = []
+
+
+class SeatInfo(FromServer):
+    """A seat and who plays it; `name` is empty while it is free.
+
+    `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
+    or a bot meanwhile (`stand-in`).
+    """
+
+    player: Identifier
+    name: str = ""
+    kind: str = ""
+    present: bool = False
+    controller: Known[Controller] = Controller.FREE
+    applied: int = 0
+    rejected: int = 0
+
+
+class Why(FromServer):
+    """A reason for which an action was rejected, as a value; its words are in `reasons` (or
+    `unmet`) at the same place."""
+
+    kind: Known[UnmetKind]
+    predicate: str = ""
+    objects: list[str] = []
+    expected: bool = True
+
+    @classmethod
+    def of(cls, unmet: Unmet) -> Why:
+        """What goes with the words of a reason."""
+        return cls(
+            kind=unmet.kind,
+            predicate=unmet.predicate,
+            objects=list(unmet.objects),
+            expected=unmet.expected,
+        )
+
+    def value(self, words: str) -> Unmet:
+        """The reason with its words; a kind that a newer server knows is another to us."""
+        kind = self.kind if isinstance(self.kind, UnmetKind) else UnmetKind.OTHER
+        return Unmet(kind, words, self.predicate, tuple(self.objects), self.expected)
+
+
+class Pause(FromServer):
+    """Why the game stands still, and the seconds after which that ends by itself."""
+
+    reason: Known[PauseReason]
+    left: float | None = None
+
+
+@with_config(OPEN)
+class RulesRow(TypedDict, total=False):
+    """The rules of an episode, as `Rules` has them; a newer server may have more."""
+
+    clock: Known[Clock]
+    step_rate: float
+    move_budget: float | None
+    max_steps: int
+    thinking: str
+    grace: float
+    absence: Known[Absence]
+    stand_in: str
+
+
+@with_config(OPEN)
+class TallyRow(TypedDict, total=False):
+    """What one seat did over an episode: how many actions applied, were rejected, and so on."""
+
+    player: str
+    applied: int
+    rejected: int
+    idle: int
+    said: int
+
+
+@with_config(OPEN)
+class OutcomeRow(TypedDict, total=False):
+    """How an episode ended, as `Outcome.to_json` has it."""
+
+    reason: Known[Reason]
+    steps: int
+    seconds: float
+    detail: str
+    seats: list[TallyRow]
+
+
+class EpisodeInfo(FromServer):
+    """An episode as the lobby lists it."""
+
+    episode: Identifier
+    code: Identifier
+    task: str
+    clock: Known[Clock]
+    phase: Known[Phase]
+    step: int
+    max_steps: int
+    seats: list[SeatInfo]
+    spectators: int = 0
+
+
+class SeatAnswer(FromServer):
+    """What became of the last action of one of one's seats: the `seq`, taken in `step` or rejected
+    for `reasons`. A `seq` of 0: none was decided so far."""
+
+    seat: Identifier
+    seq: int = 0
+    step: int = 0
+    reasons: list[str] = []
+
+
