@@ -6,7 +6,7 @@ same course alone or beside a hundred others, in real or in simulated time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 from robotouille.episode.episode_state import EpisodeState, Undone, nothing_undone
@@ -27,7 +27,13 @@ from robotouille.episode.pauses import PauseReason
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import size_of_rejection
 from robotouille.episode.rules import Absence, Rules
-from robotouille.episode.seats import ActionAnswer, PendingAction, Seat, joint_action
+from robotouille.episode.seats import (
+    ActionAnswer,
+    PendingAction,
+    Seat,
+    by_holder,
+    joint_action,
+)
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
@@ -92,82 +98,94 @@ class Episode(EpisodeState):
         Raises:
             ProtocolError: `episode/over`, `episode/full`, `seat/unknown` or `seat/taken`.
         """
-        self._check_open()
-        seat = self._free_seat() if player is None else self.seat(player)
-        if seat.taken:
-            raise ProtocolError("seat/taken", f"{seat.player} is played by {seat.name}", "seat")
-        seat.take(name, kind, session, participant, now)
+        players = (player,) if player is not None else self.free_seats()[:1]
+        (taken,) = self.join_several(
+            players, name, kind, now, session=session, participant=participant
+        )
+        return taken
+
+    def join_several(
+        self,
+        players: Collection[str],
+        name: str,
+        kind: str,
+        now: float,
+        *,
+        session: str = "",
+        participant: str = "",
+    ) -> tuple[str, ...]:
+        """One participant takes several seats: all of them, or none. Arguments are those of `join`.
+
+        Returns:
+            The players, in seat order.
+
+        Raises:
+            ProtocolError: `episode/over`, `seat/unknown` or `seat/taken`.
+        """
+        seats = self.check_free(players)
+        for seat in seats:
+            seat.take(name, kind, session, participant, now)
         self.used = True
-        self._emit_roster(seat, now)
+        for seat in seats:
+            self._emit_roster(seat, now)
         self._update_presence(now)
         if self.phase is Phase.WAITING and all(s.taken for s in self.seats.values()):
             self._start(now)
-        return seat.player
+        return tuple(seat.player for seat in seats)
 
-    def leave(self, player: str, now: float, why: Departure = Departure.LEFT) -> None:
-        """Give a seat up for good; the absence policy says what becomes of the game.
+    def leave(
+        self, players: str | Collection[str], now: float, why: Departure = Departure.LEFT
+    ) -> None:
+        """A participant gives its seats up for good; the absence policy says what becomes of the
+        game.
 
-        Nothing happens where the seat is free or the episode is over.
+        Nothing happens where the seats are free or the episode is over.
 
         Raises:
             ProtocolError: `seat/unknown`.
         """
-        seat = self.seat(player)
-        if not seat.taken or self.ended:
+        seats = [seat for seat in self.seats_of(players) if seat.taken]
+        if not seats or self.ended:
             return
-        name = seat.name
-        seat.vacate()
-        seat.away = now
-        self._emit_roster(seat, now, why)
+        name = seats[0].name
+        for seat in seats:
+            seat.vacate()
+            seat.away = now
+        for seat in seats:
+            self._emit_roster(seat, now, why)
         if self.in_progress and self.rules.absence is Absence.END:
             self._end(Reason.ABANDONED, now, f"{name} {DEPARTURES[why]}")
         else:
             self._update_presence(now)
 
     def set_present(
-        self, player: str, present: bool, now: float, *, generation: int | None = None
+        self,
+        players: str | Collection[str],
+        present: bool,
+        now: float,
+        *,
+        generation: int | None = None,
     ) -> None:
-        """A seat's connection was lost or is back (with a resume token of this generation).
+        """The connection to a participant's seats was lost or is back (with a resume token of this
+        generation).
 
         Raises:
             ProtocolError: `seat/unknown`.
         """
-        seat = self.seat(player)
-        changed = seat.present != present or generation not in (None, seat.generation)
-        if not seat.taken or not changed or self.ended:
+        seats = [
+            seat
+            for seat in self.seats_of(players)
+            if seat.taken and (seat.present != present or generation not in (None, seat.generation))
+        ]
+        if not seats or self.ended:
             return
-        if seat.present != present:
-            seat.asked_at = seat.away = now
-        if seat.pending is not None and seat.pending.seq == 0:
-            seat.pending = None
-        if present:
-            seat.come_back()
-        elif seat.present:
-            seat.lose_connection()
-        if generation is not None:
-            seat.generation = generation
-        self._emit_roster(seat, now)
+        for seat in seats:
+            seat.set_present(present, now)
+            if generation is not None:
+                seat.generation = generation
+        for seat in seats:
+            self._emit_roster(seat, now)
         self._update_presence(now)
-
-    def _free_seat(self) -> Seat:
-        for seat in self.seats.values():
-            if not seat.taken:
-                return seat
-        message = f"all {len(self.seats)} seats are taken"
-        if away := [seat.name for seat in self.seats.values() if not seat.present]:
-            message += f"; {' and '.join(away)} may still come back to theirs"
-        raise ProtocolError("episode/full", message, "episode")
-
-    def _emit_roster(self, seat: Seat, now: float, why: Departure | None = None) -> None:
-        seat.controller = self._controller(seat)
-        self._emit(seat.roster_change(self._elapsed(now), why))
-
-    def _controller(self, seat: Seat) -> Controller:
-        if seat.present:
-            return Controller(seat.kind)
-        if self.in_progress and self.rules.absence is Absence.BOT:
-            return Controller.STAND_IN
-        return Controller.ABSENT if seat.taken else Controller.FREE
 
     # The beginning and the end
 
@@ -371,29 +389,6 @@ class Episode(EpisodeState):
         )
         self._take_decided_steps(now)
 
-    def _check_begun(self) -> None:
-        if self.phase is Phase.WAITING:
-            free = sum(not seat.taken for seat in self.seats.values())
-            message = f"the episode waits for {free} more player{'s' * (free > 1)}"
-            raise ProtocolError("episode/waiting", message, "episode")
-        self._check_open()
-
-    def _faults(
-        self, seat: Seat, action: GroundAction | None, *, anticipates: bool = False
-    ) -> tuple[Unmet, ...]:
-        """Why an action cannot be taken; empty if it can."""
-        turn = self.on_turn
-        if turn is not None and turn != seat.player:
-            return (Unmet(UnmetKind.TURN, f"it is {turn}'s turn", objects=(turn,)),)
-        if action is None:
-            return ()
-        if action.player is not None and action.player != seat.player:
-            words = f"{action.player} is not yours to move: you play {seat.player}"
-            return (Unmet(UnmetKind.SEAT, words, objects=(action.player,)),)
-        if anticipates or self.world.applicable(self.state, action):
-            return ()
-        return self.world.unmet(self.state, action)
-
     def _reject(
         self,
         seat: Seat,
@@ -457,8 +452,9 @@ class Episode(EpisodeState):
                 self._end(Reason.ABANDONED, now, self._presence.missing())
                 return
             self.resume(why, now)
-        for seat in self._presence.overdue(now, begun=self.in_progress):
-            self.leave(seat.player, now, Departure.LOST)
+        overdue = self._presence.overdue(now, begun=self.in_progress)
+        for players in by_holder(overdue):
+            self.leave(players, now, Departure.LOST)
 
     def _start_move_timer(self, now: float) -> None:
         """Everybody who has to decide has its budget from now on."""

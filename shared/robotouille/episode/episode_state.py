@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from robotouille.episode.clocks import clock_for
 from robotouille.episode.events import (
     Announced,
+    Controller,
+    Departure,
     Ended,
     Event,
     Moderated,
@@ -29,10 +31,12 @@ from robotouille.episode.quota import (
     size_of_note,
     take_or_refuse,
 )
-from robotouille.episode.rules import Rules
-from robotouille.episode.seats import ActionAnswer, Seat, tally
+from robotouille.episode.rules import Absence, Rules
+from robotouille.episode.seats import ActionAnswer, Seat, names_of, tally
 from robotouille.errors import ProtocolError
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
+from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
 
 __all__ = ["EpisodeState", "Undone", "nothing_undone"]
@@ -132,6 +136,13 @@ class EpisodeState:
         if self.ended:
             raise ProtocolError("episode/over", "the episode is over", "episode")
 
+    def _check_begun(self) -> None:
+        if self.phase is Phase.WAITING:
+            free = sum(not seat.taken for seat in self.seats.values())
+            message = f"the episode waits for {free} more player{'s' * (free > 1)}"
+            raise ProtocolError("episode/waiting", message, "episode")
+        self._check_open()
+
     # Seats and steps
 
     def seat(self, player: str) -> Seat:
@@ -145,11 +156,72 @@ class EpisodeState:
             raise ProtocolError("seat/unknown", f"no seat {player!r}; there are {listed}", "seat")
         return self.seats[player]
 
+    def seats_of(self, players: str | Collection[str]) -> list[Seat]:
+        """The seats of some players, in seat order; ProtocolError `seat/unknown`."""
+        wanted = {players} if isinstance(players, str) else set(players)
+        for player in sorted(wanted.difference(self.seats)):
+            self.seat(player)
+        return [seat for seat in self.seats.values() if seat.player in wanted]
+
+    def check_free(self, players: Collection[str]) -> list[Seat]:
+        """The seats of some players, in seat order, which anybody may take.
+
+        Raises:
+            ProtocolError: `episode/over`, `seat/unknown` or `seat/taken`.
+        """
+        self._check_open()
+        seats = self.seats_of(players)
+        for seat in seats:
+            if seat.taken:
+                raise ProtocolError("seat/taken", f"{seat.player} is played by {seat.name}", "seat")
+        return seats
+
+    def free_seats(self) -> tuple[str, ...]:
+        """The players whose seats anybody may take.
+
+        Raises:
+            ProtocolError: `episode/over`, or `episode/full` where there is none.
+        """
+        self._check_open()
+        if free := tuple(seat.player for seat in self.seats.values() if not seat.taken):
+            return free
+        message = f"all {len(self.seats)} seats are taken"
+        if away := names_of(seat for seat in self.seats.values() if not seat.present):
+            message += f"; {away} may still come back to theirs"
+        raise ProtocolError("episode/full", message, "episode")
+
+    def _emit_roster(self, seat: Seat, now: float, why: Departure | None = None) -> None:
+        seat.controller = self._controller(seat)
+        self._emit(seat.roster_change(self._elapsed(now), why))
+
+    def _controller(self, seat: Seat) -> Controller:
+        if seat.present:
+            return Controller(seat.kind)
+        if self.in_progress and self.rules.absence is Absence.BOT:
+            return Controller.STAND_IN
+        return Controller.ABSENT if seat.taken else Controller.FREE
+
     @property
     def on_turn(self) -> str | None:
         """Whose turn it is, with the turn clock."""
         turn = self._clock.on_turn(self.step)
         return turn if turn is not None and self.in_progress else None
+
+    def _faults(
+        self, seat: Seat, action: GroundAction | None, *, anticipates: bool = False
+    ) -> tuple[Unmet, ...]:
+        """Why an action cannot be taken; empty if it can."""
+        turn = self.on_turn
+        if turn is not None and turn != seat.player:
+            return (Unmet(UnmetKind.TURN, f"it is {turn}'s turn", objects=(turn,)),)
+        if action is None:
+            return ()
+        if action.player is not None and action.player != seat.player:
+            words = f"{action.player} is not yours to move: you play {seat.player}"
+            return (Unmet(UnmetKind.SEAT, words, objects=(action.player,)),)
+        if anticipates or self.world.applicable(self.state, action):
+            return ()
+        return self.world.unmet(self.state, action)
 
     def _transition(
         self, moves: tuple[Move, ...], idle: tuple[tuple[str, int], ...], time: float

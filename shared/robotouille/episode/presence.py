@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from robotouille.episode.pauses import PauseReason, PauseReasons
 from robotouille.episode.rules import Absence, Rules
-from robotouille.episode.seats import Seat
+from robotouille.episode.seats import Seat, names_of
 
 __all__ = ["LOBBY_SECONDS", "Presence"]
 
@@ -101,5 +101,5 @@ class Presence:
         """Whom we miss, in words."""
         if PauseReason.DESERTED in self.pauses:
             return "everybody left"
-        names = [seat.name or seat.player for seat in self._seats.values() if not seat.present]
-        return f"{' and '.join(names)} did not come back"
+        missing = names_of(seat for seat in self._seats.values() if not seat.present)
+        return f"{missing} did not come back"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -20,7 +20,15 @@ from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["ActionAnswer", "PendingAction", "Seat", "joint_action", "tally"]
+__all__ = [
+    "ActionAnswer",
+    "PendingAction",
+    "Seat",
+    "by_holder",
+    "joint_action",
+    "names_of",
+    "tally",
+]
 
 
 @dataclass(slots=True)
@@ -122,6 +130,21 @@ class Seat:
         """
         self.state = next_seat_state(self.state, SeatEvent.RETURN)
 
+    def set_present(self, present: bool, now: float) -> None:
+        """Its participant is here (again), or away; what a stand-in was about to do is dropped.
+
+        Raises:
+            IllegalEventError: The seat is free.
+        """
+        if self.present != present:
+            self.asked_at = self.away = now
+        if self.pending is not None and self.pending.seq == 0:
+            self.pending = None
+        if present:
+            self.come_back()
+        elif self.present:
+            self.lose_connection()
+
     def vacate(self) -> None:
         """Nobody's seat any more.
 
@@ -169,6 +192,19 @@ class Seat:
         if pending.seq > 0:
             self.answer = ActionAnswer(pending.seq, step + 1)
         return pending
+
+
+def by_holder(seats: Iterable[Seat]) -> list[list[str]]:
+    """The players of some seats, those of one participant together."""
+    players: dict[str, list[str]] = {}
+    for seat in seats:
+        players.setdefault(seat.session or seat.player, []).append(seat.player)
+    return list(players.values())
+
+
+def names_of(seats: Iterable[Seat]) -> str:
+    """Who plays some seats, in words; a free one has only its player's name."""
+    return " and ".join(dict.fromkeys(seat.name or seat.player for seat in seats))
 
 
 def joint_action(

@@ -192,5 +192,3 @@ class SeatAnswer(FromServer):
     seq: int = 0
     step: int = 0
     reasons: list[str] = []
-
-

@@ -163,7 +163,8 @@ class Join(Message):
     """Enter an episode by its id or short code: play a seat, or several, or watch.
 
     `seats` are several to play over this one connection: by name, or `all` that are free now. It
-    is all of them or none. `known` lists digests of tasks the client has already, so that they need not be sent.
+    is all of them or none. `known` lists digests of tasks the client has already, so that they
+    need not be sent.
     """
 
     type: Literal["join"] = "join"
@@ -294,8 +295,8 @@ class Joined(FromServer):
     sequence number: the next action's is higher. `said` is the number of chat messages so far.
     `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
     server is started anew meanwhile. `anticipates` says that the server knows this field of `act`.
-    `seats` are one's own where there are several: `seat` is the first of them, and `seq` the highest
-    number of any.
+    `seats` are one's own where there are several: `seat` is the first of them, and `seq` the
+    highest number of any.
     """
 
     type: Literal["joined"] = "joined"
