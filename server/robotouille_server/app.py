@@ -426,7 +426,7 @@ class Server:
         if self._stopping:
             return
         room, draining = session.room, self.lobby.draining
-        if draining and session.player is not None and room is not None and self._hand_over(room):
+        if draining and session.players and room is not None and self._hand_over(room):
             return
         self.sessions.disconnected(session)
 

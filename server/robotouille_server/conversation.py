@@ -218,15 +218,17 @@ class Conversation:
 
     def _refuse_over_limit(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error."""
-        code = "rate/limited"
-        reason = self._limit
+        code, reason = "rate/limited", self._limit
         if not isinstance(message, messages.Act):
             raise ProtocolError(code, reason)
         self._services.metrics.errors.labels(code).inc()
-        rejected = messages.Rejected(
-            seq=message.seq, step=message.basis or 0, action="", reasons=[reason], code=code
-        )
-        self.peer.send(rejected)
+        self._reject(message, message.basis or 0, code, reason)
+
+    def _reject(self, act: messages.Act, step: int, code: str, reason: str) -> None:
+        """Answer an action of which the room does not hear."""
+        seat = self.session.seat_shown(act.seat) if self.session is not None else ""
+        told = {"seq": act.seq, "step": step, "action": "", "reasons": [reason]}
+        self.peer.send(messages.Rejected(**told, code=code, seat=seat))
 
     def _answer_error(self, error: ProtocolError, ref: int | None) -> None:
         self._services.metrics.errors.labels(error.code).inc()
@@ -422,12 +424,8 @@ class Conversation:
     def _act(self, session: Session, message: messages.Act) -> None:
         if session.room is not None:
             session.room.act(session, message)
-            return
-        rejected = messages.Rejected(
-            seq=message.seq, step=0, action="", reasons=["join an episode first"],
-            code="episode/none",
-        )  # fmt: skip
-        self.peer.send(rejected)
+        else:
+            self._reject(message, 0, "episode/none", "join an episode first")
 
     def _say(self, session: Session, message: messages.Say) -> None:
         self._room(session).say(session, message.text)

@@ -32,7 +32,7 @@ class Room:
 
     def member(self, name: str, peer: SilentPeer | None = None, view: str = "state") -> SilentPeer:
         session = Session(f"s-{name}", name=name, kind="human", role=Role.PLAYER)
-        session.player = PLAYER if name == "Ada" else None
+        session.players = (PLAYER,) if name == "Ada" else ()
         session.view = view
         session.peer = found = peer or SilentPeer()  # type: ignore[assignment]
         self.broadcaster.members.append(session)

@@ -54,7 +54,7 @@ class Room:
 
     def _member(self, player: str) -> Session:
         session = Session(f"s-{player}", name=player, kind="human", role=Role.PLAYER)
-        session.player = player
+        session.players = (player,)
         self.broadcaster.members.append(session)
         return session
 

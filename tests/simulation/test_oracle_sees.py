@@ -68,7 +68,7 @@ def numbers_not_looked_at(patch: pytest.MonkeyPatch) -> None:
 
     def forgetful(room: Room, session: Session, request: messages.Act) -> None:
         if session.player is not None:
-            seat = room.episode.seat(session.player)
+            seat = room.episode.seat(request.seat or session.player)
             seat.seq = min(seat.seq, request.seq - 1)
         act(room, session, request)
 

@@ -76,7 +76,7 @@ class RowBuilder:
         """A room with its state in words and who looks on."""
         return EpisodeDetail(
             **dict(self.row(room, now)),
-            audience=[self._audience(room, s) for s in room.members if s.player is None],
+            audience=[self._audience(room, s) for s in room.members if not s.players],
             turn=room.episode.on_turn,
             text=room.episode.state.text(None),
             lines=list(lines),

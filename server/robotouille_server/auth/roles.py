@@ -65,11 +65,13 @@ def check_join(
     """The seat to ask for, where a token is limited to an episode (`only`) or a `seat`.
 
     `episode` and `code` are those of the room that `message` names. ProtocolError `auth/episode`
-    or `auth/seat` if the token is for another.
+    or `auth/seat` if the token is for another, or asked for more than it is for.
     """
     check_scope(only, episode, code)
     if not seat or message.role != "player":
         return message.seat
+    if message.seats not in ([], [seat]):
+        raise ProtocolError("auth/seat", f"your token is for the seat {seat} alone", "seats")
     if message.seat not in (None, seat):
         raise ProtocolError("auth/seat", f"your token is for the seat {seat}", "seat")
     return seat

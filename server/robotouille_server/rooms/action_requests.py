@@ -41,14 +41,13 @@ class ActionRequests:
             self._reject(session, request, error)
 
     def _submit(self, session: Session, request: messages.Act, now: float) -> None:
-        if session.player is None:
-            raise ProtocolError("seat/none", "spectators do not act", "type")
+        player = session.own_seat(request.seat)
         if self._write_ahead.failing:
             return  # It is sent again; what is held back must not grow.
-        if request.seq == self._episode.seat(session.player).seq:
-            self._answer_again(session, request)
+        if request.seq == self._episode.seat(player).seq:
+            self._answer_again(session, player, request)
             return
-        player, seq, reasoning = session.player, request.seq, request.reasoning or ""
+        seq, reasoning = request.seq, request.reasoning or ""
         basis = request.basis
         try:
             action = requested_action(self._episode, player, request)
@@ -69,9 +68,9 @@ class ActionRequests:
             )
         session.recorded_bytes += len(reasoning.encode())
 
-    def _answer_again(self, session: Session, request: messages.Act) -> None:
+    def _answer_again(self, session: Session, player: str, request: messages.Act) -> None:
         """An action that was received before: send what became of it, do nothing."""
-        answer = self._broadcaster.answer(session)
+        answer = self._episode.seat(player).answer
         if answer.seq != request.seq:
             return
         if not answer.reasons:
@@ -83,6 +82,7 @@ class ActionRequests:
             action=in_words(request),
             reasons=list(answer.reasons),
             code=answer.code,
+            seat=session.seat_shown(player),
         )
         send = partial(self._broadcaster.send, session, rejected)
         self._write_ahead.when_committed(session, send)
@@ -96,6 +96,7 @@ class ActionRequests:
             action=in_words(request),
             reasons=[error.message],
             code=error.code,
+            seat=session.seat_shown(request.seat),
         )
         self._broadcaster.send(session, rejected)
         if error.code == "action/stale":

@@ -27,7 +27,7 @@ from robotouille.replay.recorder import HASH_EVERY
 from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import State
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.snapshots import Snapshots
+from robotouille_server.rooms.snapshots import Snapshots, last_seq, own_answers
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.transport import Peer, frame_of
 
@@ -90,11 +90,11 @@ class Broadcaster:
 
     @property
     def spectators(self) -> int:
-        return sum(s.player is None and s.peer is not None for s in self.members)
+        return sum(not s.players and s.peer is not None for s in self.members)
 
     def holder(self, player: str) -> Session | None:
         """The session that plays a seat."""
-        return next((session for session in self.members if session.player == player), None)
+        return next((session for session in self.members if player in session.players), None)
 
     # Coming in and coming back
 
@@ -129,11 +129,12 @@ class Broadcaster:
         peer.send(self.roster())
 
     def _send_joined(self, session: Session, ref: int | None, resume: str) -> None:
-        role = "player" if session.player else "spectator"
+        role, episode = "player" if session.players else "spectator", self._episode
         joined = messages.Joined(
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
-            name=session.name, seq=self._seq(session), step=self._episode.step,
-            said=self._episode.said, resume=resume, anticipates=True,
+            name=session.name, seq=last_seq(episode, session.players), step=episode.step,
+            said=episode.said, resume=resume, anticipates=True,
+            seats=[*session.players] if session.has_several else [],
         )  # fmt: skip
         self.send(session, joined)
 
@@ -177,7 +178,7 @@ class Broadcaster:
                     frame = frames[peer.codec] = frame_of(peer.codec.pack(delta))
                 peer.send_frame(frame)
             if session.wants_text:
-                self._send_observation(session, event, texts)
+                self._send_observations(session, event, texts)
 
     def _delta(self, event: Stepped) -> dict[str, Any]:
         """The fields of a `delta` message, as plain values: it is made for every step."""
@@ -198,28 +199,31 @@ class Broadcaster:
             delta["hash"] = self._writer.digest(event.state)
         return delta
 
-    def _send_observation(
+    def _send_observations(
         self,
         session: Session,
         event: Stepped,
         texts: dict[str | None, messages.Observation],
     ) -> None:
-        """Whoever has only words is sent what became of its own action, then what it sees."""
+        """Whoever has only words is sent what became of its own actions, then what it sees."""
         for move, attempt in zip(event.moves, event.attempts, strict=True):
-            if move.player == session.player and not attempt.applied and not session.wants_state:
+            if move.player in session.players and not attempt.applied and not session.wants_state:
                 rejected = messages.Rejected(
                     seq=move.seq,
                     step=event.step,
                     action=move.action.sentence,
                     reasons=list(attempt.reasons),
                     why=[messages.Why.of(unmet) for unmet in attempt.unmet],
+                    seat=session.seat_shown(move.player),
                 )
                 self.send(session, rejected)
-        player = session.player
-        if player not in texts:
-            phase = "running" if event.step < self._episode.step else self.phase
-            texts[player] = self._observation(player, event.state, event.step, event.turn, phase)
-        self.send(session, texts[player])
+        phase = "running" if event.step < self._episode.step else self.phase
+        for player in session.views:
+            if player not in texts:
+                texts[player] = self._observation(
+                    player, event.state, event.step, event.turn, phase
+                )
+            self.send(session, texts[player])
 
     def publish_rejection(self, event: Rejected) -> None:
         """To the seat whose action it was."""
@@ -234,6 +238,7 @@ class Broadcaster:
             reasons=list(event.reasons),
             why=[] if only_words else [messages.Why.of(unmet) for unmet in event.unmet],
             code=event.code,
+            seat=session.seat_shown(event.player),
         )
         self.send(session, rejected)
         if event.code == ErrorCode.ACTION_STALE:
@@ -243,7 +248,11 @@ class Broadcaster:
         """To the seat whose words are not recorded any more; spectators notice when they talk."""
         session = self.holder(event.player)
         if session is not None:
-            text = "no more of what you write is recorded here: act without reasoning from now on"
+            seat = session.seat_shown(event.player)
+            where = f"here for {seat}" if seat else "here"
+            text = (
+                f"no more of what you write is recorded {where}: act without reasoning from now on"
+            )
             self.send(session, messages.Notice(text=text))
 
     def publish_said(self, event: Said) -> None:
@@ -311,10 +320,11 @@ class Broadcaster:
             peer.answer_frame(self._snapshots.frame(peer.codec, own, with_task=not known))
         if session.wants_text:
             episode = self._episode
-            observation = self._observation(
-                session.player, episode.state, episode.step, episode.on_turn, self.phase
-            )
-            peer.answer(observation)
+            for player in session.views:
+                observation = self._observation(
+                    player, episode.state, episode.step, episode.on_turn, self.phase
+                )
+                peer.answer(observation)
             if not session.wants_state and episode.outcome is not None:
                 self.send(session, self.ended(episode.outcome))
 
@@ -327,14 +337,9 @@ class Broadcaster:
     def _own_fields(self, session: Session) -> dict[str, Any]:
         """The fields of a `snapshot` message that change between steps, or by who gets it."""
         episode = self._episode
-        answer = self.answer(session)
         pause = self._pause()
         there_or_not: dict[str, Any] = {
-            "seat": session.player,
-            "seq": self._seq(session),
-            "last_seq": answer.seq,
-            "last_step": answer.step,
-            "last_reasons": list(answer.reasons),
+            **own_answers(episode, session.players),
             "turn": episode.on_turn,
             "pause": pause and pause.model_dump(mode="json", exclude_defaults=True),
             "said": episode.said,
@@ -378,13 +383,6 @@ class Broadcaster:
         why, until = shown
         left = None if until is None else round(max(0.0, until - self._now()), 3)
         return messages.Pause(reason=why.value, left=left)
-
-    def _seq(self, session: Session) -> int:
-        return self._episode.seats[session.player].seq if session.player else 0
-
-    def answer(self, session: Session) -> ActionAnswer:
-        """What became of the last of a session's actions that was decided."""
-        return self._episode.seats[session.player].answer if session.player else ActionAnswer(0, 0)
 
     def seats(self) -> list[messages.SeatInfo]:
         return [

@@ -142,14 +142,14 @@ class Room:
     # Coming and going
 
     def enter(self, session: Session, request: messages.Join, max_spectators: int) -> None:
-        """Take a seat or watch; the session gets `joined` and a first snapshot."""
+        """Take seats or watch; the session gets `joined` and a first snapshot."""
         self._write_ahead.check()
         if self.bans(session.id, session.participant):
             raise ProtocolError("episode/banned", "you were sent out of this episode", "episode")
         name = self._names.choose(session.given_name)
         if request.role == "player":
-            session.player = self.episode.join(
-                self._turnover.choose(self.episode, request.seat, self._now()),
+            session.players = self.episode.join_several(
+                self._turnover.choose(self.episode, request, self._now()),
                 name,
                 session.kind,
                 self._now(),
@@ -160,7 +160,7 @@ class Room:
             message = f"{max_spectators} spectators watch already"
             raise ProtocolError("episode/full", message, "role")
         else:
-            session.player = None
+            session.players = ()
             self._forget_away(max_spectators)
             self._names.watch(name)
         session.name, session.room = name, self
@@ -174,7 +174,7 @@ class Room:
     def _forget_away(self, most: int) -> None:
         """Of the spectators who are away, and may come back for a while, there are not more than
         may watch."""
-        away = [one for one in self.members if one.player is None and one.peer is None]
+        away = [one for one in self.members if not one.players and one.peer is None]
         if len(away) >= most > 0:
             longest = min(away, key=lambda one: one.away_since)
             self._forget(longest)
@@ -186,47 +186,46 @@ class Room:
 
     def _welcome(self, session: Session, ref: int | None) -> None:
         self.broadcaster.welcome(session, ref, self._host.resume_token(session))
-        if session.player is None:
-            self.broadcaster.publish_roster()
-        else:
+        if session.players:
             self.broadcaster.send(session, self.broadcaster.roster())
+        else:
+            self.broadcaster.publish_roster()
 
     def leave(self, session: Session, why: Departure = Departure.LEFT) -> None:
         """Leave for good."""
-        player = self._remove(session)
-        if player is not None:
-            self.episode.leave(player, self._now(), why)
+        players = self._remove(session)
+        if players:
+            self.episode.leave(players, self._now(), why)
         else:
             self.broadcaster.publish_roster()
         self.flush()
 
-    def _remove(self, session: Session) -> str | None:
-        """Take a session out of the room; the seat it had."""
+    def _remove(self, session: Session) -> tuple[str, ...]:
+        """Take a session out of the room; the seats it had."""
         if session in self.members:
             self.members.remove(session)
         self._write_ahead.forget(session)
-        player, session.room, session.player = session.player, None, None
-        if player is None:
+        players, session.room, session.players = session.players, None, ()
+        if not players:
             self._names.release(session.name)
         session.name = session.given_name
-        return player
+        return players
 
-    def seat_again(self, session: Session, player: str | None) -> None:
-        """A participant of a process before this one has the place again, and the seat's name; a
+    def seat_again(self, session: Session, players: tuple[str, ...]) -> None:
+        """A participant of a process before this one has the place again, and its seats' name; a
         spectator's may be somebody else's by now."""
-        session.room, session.player = self, player
-        if player is not None:
-            session.name = self.episode.seats[player].name
+        session.room, session.players = self, players
+        if players:
+            session.name = self.episode.seats[players[0]].name
         else:
             session.name = self._names.choose(session.given_name)
             self._names.watch(session.name)
         self.members.append(session)
 
     def connection_lost(self, session: Session) -> None:
-        """The seat of a player is kept; a spectator is only not told anything."""
+        """The seats of a player are kept; a spectator is only not told anything."""
         session.away_since = self._now()
-        if session.player is not None:
-            self.episode.set_present(session.player, False, self._now())
+        self.episode.set_present(session.players, False, self._now())
         self.flush()
 
     def check_return(self, session_id: str) -> None:
@@ -234,27 +233,21 @@ class Room:
         going can be recorded, `rate/seats` where somebody comes and goes all the time: who comes
         back now has to try again."""
         self._write_ahead.check_space()
-        player = self.holds_seat(session_id)
-        if player is not None and self.episode.phase is not Phase.ENDED:
-            self._turnover.charge(player, self._now())
+        if self.episode.phase is not Phase.ENDED:
+            self._turnover.charge(self.players_of(session_id), self._now())
 
     def connection_back(self, session: Session, seen: messages.Seen | None) -> None:
         """A session is here again: send it what it has missed."""
-        if session.player is not None:
-            self.episode.set_present(
-                session.player, True, self._now(), generation=session.generation
-            )
+        self.episode.set_present(session.players, True, self._now(), generation=session.generation)
         self.flush()
         resume = self._host.resume_token(session)
         welcome = partial(self.broadcaster.welcome_back, session, seen, resume)
         self._write_ahead.when_committed(session, welcome)
 
-    def holds_seat(self, session_id: str) -> str | None:
-        """The seat that belongs to a session, in this process or one before."""
-        for seat in self.episode.seats.values():
-            if seat.taken and seat.session == session_id:
-                return seat.player
-        return None
+    def players_of(self, session_id: str) -> tuple[str, ...]:
+        """The seats that belong to a session, in this process or one before."""
+        seats = self.episode.seats.values()
+        return tuple(s.player for s in seats if s.taken and s.session == session_id)
 
     def bans(self, session_id: str, participant: str) -> bool:
         """Whether somebody was sent out, in this session or another."""
@@ -320,10 +313,9 @@ class Room:
     def note(self, session: Session, request: messages.Note) -> None:
         """Record what a player notes; nobody is told."""
         self._write_ahead.check()
-        if session.player is None:
-            raise ProtocolError("seat/none", "spectators make no notes", "type")
+        player = session.own_seat(request.seat)
         topic, text = request.topic, request.text
-        self.episode.note(session.player, topic, text, self._now(), more=request.more)
+        self.episode.note(player, topic, text, self._now(), more=request.more)
         session.recorded_bytes += len(text.encode())
         self.flush()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from robotouille.episode import Episode
+from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.auth import CountedConnection, Role, Visitor
 from robotouille_server.transport import Peer
@@ -47,6 +48,7 @@ class Session:
     they are recorded, `generation` that of the resume token which was used last; `only_episode` and
     `only_seat` are what their role token is limited to, `role_expires` until when it is good (0:
     for ever), `token_id` its id, and `once` says that nobody else may join with it.
+    `players` are those that they play, in seat order; none for a spectator.
     `counted_connection` is the connection as limits count it; `earlier_bytes` came over those
     before it, `recorded_bytes` are what it said and gave as reasons on record.
     """
@@ -67,7 +69,7 @@ class Session:
         "only_seat",
         "participant",
         "peer",
-        "player",
+        "players",
         "recorded_bytes",
         "role",
         "role_expires",
@@ -107,7 +109,7 @@ class Session:
         self.visitor: Visitor | None = None
         self.peer: Peer | None = None
         self.room: JoinedRoom | None = None
-        self.player: str | None = None
+        self.players: tuple[str, ...] = ()
         self.view = "state"
         self.known: set[str] = set()
         self.away_since = 0.0
@@ -119,6 +121,38 @@ class Session:
         if self.peer is not None:
             self.earlier_bytes += self.peer.received_bytes
         self.peer = None
+
+    @property
+    def player(self) -> str | None:
+        """The first of their players; None for a spectator."""
+        return self.players[0] if self.players else None
+
+    def own_seat(self, seat: str | None) -> str:
+        """The one of their players that a message is about: the first if it says none.
+
+        ProtocolError `seat/none` for a spectator, `seat/unknown` if it is not theirs.
+        """
+        player = self.player if seat is None else seat
+        if not self.players or player is None:
+            raise ProtocolError("seat/none", "you watch; only players do that", "type")
+        if player not in self.players:
+            message = f"{player} is not yours: you play {' and '.join(self.players)}"
+            raise ProtocolError("seat/unknown", message, "seat")
+        return player
+
+    def seat_shown(self, seat: str | None) -> str:
+        """The seat that an answer names: only whoever has several is told which."""
+        return (seat or self.players[0]) if self.has_several else ""
+
+    @property
+    def has_several(self) -> bool:
+        """Whether they play several seats."""
+        return len(self.players) > 1
+
+    @property
+    def views(self) -> tuple[str | None, ...]:
+        """The players in whose words the game is told to them; None: in a spectator's."""
+        return self.players or (None,)
 
     @property
     def received_bytes(self) -> int:

@@ -122,36 +122,36 @@ class Sessions:
         `auth/required` where only those with a token may come in by now. Nothing is changed.
         """
         session = self.by_id.get(grant.session)
-        home, player = _place(session, grant, room)
+        home, players = _place(session, grant, room)
         if session is None and home is None:
             raise _gone("this connection cannot be resumed any more")
-        if grant.generation < _generation(session, home, player):
+        if grant.generation < _generation(session, home, players):
             raise _gone("this token was used before, and replaced")
         if home is not None:
-            self._check_place(session, grant, home, player)
+            self._check_place(session, grant, home, watches=not players)
         if grant.anonymous:
             return self._role_without_token(visitor, "resume")
         if not self._tokens.past(grant.role_expires):
             return grant.role
-        if player is None and self._strict:
+        if not players and self._strict:
             raise _gone("the role token of this connection has expired")
-        # It keeps its seat, not what else the token allowed.
+        # It keeps its seats, not what else the token allowed.
         return Role.PLAYER if grant.role.includes(Role.PLAYER) else grant.role
 
     def _check_place(
-        self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, player: str | None
+        self, session: Session | None, grant: ResumeGrant, room: JoinedRoom, *, watches: bool
     ) -> None:
         """Whether there is still a place for somebody who was here."""
         if room.bans(grant.session, grant.participant):
             raise _gone("you were sent out of this episode")
         check_scope(grant.only_episode, room.id, room.code, "resume")
         watching = session is not None and session.peer is not None
-        if player is None and not watching and room.spectators >= self._max_spectators:
+        if watches and not watching and room.spectators >= self._max_spectators:
             raise _gone(f"{self._max_spectators} spectators watch already")
 
     def resume(self, grant: ResumeGrant, room: Room | None, role: Role) -> Session:
         """The session of a resume token that was judged to be good for this role: from memory,
-        or from the seat that is recorded as its."""
+        or from the seats that are recorded as its."""
         session = self.by_id.get(grant.session)
         if session is None:
             session = self._from_before(grant, room)
@@ -160,9 +160,9 @@ class Sessions:
         return session
 
     def _from_before(self, grant: ResumeGrant, room: Room | None) -> Session:
-        """A session of a process before this one: whoever has a seat, or watched."""
-        _, player = _place(None, grant, room)
-        seat = room.episode.seats[player] if room is not None and player is not None else None
+        """A session of a process before this one: whoever has seats, or watched."""
+        _, players = _place(None, grant, room)
+        seat = room.episode.seats[players[0]] if room is not None and players else None
         session = Session(
             grant.session,
             name=grant.name,
@@ -176,7 +176,7 @@ class Sessions:
         )
         session.view = grant.view
         if room is not None:
-            room.seat_again(session, player)
+            room.seat_again(session, players)
         self.by_id[session.id] = session
         return session
 
@@ -185,7 +185,7 @@ class Sessions:
         return self._tokens.mint_resume(
             session=session.id,
             generation=session.generation + 1,
-            name=session.name if session.player is None else session.given_name,
+            name=session.given_name if session.players else session.name,
             kind=session.kind,
             role=session.role,
             seconds=self._token_seconds,
@@ -208,11 +208,11 @@ class Sessions:
             self._watch_tokens()
 
     def disconnected(self, session: Session) -> None:
-        """A session has lost its connection: it is kept for a while, and so is a player's seat."""
+        """A session has lost its connection: it is kept for a while, as a player's seats are."""
         room = session.room
         if room is not None:
             room.connection_lost(session)
-        if session.player is None or room is None or room.episode.phase is Phase.ENDED:
+        if not session.players or room is None or room.episode.phase is Phase.ENDED:
             self._expire_in(room.episode.rules.grace if room is not None else 0.0, session)
 
     def sent_out(self, session: Session) -> None:
@@ -280,23 +280,23 @@ class Sessions:
 
 def _place(
     session: Session | None, grant: ResumeGrant, room: Room | None
-) -> tuple[JoinedRoom | None, str | None]:
-    """The room that a session comes back to, and its seat there; no room if it has no place."""
+) -> tuple[JoinedRoom | None, tuple[str, ...]]:
+    """The room that a session comes back to, and its seats there; no room if it has no place."""
     if session is not None:
-        return session.room, session.player
+        return session.room, session.players
     if room is None:
-        return None, None
-    player = room.holds_seat(grant.session)
-    if player is None and (grant.seat or grant.episode != room.id):
-        return None, None
-    return room, player
+        return None, ()
+    players = room.players_of(grant.session)
+    if not players and (grant.seat or grant.episode != room.id):
+        return None, ()
+    return room, players
 
 
-def _generation(session: Session | None, room: JoinedRoom | None, player: str | None) -> int:
+def _generation(session: Session | None, room: JoinedRoom | None, players: tuple[str, ...]) -> int:
     """That of the resume token which was used last, as far as it is known."""
     if session is not None:
         return session.generation
-    return room.episode.seats[player].generation if room is not None and player is not None else 0
+    return room.episode.seats[players[0]].generation if room is not None and players else 0
 
 
 def _gone(why: str) -> ProtocolError:

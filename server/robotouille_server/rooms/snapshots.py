@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from robotouille.episode import Episode
+from robotouille.episode import ActionAnswer, Episode
+from robotouille.protocol import messages
 from robotouille.protocol.codec import Codec, Fields
 from robotouille.protocol.states import StateWriter
 from robotouille.world.world import State, World
 from robotouille_server.transport import frame_of
 
-__all__ = ["Snapshots"]
+__all__ = ["Snapshots", "last_seq", "own_answers"]
 
 _tasks: WeakKeyDictionary[World, dict[Codec, Fields]] = WeakKeyDictionary()
 """Tasks as fields of a snapshot: the longest part, the same in all episodes of a task."""
@@ -71,3 +73,29 @@ class Snapshots:
         if codec not in packed:
             packed[codec] = codec.pack_fields({"task": world.task.json})
         return packed[codec]
+
+
+def last_seq(episode: Episode, players: Collection[str]) -> int:
+    """The highest sequence number of an action that these players' seats have sent."""
+    return max((episode.seats[player].seq for player in players), default=0)
+
+
+def own_answers(episode: Episode, players: Collection[str]) -> dict[str, Any]:
+    """The fields that tell a participant what became of the last action of each of its seats."""
+    answers = [_answer_row(player, episode.seats[player].answer) for player in players]
+    first = answers[0] if answers else {}
+    return {
+        "seat": first.get("seat"),
+        "seq": last_seq(episode, players),
+        "last_seq": first.get("seq", 0),
+        "last_step": first.get("step", 0),
+        "last_reasons": first.get("reasons", []),
+        "answers": answers[1:],
+    }
+
+
+def _answer_row(player: str, answer: ActionAnswer) -> dict[str, Any]:
+    seat_answer = messages.SeatAnswer(
+        seat=player, seq=answer.seq, step=answer.step, reasons=list(answer.reasons)
+    )
+    return seat_answer.model_dump(mode="json", exclude_defaults=True)

@@ -75,6 +75,7 @@ __all__ = [
     "Hello",
     "Join",
     "Joined",
+    "Kind",
     "Leave",
     "Left",
     "ListEpisodes",

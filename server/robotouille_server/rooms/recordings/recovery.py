@@ -104,9 +104,9 @@ class Recovery(Generic[RoomT]):
     # Whom to find where
 
     def seated(self, session: str) -> RoomT | None:
-        """The room in which a session had a seat when its process stopped, and still has."""
+        """The room in which a session had seats when its process stopped, and still has."""
         room = self._seated.get(session)
-        return room if room is not None and room.holds_seat(session) is not None else None
+        return room if room is not None and room.players_of(session) else None
 
     def elsewhere(self, name: str, known: Mapping[str, RoomT]) -> bool:
         """Whether the episode of an id or code is still with another process."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from robotouille.episode import Episode
 from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
 from robotouille_server.runtime.token_bucket import TokenBucket
 
 __all__ = ["SEAT_CHANGES", "SEAT_CHANGES_AT_ONCE", "SeatTurnover"]
@@ -24,21 +25,35 @@ class SeatTurnover:
             player: TokenBucket(SEAT_CHANGES / 60, now, SEAT_CHANGES_AT_ONCE) for player in players
         }
 
-    def charge(self, player: str, now: float) -> None:
-        """A seat is taken or come back to; ProtocolError `rate/seats` if that is too often."""
-        if not self._budgets[player].take(now):
-            message = f"{player} has changed hands too often just now; try again in a while"
-            raise ProtocolError("rate/seats", message, "seat")
+    def charge(self, players: Iterable[str], now: float) -> None:
+        """Seats are taken or come back to; ProtocolError `rate/seats`, and none is charged, if
+        that is too often for one of them."""
+        budgets = {player: self._budgets[player] for player in players}
+        for player, budget in budgets.items():
+            if budget.left(now) < 1:
+                message = f"{player} has changed hands too often just now; try again in a while"
+                raise ProtocolError("rate/seats", message, "seat")
+        for budget in budgets.values():
+            budget.take(now)
 
-    def choose(self, episode: Episode, seat: str | None, now: float) -> str | None:
-        """The seat to join, charged: the one that is asked for, or else a free one that has not
-        changed hands too often. None, or one that is not there, is for the episode to refuse."""
-        if seat is not None:
-            if seat in self._budgets:
-                self.charge(seat, now)
-            return seat
-        free = [seat.player for seat in episode.seats.values() if not seat.taken]
-        calm = next((player for player in free if self._budgets[player].left(now) >= 1), None)
-        if free:
-            self.charge(calm or free[0], now)
-        return calm
+    def choose(self, episode: Episode, request: messages.Join, now: float) -> Sequence[str]:
+        """The seats to join, charged: those that are asked for, all that are free, or a free one
+        that has not changed hands too often.
+
+        Raises:
+            ProtocolError: As `Episode.join` does, or `rate/seats`; nothing is charged then.
+        """
+        players = self._wanted(episode, request, now)
+        episode.check_free(players)
+        self.charge(players, now)
+        return players
+
+    def _wanted(self, episode: Episode, request: messages.Join, now: float) -> Sequence[str]:
+        if request.seat is not None:
+            return (request.seat,)
+        if request.seats and request.seats != "all":
+            return request.seats
+        free = episode.free_seats()
+        if request.seats == "all":
+            return free
+        return [next((one for one in free if self._budgets[one].left(now) >= 1), free[0])]
