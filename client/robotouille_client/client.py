@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
@@ -171,6 +171,7 @@ class Client:
         episode: str,
         *,
         seat: str | None = None,
+        seats: Literal["all"] | Sequence[str] = (),
         role: Literal["player", "spectator"] = "player",
         view: messages.View = "state",
     ) -> Game:
@@ -178,6 +179,8 @@ class Client:
 
         Args:
             seat: The player to be; any that is free if None.
+            seats: Several players to be, by name, or all whose seats are free now. They are all
+                taken, or none.
             view: What the server tells: the `state`, `text` for language models, or `both`.
 
         Raises:
@@ -187,14 +190,20 @@ class Client:
                 others.
             ValueError: An argument is none that the message can have.
         """
-        request = messages.Join(episode=episode, seat=seat, role=role, view=view)
+        request = messages.Join(
+            episode=episode,
+            seat=seat,
+            seats="all" if seats == "all" else list(seats),
+            role=role,
+            view=view,
+        )
         await self._ask(request, messages.Joined)
         if self.game is None:
             raise AssertionError("joined without a game")
         return self.game
 
     async def leave(self) -> None:
-        """Leave the episode; the seat becomes free.
+        """Leave the episode; one's seats become free.
 
         Raises:
             ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.

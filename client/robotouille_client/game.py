@@ -7,7 +7,8 @@ from collections.abc import AsyncIterator, Callable
 
 from robotouille.protocol import messages
 from robotouille_client.sansio.game_events import ActResult, GameEvent, Over
-from robotouille_client.sansio.game_replica import PRESENT, ActionRequest, GameReplica
+from robotouille_client.sansio.game_replica import PRESENT, GameReplica
+from robotouille_client.sansio.sent_actions import ActionRequest
 
 __all__ = ["ActionRequest", "Game"]
 
@@ -24,6 +25,7 @@ class Game(GameReplica):
     def submit(
         self,
         action: ActionRequest,
+        seat: str | None = None,
         *,
         think_ms: int = 0,
         basis: int | None = PRESENT,
@@ -38,6 +40,7 @@ class Game(GameReplica):
         Args:
             action: A ground action, its name and arguments, its sentence, or its place in the list
                 of valid ones.
+            seat: The one of one's seats that acts; the first if None.
             think_ms: Milliseconds of thought, which count where thinking is declared.
             basis: The step on which the choice was made, for the recording; the present one if
                 nothing is said, and left open if None.
@@ -46,13 +49,14 @@ class Game(GameReplica):
                 so. A server that does not know this rejects it where it is not.
 
         Raises:
-            ProtocolError: `seat/none`: spectators do not act.
+            ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
             ValueError: The message cannot have such an argument.
         """
         loop = asyncio.get_running_loop()
         seq = self.propose(
             action,
             loop.time(),
+            seat=seat,
             think_ms=think_ms,
             basis=basis,
             reasoning=reasoning,
@@ -66,6 +70,7 @@ class Game(GameReplica):
     async def act(
         self,
         action: ActionRequest,
+        seat: str | None = None,
         *,
         think_ms: int = 0,
         basis: int | None = PRESENT,
@@ -77,11 +82,16 @@ class Game(GameReplica):
         Arguments are those of `submit`.
 
         Raises:
-            ProtocolError: `seat/none`: spectators do not act.
+            ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
             ValueError: The message cannot have such an argument.
         """
         return await self.submit(
-            action, think_ms=think_ms, basis=basis, reasoning=reasoning, anticipates=anticipates
+            action,
+            seat=seat,
+            think_ms=think_ms,
+            basis=basis,
+            reasoning=reasoning,
+            anticipates=anticipates,
         )
 
     def say(self, text: str) -> None:
@@ -93,17 +103,19 @@ class Game(GameReplica):
         super().say(text)
         self._flush()
 
-    def note(self, topic: str, text: str) -> None:
+    def note(self, topic: str, text: str, seat: str | None = None) -> None:
         """Have a text recorded that nobody is told; a long one is sent in pieces.
 
         Args:
             topic: What it is about.
             text: Of any length; a server takes about 200 KiB a second.
+            seat: The one of one's seats whose it is; the first if None.
 
         Raises:
+            ProtocolError: `seat/none` or `seat/unknown`, as for `submit`.
             ValueError: The topic has not 1 to 64 characters.
         """
-        super().note(topic, text)
+        super().note(topic, text, seat)
         self._flush()
 
     def __aiter__(self) -> AsyncIterator[GameEvent]:

@@ -227,8 +227,10 @@ class Conversation:
     def _reject(self, act: messages.Act, step: int, code: str, reason: str) -> None:
         """Answer an action of which the room does not hear."""
         seat = self.session.seat_shown(act.seat) if self.session is not None else ""
-        told = {"seq": act.seq, "step": step, "action": "", "reasons": [reason]}
-        self.peer.send(messages.Rejected(**told, code=code, seat=seat))
+        rejected = messages.Rejected(
+            seq=act.seq, step=step, action="", reasons=[reason], code=code, seat=seat
+        )
+        self.peer.send(rejected)
 
     def _answer_error(self, error: ProtocolError, ref: int | None) -> None:
         self._services.metrics.errors.labels(error.code).inc()

@@ -87,10 +87,10 @@ def test_an_action_is_answered_by_its_step(server: ScriptedServer, game: GameRep
     (act,) = game.messages_to_send()
     assert isinstance(act, messages.Act)
     assert (act.seq, act.basis, act.think_ms) == (seq, 0, 5)
-    assert game.unanswered is act
+    assert game.unanswered == (act,)
     game.receive(server.delta([first_action(game)], seq=[seq]), 0.0)
     assert game.results() == [(seq, ActResult(True, 1))]
-    assert (game.unanswered, game.get_timer()) == (None, None)
+    assert (game.unanswered, game.get_timer()) == ((), None)
 
 
 def test_nothing_is_answered_by_the_step_in_which_nothing_was_done(

@@ -30,6 +30,7 @@ from robotouille_client.sansio.client_requests import (
     RequestDone,
     RequestFailed,
     Requests,
+    seats_asked,
 )
 from robotouille_client.sansio.client_state import ClientState, Trigger, next_state
 from robotouille_client.sansio.game_replica import GameReplica
@@ -213,7 +214,7 @@ class ClientProtocol(Generic[G]):
         return (
             self.state is not ClientState.REJOINING
             and game is not None
-            and game.unanswered is message
+            and any(message is act for act in game.unanswered)
         )
 
     # Time
@@ -339,8 +340,8 @@ class ClientProtocol(Generic[G]):
             self._enter(Trigger.WELCOMED)
         else:
             self._enter(Trigger.FORGOTTEN)
-            seat = self.game.seat if self.game is not None else join.seat
-            self._rejoin = join.model_copy(update={"ref": self._requests.next_ref(), "seat": seat})
+            ours = seats_asked(self.game.own_seats) if self.game is not None else {}
+            self._rejoin = join.model_copy(update={"ref": self._requests.next_ref(), **ours})
             self._first.append(self._rejoin)
         for pending in self._requests.pending.values():
             if pending.sent and not isinstance(pending.request, messages.Create):
@@ -356,7 +357,9 @@ class ClientProtocol(Generic[G]):
             return None
         role: Literal["player", "spectator"] = "player" if game.seat else "spectator"
         view: messages.View = "state" if game.has_state else "text"
-        return messages.Join(episode=game.episode, role=role, seat=game.seat, view=view)
+        return messages.Join(
+            episode=game.episode, role=role, view=view, **seats_asked(game.own_seats)
+        )
 
     # Messages
 
@@ -402,8 +405,8 @@ class ClientProtocol(Generic[G]):
         self._joined = joined
 
     def _synced(self) -> None:
-        """A join is answered once its first snapshot or observation is there."""
-        if self.state is ClientState.SYNCING:
+        """A join is answered once its first snapshot, or an observation of each seat, is there."""
+        if self.state is ClientState.SYNCING and self.game is not None and self.game.synced:
             self._enter(Trigger.SYNCED)
             for ref, pending in list(self._requests.pending.items()):
                 if pending.joined is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
@@ -15,6 +17,7 @@ __all__ = [
     "RequestDone",
     "RequestFailed",
     "Requests",
+    "seats_asked",
 ]
 
 ANSWER_SECONDS = 15.0
@@ -117,3 +120,10 @@ class Requests:
     def overdue(self, now: float) -> list[tuple[int, PendingRequest]]:
         """Those that should have had an answer by now."""
         return [(ref, pending) for ref, pending in self.pending.items() if pending.due <= now]
+
+
+def seats_asked(seats: Sequence[str]) -> dict[str, Any]:
+    """The fields of a join that asks for these seats; a server of before knows of one only."""
+    if len(seats) > 1:
+        return {"seat": None, "seats": [*seats]}
+    return {"seat": seats[0] if seats else None, "seats": []}

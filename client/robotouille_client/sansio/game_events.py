@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotouille.protocol import messages
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet
 from robotouille.world.world import State
@@ -40,23 +41,26 @@ class Changed:
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """The state in words, with the seat's valid actions (text view)."""
+    """The state in words, with the seat's valid actions (text view); one for each of one's seats.
+    A spectator has no seat."""
 
     step: int
     text: str
     actions: tuple[str, ...]
     turn: str | None = None
+    seat: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """An action of this seat was not taken, and why."""
+    """An action of one's seat, or of one of them, was not taken, and why."""
 
     seq: int
     step: int
     action: str
     unmet: tuple[Unmet, ...]
     code: str
+    seat: str = ""
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -113,6 +117,11 @@ class ActResult:
     step: int
     unmet: tuple[Unmet, ...] = ()
     code: str = ""
+
+    @classmethod
+    def of(cls, step: int, unmet: tuple[Unmet, ...]) -> ActResult:
+        """That of an action that was looked at in a step: applied, if nothing was unmet."""
+        return cls(not unmet, step, unmet, ErrorCode.ACTION_INVALID if unmet else "")
 
     @property
     def reasons(self) -> tuple[str, ...]:

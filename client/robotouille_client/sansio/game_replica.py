@@ -18,7 +18,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.states import StateReader
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, UnmetKind, from_words, only_words
+from robotouille.world.unmet import Unmet, from_words
 from robotouille.world.world import State, World, shared_world
 from robotouille_client.sansio.game_events import (
     ActResult,
@@ -31,28 +31,23 @@ from robotouille_client.sansio.game_events import (
     Refused,
     RosterChanged,
 )
+from robotouille_client.sansio.sent_actions import ActionRequest, SentActions, wire_action
 
-__all__ = ["PRESENT", "ActionRequest", "GameReplica"]
+__all__ = ["PRESENT", "GameReplica"]
 
 PRESENT = -1
 """As the basis of an action: the step that is known when it is sent."""
 
 MAX_EVENTS = 10_000
-REPEAT_SECONDS = 5.0
-"""After which an action without an answer is sent again; it acts once all the same."""
-SLOW_DOWN_SECONDS = 0.25
-"""After which an action that came too soon after many others is sent again."""
-
-ActionRequest = GroundAction | messages.NamedAction | str | int | None
-"""What one can ask to do: a ground action, a named one, its sentence, its place in the list of
-valid actions, or None for nothing."""
 
 
 class GameReplica:
     """One episode: its state, its events, and what one does in it.
 
     `name` is what one is called in it: with a number where somebody else has the name that one
-    asked for. `waits_for` are the seats that a step has waited for, for two seconds at least.
+    asked for. `own_seats` are those that one plays, in seat order, and `seat` is the first of them;
+    a spectator has none. `waits_for` are the seats that a step has waited for, for two seconds at
+    least.
     """
 
     def __init__(self, joined: messages.Joined) -> None:
@@ -61,13 +56,13 @@ class GameReplica:
         self.role = joined.role
         self.name = joined.name
         self.seat = joined.seat
+        self.own_seats = tuple(joined.seats) or ((joined.seat,) if joined.seat else ())
         self.step = 0
         self.phase = "waiting"
         self.turn: str | None = None
         self.seats: tuple[messages.SeatInfo, ...] = ()
         self.clock: Mapping[str, Any] = {}
         self.outcome: Mapping[str, Any] | None = None
-        self.observation: Observed | None = None
         self.step_time = 0.0
         self.left: float | None = None
         self.pause: messages.Pause | None = None
@@ -75,13 +70,10 @@ class GameReplica:
         self.said = joined.said
         self.can_anticipate = joined.anticipates
         self._reader: StateReader | None = None
-        self._seq = joined.seq
-        self._undecided: set[int] = set()
-        self._unanswered: messages.Act | None = None
-        self._send_again_at: float | None = None
+        self._observed: dict[str | None, Observed] = {}
+        self._sent = SentActions(joined.seq)
         self._catch_up: int | None = None
         self._outgoing: list[messages.Message] = []
-        self._results: list[tuple[int, ActResult]] = []
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._resyncing = False
         self._resync_asked = 0
@@ -113,7 +105,7 @@ class GameReplica:
 
     @property
     def actions(self) -> tuple[GroundAction, ...]:
-        """The valid actions of this seat."""
+        """The valid actions of one's seat; of the first where one has several."""
         return self.state.actions(self.seat) if self.seat else ()
 
     @property
@@ -128,8 +120,19 @@ class GameReplica:
 
     @property
     def synced(self) -> bool:
-        """Whether a snapshot or an observation has come."""
-        return self._reader is not None or self.observation is not None
+        """Whether a snapshot has come, or an observation of each seat."""
+        views = self.own_seats or (None,)
+        return self._reader is not None or all(seat in self._observed for seat in views)
+
+    @property
+    def observation(self) -> Observed | None:
+        """What one's seat has been told in words; the first where one has several."""
+        return self._observed.get(self.seat)
+
+    @property
+    def observations(self) -> Mapping[str, Observed]:
+        """What each of one's seats has been told in words."""
+        return {seat: seen for seat, seen in self._observed.items() if seat is not None}
 
     @property
     def seen(self) -> messages.Seen | None:
@@ -147,10 +150,14 @@ class GameReplica:
 
     @property
     def my_move(self) -> bool:
-        """Whether this seat may act in the present step."""
-        if not self.running or self.seat is None or self.turn not in (None, self.seat):
+        """Whether any of one's seats may act in the present step."""
+        return any(self.may_act(seat) for seat in self.own_seats)
+
+    def may_act(self, seat: str) -> bool:
+        """Whether a seat is one's own, and may act in the present step."""
+        if not self.running or seat not in self.own_seats or self.turn not in (None, seat):
             return False
-        return not self.has_state or self.state.busy_steps(self.seat) == 0
+        return not self.has_state or self.state.busy_steps(seat) == 0
 
     # Acting
 
@@ -159,6 +166,7 @@ class GameReplica:
         action: ActionRequest,
         now: float,
         *,
+        seat: str | None = None,
         think_ms: int = 0,
         basis: int | None = PRESENT,
         reasoning: str | None = None,
@@ -170,52 +178,68 @@ class GameReplica:
         While the connection is away it stays undecided: it is sent again, and not done twice.
 
         Args:
+            seat: The one of one's seats that acts; the first if None.
             basis: The step on which the choice was made; None to leave it open.
 
         Raises:
-            ProtocolError: `seat/none`: spectators do not act.
+            ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
             ValueError: The message cannot have such an argument.
         """
-        if self.seat is None:
-            raise ProtocolError(ErrorCode.SEAT_NONE, "spectators do not act")
-        self._seq += 1
+        player = self._own_seat(seat)
         act = messages.Act(
-            seq=self._seq,
-            action=_wire_action(action),
+            seq=self._sent.next_seq(),
+            action=wire_action(action),
             basis=self.step if basis == PRESENT else basis,
             think_ms=think_ms,
             reasoning=reasoning,
             anticipates=anticipates and self.can_anticipate,
+            seat=self._seat_told(player),
         )
         if self.ended:
-            self._results.append(
-                (
-                    act.seq,
-                    ActResult(False, self.step, only_words("it is over"), ErrorCode.EPISODE_OVER),
-                )
-            )
+            self._sent.refuse(act.seq, self.step, "it is over", ErrorCode.EPISODE_OVER)
             return act.seq
-        self._undecided.add(act.seq)
-        self._unanswered = act
-        self._send_again_at = now + REPEAT_SECONDS
+        self._sent.add(player, act, now)
         self._outgoing.append(act)
         return act.seq
+
+    def _own_seat(self, seat: str | None) -> str:
+        """One of one's seats; the first if None."""
+        player = self.seat if seat is None else seat
+        if player is None or not self.own_seats:
+            raise ProtocolError(ErrorCode.SEAT_NONE, "spectators do not act")
+        if player not in self.own_seats:
+            own = " and ".join(self.own_seats)
+            raise ProtocolError(ErrorCode.SEAT_UNKNOWN, f"{player} is not yours: you play {own}")
+        return player
+
+    def _seat_told(self, player: str) -> str | None:
+        """The seat as a message names it: servers of before know no such field."""
+        return player if len(self.own_seats) > 1 else None
 
     def say(self, text: str) -> None:
         """Say something to everybody in the episode."""
         self._outgoing.append(messages.Say(text=text))
 
-    def note(self, topic: str, text: str) -> None:
-        """Have a text recorded, of any length, that nobody is told."""
+    def note(self, topic: str, text: str, seat: str | None = None) -> None:
+        """Have a text recorded, of any length, that nobody is told.
+
+        Args:
+            seat: The one of one's seats whose it is; the first if None.
+
+        Raises:
+            ProtocolError: `seat/none` or `seat/unknown`, as for `propose`.
+            ValueError: The message cannot have such a topic.
+        """
+        told = self._seat_told(self._own_seat(seat))
         pieces = [text[at : at + MAX_NOTE] for at in range(0, len(text), MAX_NOTE)]
         for number, piece in enumerate(pieces, start=1):
             more = number < len(pieces)
-            self._outgoing.append(messages.Note(topic=topic, text=piece, more=more))
+            self._outgoing.append(messages.Note(topic=topic, text=piece, more=more, seat=told))
 
     @property
-    def unanswered(self) -> messages.Act | None:
-        """The last action, while it has no answer."""
-        return self._unanswered
+    def unanswered(self) -> tuple[messages.Act, ...]:
+        """Of each of one's seats the last action, while it has no answer."""
+        return self._sent.unanswered
 
     # What comes of it
 
@@ -226,8 +250,7 @@ class GameReplica:
 
     def results(self) -> list[tuple[int, ActResult]]:
         """What became of actions since this was last asked, by their numbers."""
-        results, self._results = self._results, []
-        return results
+        return self._sent.results()
 
     def poll(self) -> list[GameEvent]:
         """What has happened since this was last asked, without waiting."""
@@ -239,18 +262,11 @@ class GameReplica:
 
     def get_timer(self) -> float | None:
         """When to call `handle_timer`; None while there is nothing to wait for."""
-        return self._send_again_at if self._unanswered is not None else None
+        return self._sent.get_timer()
 
     def handle_timer(self, now: float) -> None:
-        """Send again what has no answer."""
-        due = self.get_timer()
-        if due is not None and due <= now:
-            self._send_unanswered(now)
-
-    def _send_unanswered(self, now: float) -> None:
-        if self._unanswered is not None:
-            self._send_again_at = now + REPEAT_SECONDS
-            self._outgoing.append(self._unanswered)
+        """Send again what has had no answer for too long."""
+        self._outgoing.extend(self._sent.repeat(now))
 
     # Messages
 
@@ -292,19 +308,20 @@ class GameReplica:
         actions, so they are not repeated.
         """
         self.name = joined.name
-        self._seq = max(self._seq, joined.seq)
+        self._sent.seq = max(self._sent.seq, joined.seq)
         self._resyncing = False
         self._resync_asked = 0
         if anew:
-            self._resolve_all("the seat was lost and taken anew", ErrorCode.SEAT_LOST)
+            reason = "the seat was lost and taken anew"
+            self._sent.resolve_all(self.step, reason, ErrorCode.SEAT_LOST)
         self._catch_up = joined.step
         self._caught_up(now)
 
     def _caught_up(self, now: float) -> None:
-        """After what was missed, ask what became of the last action."""
+        """After what was missed, ask what became of the last actions."""
         if self._catch_up is not None and self._catch_up <= self.step:
             self._catch_up = None
-            self._send_unanswered(now)
+            self._outgoing.extend(self._sent.repeat(now, all_of_them=True))
 
     def _snapshot(self, message: messages.Snapshot, now: float) -> None:
         if self._reader is not None and message.step < self.step:
@@ -325,10 +342,10 @@ class GameReplica:
         self.seats, self.clock = tuple(message.seats), message.clock
         self.left, self.step_time = message.left, now
         self.pause = message.pause
-        self._seq = max(self._seq, message.seq)
-        unmet = from_words(*message.last_reasons)
-        code = ErrorCode.ACTION_INVALID if unmet else ""
-        self._settle(message.last_seq, ActResult(not unmet, message.last_step, unmet, code))
+        self._sent.seq = max(self._sent.seq, message.seq)
+        self._told(self.seat, message.last_seq, message.last_step, message.last_reasons)
+        for answer in message.answers:
+            self._told(answer.seat, answer.seq, answer.step, answer.reasons)
         self._emit(Changed(message.step, self.state, turn=message.turn))
         self._caught_up(now)
         if message.outcome is not None:
@@ -348,7 +365,7 @@ class GameReplica:
         if message.step != self.step + 1:
             self._resync()
             return
-        previous = self.state
+        previous, turn = self.state, self.turn
         try:
             state = self._reader.apply(message.model_dump(exclude_defaults=True))
         except ProtocolError:
@@ -362,6 +379,7 @@ class GameReplica:
         did = self._did(message)
         self._tally(did)
         self._answer(message)
+        self._sent.settle_idle(message.step, turn)
         self._emit(Changed(message.step, state, previous, did, message.turn))
         self._caught_up(now)
 
@@ -389,14 +407,14 @@ class GameReplica:
 
     def _answer(self, message: messages.Delta) -> None:
         for i, (row, seq) in enumerate(zip(message.did, message.seq, strict=True)):
-            if self.world.players[int(row[0])] == self.seat:
+            player = self.world.players[int(row[0])]
+            if player in self.own_seats:
                 unmet = _unmet(message.unmet.get(str(i), ()), message.why.get(str(i), ()))
-                code = ErrorCode.ACTION_INVALID if unmet else ""
-                self._settle(seq, ActResult(not unmet, message.step, unmet, code))
-        # A decision to do nothing is answered by the step in which nothing was done.
-        act = self._unanswered
-        if act is not None and act.action is None:
-            self._settle(act.seq, ActResult(True, message.step))
+                self._sent.settle(player, seq, ActResult.of(message.step, unmet))
+
+    def _told(self, seat: str | None, seq: int, step: int, reasons: Sequence[str]) -> None:
+        """What became of a seat's last action, in words."""
+        self._sent.settle(seat, seq, ActResult.of(step, from_words(*reasons)))
 
     def _observe(self, message: messages.Observation, now: float) -> None:
         if self.has_state:
@@ -407,23 +425,23 @@ class GameReplica:
         else:
             self.step, self.turn, self.phase = message.step, message.turn, message.phase
             self.step_time = now
-        observed = Observed(message.step, message.text, tuple(message.actions), message.turn)
-        self.observation = observed
+        seat = message.seat or self.seat
+        told = message.step, message.text, tuple(message.actions), message.turn, seat
+        self._observed[seat] = observed = Observed(*told)
         self._emit(observed)
         if not self.has_state:
-            unmet = from_words(*message.reasons)
-            code = ErrorCode.ACTION_INVALID if unmet else ""
-            self._settle(message.seq, ActResult(not unmet, message.step, unmet, code))
-            self._caught_up(now)
+            self._told(seat, message.seq, message.step, message.reasons)
+            if all(seen.step >= message.step for seen in self._observed.values()):
+                self._caught_up(now)
 
     def _rejected(self, message: messages.Rejected, now: float) -> None:
-        act = self._unanswered
-        if message.code == ErrorCode.RATE_LIMITED and act is not None and act.seq == message.seq:
-            self._send_again_at = now + SLOW_DOWN_SECONDS
+        limited = message.code == ErrorCode.RATE_LIMITED
+        if limited and self._sent.slow_down(message.seq, now):
             return
         unmet = _unmet(message.reasons, message.why)
-        self._resolve(message.seq, ActResult(False, message.step, unmet, message.code))
-        self._emit(Refused(message.seq, message.step, message.action, unmet, message.code))
+        self._sent.resolve(message.seq, ActResult(False, message.step, unmet, message.code))
+        told = message.seq, message.step, message.action, unmet, message.code
+        self._emit(Refused(*told, message.seat or self.seat or ""))
 
     def _finish(self, outcome: Mapping[str, Any]) -> None:
         self.outcome, self.phase = outcome, "over"
@@ -433,28 +451,8 @@ class GameReplica:
         if self.ended:
             return
         self.ended, self.farewell = True, reason
-        self._resolve_all(reason, ErrorCode.EPISODE_OVER)
+        self._sent.resolve_all(self.step, reason, ErrorCode.EPISODE_OVER)
         self._emit(Over(self.outcome or {}, reason, code))
-
-    def _settle(self, seq: int, result: ActResult) -> None:
-        """The fate of action `seq` is known; those before it were replaced."""
-        for earlier in sorted(s for s in self._undecided if s < seq):
-            superseded = Unmet(UnmetKind.SUPERSEDED, f"superseded by action {seq}")
-            self._resolve(
-                earlier, ActResult(False, result.step, (superseded,), ErrorCode.ACTION_INVALID)
-            )
-        self._resolve(seq, result)
-
-    def _resolve_all(self, reason: str, code: str) -> None:
-        for seq in sorted(self._undecided):
-            self._resolve(seq, ActResult(False, self.step, only_words(reason), code))
-
-    def _resolve(self, seq: int, result: ActResult) -> None:
-        if self._unanswered is not None and self._unanswered.seq == seq:
-            self._unanswered = None
-        if seq in self._undecided:
-            self._undecided.remove(seq)
-            self._results.append((seq, result))
 
     def _resync(self) -> None:
         self._resyncing = True
@@ -463,12 +461,6 @@ class GameReplica:
 
     def _emit(self, event: GameEvent) -> None:
         self._events.append(event)
-
-
-def _wire_action(action: ActionRequest) -> messages.NamedAction | str | int | None:
-    if isinstance(action, GroundAction):
-        return messages.NamedAction(name=action.name, args=list(action.arguments))
-    return action
 
 
 def _unmet(words: Sequence[str], why: Sequence[messages.Why]) -> tuple[Unmet, ...]:

@@ -158,7 +158,7 @@ class Participant:
             "pause": game.pause.model_dump() if game and game.pause else None,
             "turn": game.turn if game else None,
             "seats": [seat.model_dump() for seat in game.seats] if game else [],
-            "unanswered": game.unanswered.model_dump() if game and game.unanswered else None,
+            "unanswered": [act.model_dump() for act in game.unanswered] if game else [],
         }
 
 

@@ -72,7 +72,7 @@ class Witness:
         """Note what becomes of an action."""
         future = self._submit(action, **options)
         named = [action.name, *action.arguments] if isinstance(action, GroundAction) else None
-        future.add_done_callback(partial(self._answered, self.game._seq, named))
+        future.add_done_callback(partial(self._answered, self.game._sent.seq, named))
         return future
 
     def _answered(

@@ -85,7 +85,7 @@ class WatchedClient(Client):
 
         def watched(action: Any, **options: Any) -> asyncio.Future[ActResult]:
             future = submit(action, **options)
-            seq = game._seq
+            seq = game._sent.seq
             future.add_done_callback(lambda done: self._act_answered(game, seq, action, done))
             return future
 
