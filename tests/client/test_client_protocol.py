@@ -423,3 +423,25 @@ def test_an_action_is_sent_again_in_time_but_only_on_a_good_line(server: Scripte
     assert client.get_timer() == 10.0
     client.handle_timer(10.0)
     assert sent(client) == [act]
+
+
+def test_who_was_forgotten_asks_for_all_of_its_seats_again(server: ScriptedServer) -> None:
+    client = in_lobby(server)
+    ref = client.request(JOIN.model_copy(update={"seats": "all"}), 0.0)
+    sent(client)
+    client.receive(server.joined(ref, seats=["robot1", "robot2"]), 0.0)
+    client.receive(server.snapshot(), 0.0)
+    come_back(client, server, resumed=False, now=1.0)
+    (join,) = sent(client)
+    assert isinstance(join, messages.Join)
+    assert (join.seat, join.seats) == (None, ["robot1", "robot2"])
+
+
+def test_a_game_in_words_begins_when_each_seat_was_told(server: ScriptedServer) -> None:
+    client = in_lobby(server)
+    ref = client.request(JOIN.model_copy(update={"seats": "all", "view": "text"}), 0.0)
+    client.receive(server.joined(ref, seats=["robot1", "robot2"]), 0.0)
+    client.receive(server.observation(seat="robot1"), 0.0)
+    assert client.events() == []
+    client.receive(server.observation(seat="robot2"), 0.0)
+    assert [event.ref for event in client.events()] == [ref]

@@ -12,7 +12,9 @@ from robotouille_client.sansio.game_events import (
     Announced,
     Changed,
     Heard,
+    Observed,
     Over,
+    Refused,
     RosterChanged,
 )
 from robotouille_client.sansio.game_replica import GameReplica
@@ -221,3 +223,128 @@ def test_a_text_view_is_answered_by_observations(server: ScriptedServer) -> None
     seq = game.propose("Wait", 0.0)
     game.receive(server.observation(step=1, seq=seq, reasons=["no"]), 0.0)
     assert game.results() == [(seq, rejected(1, "no", "action/invalid"))]
+
+
+# Several seats
+
+
+@pytest.fixture
+def team(server: ScriptedServer) -> GameReplica:
+    """A game in which both seats are ours."""
+    game = GameReplica(server.joined(seats=["robot1", "robot2"], seq=3))
+    game.receive(server.snapshot(), 0.0)
+    game.poll()
+    return game
+
+
+def test_several_seats_act_in_one_step(server: ScriptedServer, team: GameReplica) -> None:
+    assert (team.seat, team.own_seats) == ("robot1", ("robot1", "robot2"))
+    actions = [team.state.actions(seat)[at] for seat, at in (("robot1", 0), ("robot2", 1))]
+    numbers = [
+        team.propose(action, 0.0, seat=seat)
+        for action, seat in zip(actions, team.own_seats, strict=True)
+    ]
+    assert numbers == [4, 5]
+    acts = team.messages_to_send()
+    assert [(act.seq, act.seat) for act in acts if isinstance(act, messages.Act)] == [
+        (4, "robot1"),
+        (5, "robot2"),
+    ]
+    team.receive(server.delta(actions, seq=numbers), 0.0)
+    assert team.results() == [(4, ActResult(True, 1)), (5, ActResult(True, 1))]
+
+
+def test_one_seat_is_not_named(game: GameReplica) -> None:
+    """Servers of before know no such field."""
+    game.propose(None, 0.0, seat="robot1")
+    game.note("x", "y", seat="robot1")
+    assert [getattr(message, "seat", "") for message in game.messages_to_send()] == [None, None]
+
+
+def test_a_seat_of_another_is_refused_here_already(game: GameReplica, team: GameReplica) -> None:
+    for replica, seat in ((game, "robot2"), (team, "robot3")):
+        with pytest.raises(ProtocolError, match=f"{seat} is not yours") as caught:
+            replica.propose(None, 0.0, seat=seat)
+        assert caught.value.code == "seat/unknown"
+        with pytest.raises(ProtocolError, match=f"{seat} is not yours"):
+            replica.note("x", "y", seat)
+    assert team.messages_to_send() == game.messages_to_send() == []
+
+
+def test_a_note_says_whose_it_is(team: GameReplica) -> None:
+    team.note("plan", "I cut", "robot2")
+    team.note("plan", "I cook")
+    assert [message.seat for message in team.messages_to_send()] == ["robot2", "robot1"]  # type: ignore[attr-defined]
+
+
+def test_any_of_ones_seats_may_have_the_turn(server: ScriptedServer, team: GameReplica) -> None:
+    team.receive(server.snapshot(turn="robot2"), 0.0)
+    assert team.my_move
+    assert [team.may_act(seat) for seat in ("robot1", "robot2", "robot3")] == [False, True, False]
+
+
+def test_nothing_in_ones_turn_is_not_that_of_the_next(
+    server: ScriptedServer, team: GameReplica
+) -> None:
+    team.receive(server.snapshot(turn="robot1"), 0.0)
+    first, second = (team.propose(None, 0.0, seat=seat) for seat in team.own_seats)
+    team.receive(server.delta().model_copy(update={"turn": "robot2"}), 0.0)
+    assert team.results() == [(first, ActResult(True, 1))]
+    team.receive(server.delta().model_copy(update={"turn": "robot1"}), 0.0)
+    assert team.results() == [(second, ActResult(True, 2))]
+
+
+def test_a_snapshot_tells_what_became_of_each_seats_last_action(
+    server: ScriptedServer, team: GameReplica
+) -> None:
+    first, second = (team.propose("Wait", 0.0, seat=seat) for seat in team.own_seats)
+    server.delta()
+    answer = messages.SeatAnswer(seat="robot2", seq=second, step=1, reasons=["too late"])
+    team.receive(server.snapshot(last_seq=first, last_step=1, answers=[answer], seq=9), 0.0)
+    assert team.results() == [
+        (first, ActResult(True, 1)),
+        (second, rejected(1, "too late", "action/invalid")),
+    ]
+    assert team.propose(None, 0.0) == 10
+
+
+def test_a_rejection_says_whose_it_was(team: GameReplica) -> None:
+    team.propose("x", 0.0, seat="robot1")
+    seq = team.propose("Boil the sea", 0.0, seat="robot2")
+    message = messages.Rejected(seq=seq, step=0, action="x", reasons=["no"], seat="robot2")
+    team.receive(message, 0.0)
+    assert [number for number, _ in team.results()] == [seq]
+    (refused,) = team.poll()
+    assert isinstance(refused, Refused)
+    assert refused.seat == "robot2"
+    assert [act.seat for act in team.unanswered] == ["robot1"]
+
+
+def test_in_words_each_seat_is_told(server: ScriptedServer) -> None:
+    game = GameReplica(server.joined(seats=["robot1", "robot2"]))
+    game.receive(server.observation(seat="robot1"), 0.0)
+    assert not game.synced
+    game.receive(server.observation(seat="robot2", actions=["Chop"]), 0.0)
+    assert game.synced
+    assert game.observation is game.observations["robot1"]
+    assert game.observations["robot2"].actions == ("Chop",)
+    assert [event.seat for event in game.poll() if isinstance(event, Observed)] == [
+        "robot1",
+        "robot2",
+    ]
+    game.receive(server.observation(step=1, seat="robot1"), 0.0)
+    seq = game.propose("Chop", 0.0, seat="robot2")
+    game.receive(server.observation(step=1, seat="robot2", seq=seq, reasons=["no"]), 0.0)
+    assert game.results() == [(seq, rejected(1, "no", "action/invalid"))]
+
+
+def test_after_a_lost_line_each_seats_action_is_sent_again(
+    server: ScriptedServer, team: GameReplica
+) -> None:
+    for seat in team.own_seats:
+        team.propose(None, 0.0, seat=seat)
+    acts = team.messages_to_send()
+    team.rejoined(server.joined(seats=["robot1", "robot2"]), 1.0)
+    assert team.messages_to_send() == acts
+    team.rejoined(server.joined(seats=["robot1", "robot2"]), 1.0, anew=True)
+    assert [result.code for _, result in team.results()] == ["seat/lost"] * 2

@@ -53,6 +53,39 @@ class TestSeats:
         with pytest.raises(ProtocolError, match="may still come back to theirs"):
             episode.join(None, "late", "human", 2.0)
 
+    def test_several_seats_are_taken_together(self) -> None:
+        episode = Episode(TWO, Rules())
+        seats = episode.join_several(["robot2", "robot1"], "ada", "model", 0.0, session="s")
+        assert seats == ("robot1", "robot2")
+        assert episode.phase is Phase.RUNNING
+        kinds = [type(event).__name__ for event in episode.events()]
+        assert kinds == ["RosterChanged", "RosterChanged", "Started"]
+        assert {seat.session for seat in episode.seats.values()} == {"s"}
+
+    @pytest.mark.parametrize(
+        ("wanted", "code"),
+        [(["robot1", "robot2"], "seat/taken"), (["robot1", "robot7"], "seat/unknown")],
+    )
+    def test_all_seats_are_taken_or_none(self, wanted: list[str], code: str) -> None:
+        episode = Episode(TWO, Rules())
+        episode.join("robot2", "bob", "bot", 0.0)
+        episode.events()
+        with pytest.raises(ProtocolError) as error:
+            episode.join_several(wanted, "ada", "model", 0.0)
+        assert error.value.code == code
+        assert not episode.seats["robot1"].taken
+        assert episode.events() == []
+
+    def test_one_who_plays_all_is_missed_once(self) -> None:
+        episode = Episode(TWO, Rules(grace=10.0))
+        episode.join_several(episode.free_seats(), "ada", "model", 0.0, session="s")
+        episode.set_present(TWO.players, False, 1.0)
+        with pytest.raises(ProtocolError, match="taken; ada may still come back"):
+            episode.join(None, "late", "human", 2.0)
+        episode.tick(60.0)
+        assert episode.outcome is not None
+        assert episode.outcome.detail == "everybody left"
+
     def test_an_unknown_seat(self) -> None:
         with pytest.raises(ProtocolError, match="there are robot1, robot2") as error:
             Episode(TWO, Rules()).join("robot7", "ada", "human", 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotouille import World
 from robotouille.episode import (
     Absence,
     Clock,
@@ -15,10 +16,13 @@ from robotouille.episode import (
     Reason,
     Resumed,
     RosterChanged,
+    Rules,
     Stepped,
 )
 from tests.support import episodes
 from tests.support.episodes import TWO, outcome, steps
+
+THREE = World("training/03_multi_agent@3")
 
 
 def start(absence: Absence, clock: Clock = Clock.REALTIME, **rules: object) -> Episode:
@@ -174,3 +178,60 @@ def test_nobody_is_there_any_more(absence: Absence) -> None:
     assert not steps(episode)
     episode.tick(31.0)
     assert outcome(episode) == (Reason.ABANDONED, "everybody left")
+
+
+class TestSeveralSeats:
+    """One participant plays several seats, which go and come together."""
+
+    def game(self, **rules: object) -> Episode:
+        episode = Episode(THREE, Rules(**rules), 0.0)  # type: ignore[arg-type]
+        episode.join_several(["robot1", "robot3"], "ada", "model", 0.0, session="a")
+        episode.join(None, "bob", "human", 0.0, session="b")
+        episode.events()
+        return episode
+
+    def roster(self, episode: Episode) -> list[tuple[str, bool, str]]:
+        events = [event for event in episode.events() if isinstance(event, RosterChanged)]
+        return [(event.player, event.taken, event.controller.value) for event in events]
+
+    def test_none_acts_before_the_other_is_back(self) -> None:
+        """It is the turn of robot3 when ada comes back: robot1, which is back first, is not to
+        let time run without it."""
+        episode = self.game(clock=Clock.TURN)
+        for player in ("robot1", "robot2"):
+            episode.submit(player, 1, None, 1.0)
+        assert episode.on_turn == "robot3"
+        episode.set_present("robot2", False, 2.0)
+        episode.set_present(("robot1", "robot3"), False, 2.0)
+        assert episode.paused
+        episode.events()
+        episode.set_present(("robot1", "robot3"), True, 3.0, generation=1)
+        assert episode.running
+        assert steps(episode) == []
+        assert [episode.seat(player).generation for player in THREE.players] == [1, 0, 1]
+
+    def test_after_the_grace_all_are_free(self) -> None:
+        episode = self.game(clock=Clock.LOCKSTEP, absence=Absence.WAIT, grace=10.0)
+        episode.set_present(("robot1", "robot3"), False, 1.0)
+        assert self.roster(episode) == [("robot1", True, "absent"), ("robot3", True, "absent")]
+        episode.tick(11.0)
+        assert self.roster(episode) == [("robot1", False, ""), ("robot3", False, "")]
+        assert episode.free_seats() == ("robot1", "robot3")
+
+    def test_who_leaves_all_of_them_ends_the_game_once(self) -> None:
+        episode = self.game(absence=Absence.END)
+        episode.leave(("robot1", "robot3"), 1.0)
+        assert outcome(episode) == (Reason.ABANDONED, "ada left")
+        assert self.roster(episode) == [("robot1", False, ""), ("robot3", False, "")]
+
+    def test_stand_ins_play_all_of_them(self) -> None:
+        episode = self.game(absence=Absence.BOT)
+        episode.set_present(("robot1", "robot3"), False, 1.0)
+        controllers = [episode.seat(player).controller for player in THREE.players]
+        assert controllers == [Controller.STAND_IN, Controller.HUMAN, Controller.STAND_IN]
+
+    def test_a_pause_names_whoever_is_missed_once(self) -> None:
+        episode = self.game(absence=Absence.PAUSE, grace=10.0)
+        episode.set_present(("robot1", "robot3"), False, 1.0)
+        episode.tick(11.0)
+        assert outcome(episode) == (Reason.ABANDONED, "ada did not come back")

@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 import random
 import traceback
+from collections import Counter
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
+from robotouille import GroundAction
 from robotouille.episode.participant_names import likeness
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
@@ -74,7 +77,10 @@ class WatchedClient(Client):
         self.came_back, self.protocol.resume = True, resume
         if plan.code is not None:
             self.protocol.membership = messages.Join(
-                episode=plan.code, role=participant.role, view=participant.view
+                episode=plan.code,
+                role=participant.role,
+                view=participant.view,
+                seats=participant.wanted,
             )
 
     def _watch(self, game: Game) -> None:
@@ -85,20 +91,22 @@ class WatchedClient(Client):
 
         def watched(action: Any, **options: Any) -> asyncio.Future[ActResult]:
             future = submit(action, **options)
-            seq = game._sent.seq
-            future.add_done_callback(lambda done: self._act_answered(game, seq, action, done))
+            answered = partial(
+                self._act_answered, game, options.get("seat") or game.seat, game._sent.seq, action
+            )
+            future.add_done_callback(answered)
             return future
 
         game.submit = watched  # type: ignore[method-assign]
 
     def _act_answered(
-        self, game: Game, seq: int, action: Any, done: asyncio.Future[ActResult]
+        self, game: Game, seat: str, seq: int, action: Any, done: asyncio.Future[ActResult]
     ) -> None:
         if done.cancelled() or not done.result().applied:
             return
         step = done.result().step
         self.sim.oracle.check_applied(
-            self.incarnation, game, seq, step, action, exactly=game.has_state
+            self.incarnation, game, seat, seq, step, action, exactly=game.has_state
         )
 
     def _check_state(self, game: Game, message: messages.ServerMessage) -> None:
@@ -127,8 +135,8 @@ class WatchedClient(Client):
             self.sim.fail(f"{self.incarnation}: after chat {before} came {message.number}")
 
     def _check_company(self, seats: list[messages.SeatInfo]) -> None:
-        names = [likeness(seat.name) for seat in seats if seat.name]
-        if len(set(names)) < len(names):
+        names = Counter(likeness(seat.name) for seat in seats if seat.name)
+        if any(count > self.participant.plan.seats_of(name) for name, count in names.items()):
             self.sim.fail(f"{self.incarnation}: two are called the same: {names}")
         strangers = [s.name for s in seats if s.name and not self.participant.plan.knows(s.name)]
         if strangers:
@@ -152,6 +160,7 @@ class Participant:
         self.view = enlisted.view
         self.encoding = enlisted.encoding
         self.talks = enlisted.talks
+        self.seats = enlisted.seats
         self.client: WatchedClient | None = None
         self.process: Process | None = None
         self.done = False
@@ -242,6 +251,8 @@ class Participant:
             if self.role == "spectator":
                 async for _ in game:
                     pass
+            elif len(game.own_seats) > 1:
+                await self._play_several(game)
             elif self.view == "text":
                 await self._play_by_text(game)
             else:
@@ -260,7 +271,12 @@ class Participant:
                 self.plan.code = self.plan.code or created.code
             else:
                 await asyncio.sleep(0.1)
-        return await client.join(self.plan.code, role=self.role, view=self.view)
+        return await client.join(self.plan.code, role=self.role, view=self.view, seats=self.wanted)
+
+    @property
+    def wanted(self) -> Literal["all"] | list[str]:
+        """The seats to ask for; none for any that is free."""
+        return "all" if self.seats == "all" else list(self.seats)
 
     async def _game_again(self, client: WatchedClient) -> Game | None:
         """The game of a resumed session comes by itself, if it still has one."""
@@ -294,6 +310,31 @@ class Participant:
                 await game.act(action)
             elif not game.ended:
                 await game.next_event()
+
+    async def _play_several(self, game: Game) -> None:
+        """All of one's seats, at the same time; what is refused is thought of again."""
+        decided = dict.fromkeys(game.own_seats, -1)
+
+        def answered(seat: str, done: asyncio.Future[ActResult]) -> None:
+            if not done.cancelled() and not done.result().applied:
+                decided[seat] = -1
+
+        while not game.ended:
+            for seat in game.own_seats:
+                actions = self._actions_of(game, seat)
+                if actions is None or not game.may_act(seat) or game.step <= decided[seat]:
+                    continue
+                decided[seat] = game.step
+                action = self._chance.choice(actions) if actions else None
+                game.submit(action, seat=seat).add_done_callback(partial(answered, seat))
+            await game.next_event()
+
+    def _actions_of(self, game: Game, seat: str) -> Sequence[GroundAction | str] | None:
+        """What a seat may do in the present step; None while that is not known."""
+        if game.has_state:
+            return game.state.actions(seat)
+        seen = game.observations.get(seat)
+        return seen.actions if seen is not None and seen.step == game.step else None
 
     async def _chat(self, client: WatchedClient, game: Game) -> None:
         while True:

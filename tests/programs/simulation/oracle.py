@@ -279,9 +279,9 @@ class Oracle:
             self._fail(f"{who}: heard {text!r}, recorded {recorded.count(text)} times")
 
     def check_applied(
-        self, who: str, game: Game, seq: int, step: int, action: Any, *, exactly: bool
+        self, who: str, game: Game, seat: str, seq: int, step: int, action: Any, *, exactly: bool
     ) -> None:
-        """A client was told that its action was applied in a step (None: it did nothing).
+        """A client was told that an action of a seat was applied in a step (None: it did nothing).
 
         One that has only words may learn it later: of a step before, where it was away. The
         numbers begin anew with each tenure of a seat.
@@ -293,8 +293,8 @@ class Oracle:
             return
         steps = truth.moves[step : step + 1] if exactly else truth.moves[: step + 1]
         applied = [m for moves in steps for m in moves if m.applied]
-        tenure = truth.tenures[step].get(str(game.seat))
-        found = any((m.player, m.seq, m.tenure) == (game.seat, seq, tenure) for m in applied)
+        tenure = truth.tenures[step].get(seat)
+        found = any((m.player, m.seq, m.tenure) == (seat, seq, tenure) for m in applied)
         if found != (action is not None):
             self._fail(
                 f"{who}: action {seq} ({action}) is said to have applied in step {step} of "

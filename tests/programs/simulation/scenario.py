@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -68,6 +68,8 @@ class Enlisted:
     encoding: str
     talks: float
     """Chat messages a second."""
+    seats: Literal["all"] | tuple[str, ...] = ()
+    """Those to play, over one connection; any one that is free if there are none."""
 
 
 @dataclass
@@ -120,6 +122,12 @@ class EpisodePlan:
         kept."""
         plain = re.sub(r" [0-9]+$", "", name)
         return any(person.name == plain for person in self.people)
+
+    def seats_of(self, name: str) -> int:
+        """How many seats whoever is called so may have."""
+        plain = re.sub(r" [0-9]+$", "", name)
+        seats = next((person.seats for person in self.people if person.name == plain), ())
+        return 16 if seats == "all" else max(1, len(seats))
 
 
 DrawPlan = Callable[["Simulation", random.Random], EpisodePlan]
@@ -195,7 +203,21 @@ def draw_plan(
         options["move_budget"] = chance.choice((0.5, 3.0))
     watchers = chance.choice((0, 0, 1, 2))
     people = [_enlist(f"{tag}-{n}", chance, n, seats) for n in range(seats + watchers)]
-    return EpisodePlan(sim, tag, task, options, people)
+    shares = _shares(random.Random(f"{sim.seed}/{tag}/seats"), seats)
+    players = [replace(player, seats=share) for player, share in zip(people, shares, strict=False)]
+    return EpisodePlan(sim, tag, task, options, players + people[seats:])
+
+
+def _shares(chance: random.Random, seats: int) -> list[Literal["all"] | tuple[str, ...]]:
+    """Who plays which seats: everybody one that is free, or somebody several."""
+    if seats == 1 or chance.random() < 0.6:
+        return [()] * seats
+    if chance.random() < 0.4:
+        return ["all"]
+    players = [f"robot{number + 1}" for number in range(seats)]
+    several = sorted(chance.sample(players, 2))
+    others = [player for player in players if player not in several]
+    return [tuple(several), *((player,) for player in others)]
 
 
 def _enlist(name: str, chance: random.Random, number: int, seats: int) -> Enlisted:
