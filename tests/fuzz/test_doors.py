@@ -29,6 +29,7 @@ STEPS = 80
 CAP = 1
 KITCHEN = messages.Create(task="multi_agent/01_lettuce_burger", grace=86400.0)
 HERE: dict[str, str] = {}
+SEATS = ("robot1", "robot2", "robot9")
 
 
 @dataclass
@@ -116,6 +117,17 @@ class Walk:
         role = self.random.choice(("player", "spectator"))
         await self.say(type="join", episode=self.random.choice(self.rooms), role=role)
 
+    async def join_several(self) -> None:
+        """Free seats, taken ones, some that are none, some twice; over one connection."""
+        seats = self.random.choice(("all", self.random.choices(SEATS, k=self.random.randint(1, 3))))
+        await self.say(type="join", episode=self.random.choice(self.rooms), seats=seats)
+
+    async def act(self) -> None:
+        """For a seat that is anybody's."""
+        seq, seat = self.random.randint(1, 50), self.random.choice(SEATS)
+        await self.say(type="act", seq=seq, action=None, seat=seat)
+        await self.say(type="note", topic="x", text="y", seat=seat)
+
     async def say(self, **message: Any) -> None:
         """One message on any connection; what comes by way of answer may bring a token."""
         if not self.connections:
@@ -190,7 +202,12 @@ class Walk:
             assert room.spectators <= CAP, self.done
             banned = self.decisions.banned.get(room.id, set())
             muted = self.decisions.muted.get(room.id, set())
+            held = [player for who in room.members for player in who.players]
+            taken = [seat.player for seat in room.episode.seats.values() if seat.taken]
+            assert sorted(set(held)) == sorted(held), self.done
+            assert room.episode.ended or set(held) <= set(taken), self.done
             for who in room.members:
+                assert room.episode.ended or who.players == room.players_of(who.id), self.done
                 assert banned.isdisjoint({who.id, who.participant}), self.done
                 assert room.mutes(who) == (who.participant in muted), self.done
                 only = who.only_episode
@@ -210,7 +227,7 @@ class Walk:
 ACTS = [
     (Walk.come, 8), (Walk.come_back, 10), (Walk.join, 6), (Walk.leave, 3), (Walk.talk, 2),
     (Walk.open_one, 2), (Walk.hang_up, 4), (Walk.kick, 2), (Walk.mute, 2), (Walk.take_back, 2),
-    (Walk.restart, 2),
+    (Walk.restart, 2), (Walk.join_several, 6), (Walk.act, 4),
 ]  # fmt: skip
 
 
