@@ -59,9 +59,13 @@ def test_api_examples() -> None:
 
     async def play() -> list[dict[str, Any]]:
         async with serve(settings()) as server:
-            return await names["host"](server.url)
+            outcomes = await names["host"](server.url)
+            async with connect(server.url, name="host") as host:
+                created = await host.create("multi_agent/01", max_steps=7)
+            return [*outcomes, await names["team"](server.url, created.code)]
 
-    outcomes = run(play())
+    *outcomes, teams = run(play())
+    assert teams["steps"] == 7
     assert [outcome["steps"] for outcome in outcomes] == [20, 20]
     assert sum(seat["said"] for seat in outcomes[0]["seats"]) == 2
 

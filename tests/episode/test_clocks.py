@@ -208,6 +208,12 @@ class TestRealTime:
         assert episode.due() is not None
         assert episode.due() > 100.0
 
+    def test_where_thinking_is_declared_seat_order_decides(self) -> None:
+        episode = start(clock=Clock.REALTIME, step_rate=10, thinking="declared")
+        episode.submit("robot2", 1, first(episode, "robot2"), 0.01)
+        episode.submit("robot1", 1, first(episode, "robot1"), 0.02)
+        assert [m.player for m in steps(episode)[0].moves] == ["robot1", "robot2"]
+
     def test_declared_thinking_time_is_charged_in_the_games_own_time(self) -> None:
         episode = start(clock=Clock.REALTIME, step_rate=10, thinking="declared")
         assert episode.due() is None

@@ -101,6 +101,17 @@ def test_a_token_for_a_seat_gives_that_seat() -> None:
     assert (caught.value.code, caught.value.field) == ("auth/seat", "seat")
 
 
+def test_a_token_for_a_seat_is_for_no_more() -> None:
+    alone = messages.Join(episode="x", seats=["robot2"])
+    assert check_join(alone, only="", seat="robot2", **ROOM) == "robot2"
+    several = [messages.Join(episode="x", seats=seats) for seats in ("all", ["robot2", "robot1"])]
+    for join in several:
+        assert check_join(join, only="", seat="", **ROOM) is None
+        with pytest.raises(ProtocolError, match="for the seat robot2 alone") as caught:
+            check_join(join, only="", seat="robot2", **ROOM)
+        assert (caught.value.code, caught.value.field) == ("auth/seat", "seats")
+
+
 def test_case_and_dashes_of_codes_do_not_matter() -> None:
     assert same_episode(" qwert-yupas ", "QWERTYUPAS")
     assert not same_episode("QWERTYUPAS", "QWERTYUPAZ")

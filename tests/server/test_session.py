@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from robotouille import ProtocolError
 from robotouille_server.auth import Role
 from robotouille_server.rooms.session import Session
 
@@ -44,3 +45,27 @@ def test_what_came_is_counted_over_all_connections(session: Session) -> None:
     assert session.peer is None
     session.peer = Peer(10)  # type: ignore[assignment]
     assert session.received_bytes == 110
+
+
+def test_a_spectator_has_no_seat(session: Session) -> None:
+    assert (session.player, session.views, session.has_several) == (None, (None,), False)
+    for seat in (None, "robot1"):
+        with pytest.raises(ProtocolError, match="you watch") as caught:
+            session.own_seat(seat)
+        assert caught.value.code == "seat/none"
+
+
+def test_whoever_has_one_seat_is_not_told_which(session: Session) -> None:
+    session.players = ("robot2",)
+    assert (session.player, session.views, session.has_several) == ("robot2", ("robot2",), False)
+    assert [session.own_seat(None), session.own_seat("robot2")] == ["robot2", "robot2"]
+    assert [session.seat_shown(seat) for seat in (None, "robot2", "robot9")] == ["", "", ""]
+
+
+def test_of_several_seats_the_first_is_meant_where_nothing_is_said(session: Session) -> None:
+    session.players = ("robot1", "robot3")
+    assert [session.own_seat(None), session.own_seat("robot3")] == ["robot1", "robot3"]
+    assert [session.seat_shown(None), session.seat_shown("robot3")] == ["robot1", "robot3"]
+    with pytest.raises(ProtocolError, match="robot2 is not yours: you play robot1 and robot3") as e:
+        session.own_seat("robot2")
+    assert (e.value.code, e.value.field) == ("seat/unknown", "seat")

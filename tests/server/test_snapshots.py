@@ -11,7 +11,7 @@ from robotouille import World
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.protocol.codec import JSON, MSGPACK, Codec
 from robotouille.protocol.states import StateWriter
-from robotouille_server.rooms.snapshots import Snapshots
+from robotouille_server.rooms.snapshots import Snapshots, last_seq, own_answers
 from robotouille_server.transport import frame_of
 
 WORLD = World("synchronous/01_cheese_sandwich")
@@ -71,3 +71,20 @@ def test_the_state_is_written_once_a_step_and_anew_for_the_next(
     for _ in range(3):
         snapshots.frame(codec, {}, with_task=False)
     assert written == [0, 1]
+
+
+def test_each_of_ones_seats_is_told_what_became_of_its_last_action() -> None:
+    world = World("training/03_multi_agent@3")
+    episode = Episode(world, Rules(clock=Clock.LOCKSTEP), 0.0)
+    episode.join_several(world.players, "Ada", "model", 0.0)
+    for seq, player in enumerate(world.players, 1):
+        episode.submit(player, seq, None, 0.0)
+    episode.submit("robot3", 8, "Boil the sea", 0.0)
+    own = own_answers(episode, ("robot1", "robot3"))
+    assert (own["seat"], own["seq"], own["last_seq"], own["last_step"]) == ("robot1", 8, 1, 1)
+    (answer,) = own["answers"]
+    assert (answer["seat"], answer["seq"], answer["step"]) == ("robot3", 8, 1)
+    assert answer["reasons"]
+    assert last_seq(episode, ("robot2",)) == 2
+    assert own_answers(episode, ())["seat"] is None
+    assert not any(own_answers(episode, ()).values())

@@ -156,7 +156,7 @@ def step_not_recorded(patch: pytest.MonkeyPatch) -> None:
 
 FAULTS = [
     Fault(told_though_not_written, (6, 9, 14), "recorded"),
-    Fault(told_before_written, (9, 21, 22), "recorded"),
+    Fault(told_before_written, (4, 33), "recorded"),
     Fault(numbers_not_looked_at, (141, 370, 430), "acted twice"),
     Fault(numbers_forgotten_at_a_restart, (20, 112), "acted twice"),
     Fault(chat_heard_elsewhere, (1, 2, 19), "of another episode"),
