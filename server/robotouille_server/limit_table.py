@@ -192,6 +192,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit(
             "digests in `known`", "refused", INVALID, value=_longest(messages.Join, "known", "")
         ),
+        Limit("seats of a join", "refused", INVALID, value=_longest(messages.Join, "seats", "")),
         Limit("a server's message", "the client library closes", value=_size(MAX_SERVER_BYTES)),
     ),
     "Connections": (

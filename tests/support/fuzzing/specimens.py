@@ -41,6 +41,10 @@ MORE: tuple[dict[str, Any], ...] = (
     {"type": "act", "seq": 1, "action": None},
     {"type": "act", "seq": 2, "action": 3, "basis": 0},
     {"type": "act", "seq": 3, "action": "Move robot1 from table1 to table2", "think_ms": 10},
+    {"type": "join", "episode": "AAAAA", "seats": "all", "ref": 9},
+    {"type": "join", "episode": "AAAAA", "seats": ["robot1", "robot2"], "view": "both"},
+    {"type": "act", "seq": 4, "action": None, "seat": "robot2"},
+    {"type": "note", "topic": "plan", "text": "cut", "seat": "robot2", "more": True},
     {"type": "leave"},
 )
 
