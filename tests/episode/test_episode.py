@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import ProtocolError, World, load_task
 from robotouille.episode import (
+    Absence,
     Clock,
     Ended,
     Episode,
@@ -23,6 +27,8 @@ from robotouille.episode.presence import LOBBY_SECONDS
 from tests.support.episodes import ONE, TWO, first, start, steps
 from tests.support.games import play_through, random_choice
 from tests.support.thorough import thorough
+
+THREE = World("training/03_multi_agent@3")
 
 
 class TestSeats:
@@ -316,3 +322,56 @@ def test_no_sequence_of_inputs_breaks_an_episode(inputs: list[tuple], clock: Clo
     due = episode.due()
     assert over == (episode.phase is Phase.ENDED)
     assert due is None or not over
+
+
+SUBSETS = st.lists(st.sampled_from([*THREE.players, "robot9"]), min_size=1, max_size=4)
+
+
+@thorough(60)
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.just("join"), st.sampled_from("abc"), SUBSETS),
+            st.tuples(st.just("presence"), st.sampled_from("abc"), st.booleans()),
+            st.tuples(st.just("leave"), st.sampled_from("abc"), st.none()),
+            st.tuples(st.just("submit"), st.sampled_from(THREE.players), st.integers(1, 9)),
+            st.tuples(st.just("tick"), st.none(), st.floats(0, 3)),
+        ),
+        max_size=40,
+    ),
+    st.sampled_from(list(Clock)),
+    st.sampled_from(list(Absence)),
+)
+def test_the_seats_of_one_participant_never_come_apart(
+    inputs: list[tuple[str, Any, Any]], clock: Clock, absence: Absence
+) -> None:
+    """Whoever comes gets all seats that are asked for or none, and loses them together."""
+    rules = Rules(clock=clock, absence=absence, max_steps=15, move_budget=1.0, grace=2.0)
+    episode = Episode(THREE, rules)
+    now, own = 0.0, dict[str, tuple[str, ...]]()
+    for kind, who, what in inputs:
+        taken = {seat.player for seat in episode.seats.values() if seat.taken}
+        if kind == "join" and not own.get(who):
+            try:
+                own[who] = episode.join_several(what, who, "bot", now, session=who)
+                assert taken.isdisjoint(own[who])
+                assert own[who] == tuple(p for p in THREE.players if p in what)
+            except ProtocolError:
+                assert taken == {seat.player for seat in episode.seats.values() if seat.taken}
+        elif kind == "presence":
+            episode.set_present(own.get(who, ()), what, now, generation=1)
+        elif kind == "leave":
+            episode.leave(own.get(who, ()), now)
+        elif kind == "submit":
+            with suppress(ProtocolError):
+                episode.submit(who, what, None, now)
+        elif kind == "tick":
+            now += what
+            episode.tick(now)
+        for session, players in own.items():
+            seats = [episode.seat(player) for player in players]
+            held = [seat for seat in seats if seat.session == session]
+            assert held in ([], seats)
+            told = {(s.name, s.present, s.generation, s.away, s.controller) for s in held}
+            assert len(told) <= 1
+        own = {who: held for who, held in own.items() if episode.seat(held[0]).session == who}
