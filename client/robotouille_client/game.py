@@ -112,7 +112,7 @@ class Game(GameReplica):
             seat: The one of one's seats whose it is; the first if None.
 
         Raises:
-            ProtocolError: `seat/none` or `seat/unknown`, as for `submit`.
+            ProtocolError: `seat/unknown`: it is not one's own.
             ValueError: The topic has not 1 to 64 characters.
         """
         super().note(topic, text, seat)

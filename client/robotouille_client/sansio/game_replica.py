@@ -227,10 +227,10 @@ class GameReplica:
             seat: The one of one's seats whose it is; the first if None.
 
         Raises:
-            ProtocolError: `seat/none` or `seat/unknown`, as for `propose`.
+            ProtocolError: `seat/unknown`: it is not one's own.
             ValueError: The message cannot have such a topic.
         """
-        told = self._seat_told(self._own_seat(seat))
+        told = self._seat_told(self._own_seat(seat)) if self.own_seats else seat
         pieces = [text[at : at + MAX_NOTE] for at in range(0, len(text), MAX_NOTE)]
         for number, piece in enumerate(pieces, start=1):
             more = number < len(pieces)
