@@ -190,13 +190,8 @@ class Client:
                 others.
             ValueError: An argument is none that the message can have.
         """
-        request = messages.Join(
-            episode=episode,
-            seat=seat,
-            seats="all" if seats == "all" else list(seats),
-            role=role,
-            view=view,
-        )
+        wanted: Any = seats if isinstance(seats, str) else list(seats)
+        request = messages.Join(episode=episode, seat=seat, seats=wanted, role=role, view=view)
         await self._ask(request, messages.Joined)
         if self.game is None:
             raise AssertionError("joined without a game")

@@ -268,6 +268,8 @@ def test_the_client_library_plays_all_seats(tmp_path: Path, text: bool) -> None:
                 assert [result.applied for result in results] == [True] * 3
             game.note("plan", "robot3 cuts", seat="robot3")
             game.say("hello")
+            with pytest.raises(ValueError, match="expected 'all', or the names"):
+                await eve.join(code, seats="robot1")
             with pytest.raises(ProtocolError, match="seats are taken"):
                 await eve.join(code, seats="all")
             await ada.leave()
