@@ -10,11 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from robotouille_client.mcp_server.http import MAX_BODY_BYTES, MAX_CONNECTIONS, MAX_SESSIONS
 from robotouille_client.mcp_server.journal import MAX_LINES
 from robotouille_client.mcp_server.open_games import MAX_GAMES_OF_ONE
 from robotouille_client.mcp_server.results import GameView
 from robotouille_client.mcp_server.tools import TOOLS
+from robotouille_client.mcp_server.transports.http import (
+    MAX_BODY_BYTES,
+    MAX_CONNECTIONS,
+    MAX_SESSIONS,
+)
 from tests.support.mcp_agent import COMMAND, agent
 from tests.support.pages import read, table, titled
 from tests.support.server_process import server_process

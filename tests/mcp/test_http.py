@@ -5,9 +5,14 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
-from robotouille_client.mcp_server.http import PATH, HttpService, http_app, listening_socket
 from robotouille_client.mcp_server.open_games import OpenGames
 from robotouille_client.mcp_server.server import mcp_server
+from robotouille_client.mcp_server.transports.http import (
+    PATH,
+    HttpService,
+    http_app,
+    listening_socket,
+)
 from tests.support.mcp_agent import over
 from tests.support.servers import serving
 

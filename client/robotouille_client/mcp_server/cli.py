@@ -82,7 +82,7 @@ def command(
 
 
 def _serve_stdio(make_games: Callable[[], OpenGames]) -> None:
-    from robotouille_client.mcp_server.stdio import serve
+    from robotouille_client.mcp_server.transports.stdio import serve
 
     asyncio.run(serve(make_games()))
 
@@ -93,14 +93,14 @@ def _serve_http(
     allowed_hosts: tuple[str, ...],
     idle_seconds: float,
 ) -> None:
-    from robotouille_client.mcp_server.http import (
+    from robotouille_client.mcp_server.server import mcp_server
+    from robotouille_client.mcp_server.transports.http import (
         PATH,
         HttpService,
         http_app,
         is_loopback,
         listening_socket,
     )
-    from robotouille_client.mcp_server.server import mcp_server
 
     host, port = _address(listen)
     if not is_loopback(host) and not allowed_hosts:
