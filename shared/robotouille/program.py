@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["VersionOption", "printable", "printable_json", "tell"]
+__all__ = ["VersionOption", "printable", "printable_json", "quoted", "tell"]
 
 
 def _tell(wanted: bool) -> None:
@@ -38,6 +38,11 @@ def printable_json(text: str) -> str:
     """The same JSON, with what `printable` would replace written as `\\u…`."""
     lines = text.split("\n")
     return "\n".join(line if line.isprintable() else _escaped(line) for line in lines)
+
+
+def quoted(words: str) -> str:
+    """Somebody else's words, in quotes and on one line: they cannot pass for ours."""
+    return printable_json(json.dumps(words, ensure_ascii=False))
 
 
 def _escaped(line: str) -> str:

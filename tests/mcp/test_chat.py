@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.program import quoted
 from robotouille_client import connect
-from robotouille_client.mcp_server.journal import quoted
 from tests.support.mcp_agent import agent
 from tests.support.servers import serving
 from tests.support.virtual_time import run

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from mcp.server.mcpserver.exceptions import ToolError
 
 from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.program import quoted
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.console import explain
 from robotouille_client.errors import ConnectionFailedError, NotYetError
-from robotouille_client.mcp_server.journal import quoted
 
 __all__ = ["explained"]
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robotouille.program import printable_json
+from robotouille.program import quoted
 from robotouille.protocol import messages
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import (
@@ -19,15 +18,10 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
 )
 
-__all__ = ["ChatLine", "Journal", "News", "quoted"]
+__all__ = ["ChatLine", "Journal", "News"]
 
 MAX_LINES = 40
 MAX_CHAT = 40
-
-
-def quoted(words: str) -> str:
-    """Somebody else's words, in quotes and on one line: they cannot pass for ours."""
-    return printable_json(json.dumps(words, ensure_ascii=False))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from typing import Literal
 
 from robotouille.errors import RobotouilleError
+from robotouille.program import quoted
 from robotouille_client.client import Client
 from robotouille_client.game import Game
-from robotouille_client.mcp_server.journal import Journal, quoted
+from robotouille_client.mcp_server.journal import Journal
 from robotouille_client.mcp_server.results import ActionOutcome, Chat, EpisodeOutcome, GameView
 from robotouille_client.sansio.game_events import ActResult
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from robotouille_client.mcp_server.journal import quoted
+from robotouille.program import quoted
 from robotouille_client.mcp_server.results import ActionOutcome, Chat, EpisodeRow, GameView
 
 __all__ = ["chat_words", "episode_words", "view_words"]

@@ -13,6 +13,12 @@ from typing import Protocol
 __all__ = ["AnswerParser", "ParsedAnswer", "Published", "Tolerant"]
 
 
+NO_ACTION = (
+    "The action was malformed. Please provide a valid action in the form 'Action: <action>'."
+)
+INVALID = "The action '{}' is not valid. Please provide a valid action."
+
+
 @dataclass(frozen=True, slots=True)
 class ParsedAnswer:
     """Reasoning and action; None for what is not there."""
@@ -23,6 +29,9 @@ class ParsedAnswer:
 
 class AnswerParser(Protocol):
     """How answers are read."""
+
+    no_action: str
+    """What a model is told that has named none."""
 
     def step(self, text: str) -> ParsedAnswer:
         """The answer to a request for one action."""
@@ -40,9 +49,15 @@ class AnswerParser(Protocol):
         """The valid action that is meant."""
         ...
 
+    def invalid(self, action: str, valid: tuple[str, ...]) -> str:
+        """What a model is told whose action is not valid."""
+        ...
+
 
 class Published:
     """Headings at the beginning of a line, sentences letter by letter."""
+
+    no_action = NO_ACTION
 
     _REASONING = re.compile(r"^Reasoning:", re.MULTILINE)
     _ACTION = re.compile(r"^Action:\s*(.+)", re.MULTILINE)
@@ -74,9 +89,15 @@ class Published:
         """Letter by letter."""
         return action if action in valid else None
 
+    def invalid(self, action: str, valid: tuple[str, ...]) -> str:
+        """In the published words."""
+        return INVALID.format(action)
+
 
 class Tolerant:
     """What a person would read as the same thing is the same thing."""
+
+    no_action = NO_ACTION
 
     # Nothing in a heading is longer than a few characters, so that no answer takes long to read.
     _BEFORE = r"^[ \t*_#>\d.)-]{0,12}"
@@ -120,6 +141,10 @@ class Tolerant:
             return action
         wanted = self._plain(action)
         return next((sentence for sentence in valid if self._plain(sentence) == wanted), None)
+
+    def invalid(self, action: str, valid: tuple[str, ...]) -> str:
+        """In the published words."""
+        return INVALID.format(action)
 
     def _trim(self, line: str) -> str:
         return self._NUMBER.sub("", line).strip(self._EDGES)

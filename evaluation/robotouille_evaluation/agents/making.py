@@ -5,16 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from robotouille.errors import UnknownNameError, did_you_mean
+from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille_evaluation.agents.answers import Tolerant
+from robotouille_evaluation.agents.asking import Complete
 from robotouille_evaluation.agents.histories import History
 from robotouille_evaluation.agents.plan_once import PlanOnce
 from robotouille_evaluation.agents.proposal import Strategy
 from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
 from robotouille_evaluation.agents.reflexion import Reflexion
+from robotouille_evaluation.agents.teams.joint import Joint, JointAnswers
+from robotouille_evaluation.agents.teams.team import Control, Turns
 from robotouille_evaluation.packs.pack import Experiment, Pack
 
-__all__ = ["OWN_STRATEGIES", "make_strategy", "own_strategy", "published_strategy"]
+__all__ = [
+    "OWN_STRATEGIES",
+    "make_strategy",
+    "make_team",
+    "own_strategy",
+    "published_strategy",
+    "team_strategy",
+]
 
 FLAGS = {
     "is_no_history": History.NONE,
@@ -42,6 +52,55 @@ def make_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
         return own_strategy(pack, name, dataset)
     known = [*OWN_STRATEGIES, *experiments]
     raise UnknownNameError(f"no strategy {name!r}{did_you_mean(name, known)}")
+
+
+# One for all seats
+
+
+def make_team(
+    pack: Pack, name: str, dataset: str, control: Control, complete: Complete
+) -> Turns | Joint:
+    """One model for all seats of an episode.
+
+    Args:
+        control: `turns` or `joint`.
+
+    Raises:
+        RobotouilleError: See `team_strategy`.
+    """
+    strategy = team_strategy(pack, name, dataset, control)
+    return (Joint if control == "joint" else Turns)(strategy, complete)
+
+
+def team_strategy(pack: Pack, name: str, dataset: str, control: Control) -> Strategy:
+    """The strategy of a model that plays several seats, in `turns` or `joint`.
+
+    Raises:
+        UnknownNameError: There is none of this name, or the pack has no prompt for it.
+        RobotouilleError: This one cannot play several seats so.
+    """
+    strategy = make_strategy(pack, name, dataset)
+    if name not in OWN_STRATEGIES:
+        raise RobotouilleError(
+            f"{name} is played as published, with a conversation for each robot: "
+            f"no --control {control}"
+        )
+    if name == "reflexion":
+        raise RobotouilleError(f"{name} begins anew after a failure, alone: no --control {control}")
+    if control != "joint":
+        return strategy
+    history = JOINT_HISTORIES.get(name)
+    if history is None:
+        raise RobotouilleError(
+            f"{name} cannot be asked for all robots at once; --control joint takes "
+            + ", ".join(JOINT_HISTORIES)
+        )
+    settings = ReActSettings(history, parser=JointAnswers(), truncate=True, talks=True)
+    return ReAct(_own_prompts(pack, "joint", dataset), settings)
+
+
+JOINT_HISTORIES = {f"react-{history.value}": history for history in History}
+"""Strategies that can be asked for all seats at once: the history is theirs, the prompt another."""
 
 
 # As published
@@ -120,11 +179,12 @@ def _react(
     complete_plan: bool = False,
     repeat_rules: bool = False,
     examples: str = "react",
+    talks: bool = False,
 ) -> Callable[[Pack, str], Strategy]:
     def make(pack: Pack, dataset: str) -> Strategy:
         id_ = f"{prompt}-plan" if complete_plan else prompt
         rules = pack.prompt("rules").instructions if repeat_rules else ""
-        settings = ReActSettings(history, rules, parser=Tolerant(), truncate=True)
+        settings = ReActSettings(history, rules, parser=Tolerant(), truncate=True, talks=talks)
         return ReAct(_own_prompts(pack, id_, dataset, examples), settings)
 
     return make
@@ -146,6 +206,7 @@ OWN_STRATEGIES: Mapping[str, Callable[[Pack, str], Strategy]] = {
     },
     "react-rules": _react(History.LAST_REASONING_ACTION, prompt="react-rules", complete_plan=False),
     "react-repeated-rules": _react(History.LAST_REASONING_ACTION, repeat_rules=True),
+    "react-talk": _react(History.LAST_REASONING_ACTION, prompt="react-talk", talks=True),
     "plag": _react(History.LAST_REASONING_ACTION, prompt="plag", examples=""),
     "reflexion": _reflexion,
 }

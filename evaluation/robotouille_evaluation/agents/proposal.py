@@ -63,6 +63,8 @@ class Observation:
     player: str = ""
     state: State | None = None
     """For agents that plan; language models are sent the text."""
+    heard: tuple[str, ...] = ()
+    """What others have said since the last look, a line each (`chat.Chat`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,8 @@ class Exchange:
     reasoning: str = ""
     action: str = ""
     feedback: str = ""
+    player: str = ""
+    """Whose action it names, where one answer is for several."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,8 @@ class Proposal:
     whole: bool = False
     anticipates: bool = False
     """Another's action in the same step is to make the first one possible."""
+    say: str = ""
+    """Is said to everybody in the chat."""
     exchanges: tuple[Exchange, ...] = field(default=())
 
 

@@ -17,6 +17,7 @@ from robotouille_evaluation.agents.proposal import (
     Proposal,
     ProposalSteps,
 )
+from robotouille_evaluation.agents.teams.chat import heard_text, spoken
 from robotouille_evaluation.models.model import Completion, Message, ModelRequest
 
 __all__ = ["Prompts", "ReAct", "ReActSettings"]
@@ -27,10 +28,6 @@ NO_REASONING = (
     "The reasoning was malformed. Please provide a valid reasoning in the form "
     "'Reasoning: <reasoning>'."
 )
-NO_ACTION = (
-    "The action was malformed. Please provide a valid action in the form 'Action: <action>'."
-)
-INVALID = "The action '{}' is not valid. Please provide a valid action."
 FINISH = "Finish"
 
 
@@ -66,6 +63,8 @@ class ReActSettings:
     truncate: bool = False
     """Where a request is too long the oldest turns are left out until it fits; otherwise it is
     tried once without the history, which must be a single turn, as the published code does."""
+    talks: bool = False
+    """Whether it is shown what others say, and may answer `Say: …`: its prompt speaks of both."""
 
 
 class ReAct:
@@ -98,15 +97,25 @@ class ReAct:
             if exchange.verdict is ExchangeVerdict.FINISH:
                 return Proposal((), exchange.reasoning, done=True, exchanges=tuple(exchanges))
             if exchange.verdict is ExchangeVerdict.ACTION:
-                return Proposal((exchange.action,), exchange.reasoning, exchanges=tuple(exchanges))
+                say = self._spoken(exchange)
+                return Proposal(
+                    (exchange.action,), exchange.reasoning, say=say, exchanges=tuple(exchanges)
+                )
         self._failures += 1
         given_up = self._failures >= self._settings.max_failures
         return Proposal(done=given_up, exchanges=tuple(exchanges))
 
+    def _spoken(self, exchange: Exchange) -> str:
+        """What an answer says to everybody."""
+        answer = exchange.completion if self._settings.talks else None
+        return spoken(answer.text) if answer is not None else ""
+
     def _ask(
         self, observation: Observation, exchanges: list[Exchange]
     ) -> Generator[ModelRequest, Completion, Exchange]:
-        text = "\n\n".join(filter(None, [observation.text, self._settings.rules])) + self.footer
+        heard = heard_text(observation.heard) if self._settings.talks else ""
+        shown = filter(None, [heard, observation.text, self._settings.rules])
+        text = "\n\n".join(shown) + self.footer
         prompt = f"Error Feedback: {self._feedback}\n{text}" if self._feedback else text
         request, completion = yield from self._complete(prompt, exchanges)
         return self._judge(request, completion, prompt, text, observation.valid)
@@ -127,10 +136,11 @@ class ReAct:
             verdict = (
                 ExchangeVerdict.NO_REASONING if reasoning is None else ExchangeVerdict.NO_ACTION
             )
-            self._feedback = NO_REASONING if reasoning is None else NO_ACTION
+            self._feedback = NO_REASONING if reasoning is None else parser.no_action
             return Exchange(request, completion, verdict, reasoning or "", said or "",
                             self._feedback)  # fmt: skip
-        action = parser.match(said, tuple(valid)) or said
+        meant = parser.match(said, tuple(valid))
+        action = said if meant is None else meant
         self._history = remembered(
             self._settings.history,
             self._history,
@@ -143,11 +153,11 @@ class ReAct:
         self._feedback = ""
         if action == FINISH:
             verdict = ExchangeVerdict.FINISH
-        elif action in valid:
+        elif meant is not None:
             verdict = ExchangeVerdict.ACTION
         else:
             verdict = ExchangeVerdict.INVALID
-            self._feedback = INVALID.format(action)
+            self._feedback = parser.invalid(action, tuple(valid))
         return Exchange(request, completion, verdict, reasoning, action, self._feedback)
 
     def _kept(self, said: str | None) -> str | None:

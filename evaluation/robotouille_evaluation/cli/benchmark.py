@@ -88,6 +88,13 @@ def run(
         Literal["stochastic", "delay-free"] | None,
         typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
     ] = None,
+    control: Annotated[
+        Literal["each", "turns", "joint"],
+        typer.Option(
+            help="Teams: one model for each robot; or one for all, asked for one robot after the "
+            "other, or for all at once."
+        ),
+    ] = "each",
     clock: Annotated[
         Literal["turns", "realtime"],
         typer.Option(help="Whether the world waits for its players, or goes on while they think."),
@@ -171,6 +178,7 @@ def run(
             budget=budget,
             variant=variant or "",
             real_time=real_time,
+            control=control,
         )
     )
     if pack is None or variant == "delay-free":

@@ -103,6 +103,10 @@ class _ToldStage:
         """Pass it on."""
         self._stage.refuse(player, decision, state)
 
+    def say(self, player: str, text: str) -> None:
+        """Pass it on."""
+        self._stage.say(player, text)
+
 
 def _step_text(step: int, moved: Moved) -> str:
     """Who did what; the names in it are those of the task, and no model's words."""

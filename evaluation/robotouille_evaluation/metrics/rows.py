@@ -179,9 +179,10 @@ class EpisodeRow(Row):
     `job` names it in its run, and is the same when it is played again. `kind` is the kind of
     instance (`free`, `noisy`), `variant` what is changed about it (`stochastic`, `delay-free`;
     nothing if empty), `timing` the timing profile, `real_time` how the world went on by itself
-    (None: it waited), `attempts` how often the agent began (Reflexion does so anew; the row is of
-    the last time), `seconds` the wall time of the episode, `repetitions` its repeated transitions,
-    `recording` the path of its recording beside the rows.
+    (None: it waited), `control` how a team was asked (`each` seat had a model of its own; one model
+    played all of them in `turns`, or `joint`), `attempts` how often the agent began (Reflexion does
+    so anew; the row is of the last time), `seconds` the wall time of the episode, `repetitions` its
+    repeated transitions, `recording` the path of its recording beside the rows.
     `error` says why the episode could not be played to its end.
     """
 
@@ -201,6 +202,7 @@ class EpisodeRow(Row):
     clock: str = "turn"
     real_time: RealTimeRow | None = None
     seats: int = Field(default=1, ge=1, le=MAX_NUMBER)
+    control: str = "each"
     attempts: int = Field(default=1, ge=1, le=MAX_NUMBER)
     budget: BudgetRow
     optimum: Optimum = Optimum()

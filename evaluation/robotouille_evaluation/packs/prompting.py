@@ -19,7 +19,10 @@ from robotouille_evaluation.packs.pack import ExampleEpisode, Examples, ExampleS
 
 __all__ = ["own_examples", "own_prompts"]
 
-NAMES = ("react", "react-plan", "react-rules", "plag", "io", "io-cot", "reflect", "rules")
+NAMES = (
+    *("react", "react-plan", "react-rules", "react-talk", "joint"),
+    *("plag", "io", "io-cot", "reflect", "rules"),
+)
 BETWEEN = "\n---\n"
 PLACEHOLDERS = ("kitchen", "rules")
 OMITTED = "..."

@@ -16,7 +16,7 @@ from robotouille.planning.policies import Policy, Script
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.asking import Complete, answer_all
-from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.agents.making import make_strategy, make_team
 from robotouille_evaluation.agents.policies import (
     planner,
     planner_policy,
@@ -28,6 +28,7 @@ from robotouille_evaluation.agents.proposal import (
     Exchange,
     Strategy,
 )
+from robotouille_evaluation.agents.teams.team import Each, Team
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.metrics.progress import repeated_transitions
 from robotouille_evaluation.metrics.rows import (
@@ -159,7 +160,8 @@ def _what_was_played(job: Job, run: str, pack: Pack, instance: PackInstance) -> 
         "kind": instance.kind,
         "variant": job.variant,
         "seed": job.seed,
-        "agent": job.agent.name,
+        "agent": job.agent.name if job.control == "each" else f"{job.agent.name}, {job.control}",
+        "control": job.control,
         "strategy": job.agent.strategy,
         "model": job.agent.model,
         **_time(job),
@@ -207,7 +209,11 @@ class _Episode:
         self._view = _view(job, published=self._published)
         self._undone = chance(job.variant, world, f"{job.instance}:{job.seed}")
         self._watch = watch
-        self._strategies = {p: _strategy(job, pack, world, p) for p in world.players}
+        self._strategies = (
+            {p: _strategy(job, pack, world, p) for p in world.players}
+            if job.control == "each"
+            else {}
+        )
         self._pack = pack
         self.stages: list[RecordedStage] = []
         self.exchanges: list[Exchange] = []
@@ -245,13 +251,22 @@ class _Episode:
                 view=self._view,
                 blind=self._published,
             )
-            ended = await answer_all(alone.play(), complete[players[0]])
-            return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
+            result = await answer_all(alone.play(), complete[players[0]])
+            return Result(success=result.success, steps=result.steps, ended_by=result.ended.value)
         stage = self._begin(math.ceil(self._budget))
-        team = await play_team(
-            self._world, self._strategies, self._budget, stage, complete, self._view
+        team = self._team(complete)
+        ended = await play_team(self._world, team, self._budget, stage, self._view)
+        return Result(success=ended.success, steps=ended.steps, ended_by=ended.ended.value)
+
+    def _team(self, complete: Mapping[str, Complete]) -> Team:
+        """How its seats are asked. One model for all of them is asked as the first."""
+        job, pack = self._job, self._pack
+        if job.control == "each":
+            return Each(self._strategies, complete)
+        dataset = pack.task(pack.instance(job.instance).task).dataset
+        return make_team(
+            pack, job.agent.strategy, dataset, job.control, complete[self._world.players[0]]
         )
-        return Result(success=team.success, steps=team.steps, ended_by=team.ended.value)
 
     async def _play_in_real_time(self, time: RealTime, complete: Mapping[str, Complete]) -> Result:
         stage = self._stage(math.ceil(self._budget), time.step_rate)

@@ -11,6 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from robotouille.episode.rules import StepRate
 from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille_evaluation.agents.making import team_strategy
+from robotouille_evaluation.agents.teams.team import Control
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, Late
 from robotouille_evaluation.runs.variants import Variant
@@ -87,6 +89,8 @@ class Job(BaseModel):
     variant: Variant = ""
     real_time: RealTime | None = None
     """None where the world waits for its players."""
+    control: Control = "each"
+    """How many models a team has, and how they are asked."""
 
     @property
     def id(self) -> str:
@@ -96,6 +100,8 @@ class Job(BaseModel):
             del told["variant"]  # Runs that were begun before there were variants go on.
         if self.real_time is None:
             del told["real_time"]
+        if self.control == "each":
+            del told["control"]
         text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
@@ -110,6 +116,7 @@ def jobs(
     budget: Literal["published", "own"] | None = None,
     variant: Variant = "",
     real_time: RealTime | None = None,
+    control: Control = "each",
 ) -> Iterator[Job]:
     """Every agent on every instance with every seed, instance by instance.
 
@@ -119,13 +126,17 @@ def jobs(
             an experiment of the pack is played as it says itself.
         real_time: How the world moves on meanwhile; it waits if None.
         budget: Which limit of steps; if None, `own` where a plan is known, else `published`.
+        control: How the seats of a language model's team are asked. What plans, and who plays
+            alone, is `each`.
 
     Raises:
-        RobotouilleError: No number is known of which the budget could be made, or two agents of
-            one name could not be told apart.
+        RobotouilleError: No number is known of which the budget could be made, two agents of
+            one name could not be told apart, or an agent cannot play under this control.
     """
     agents, seeds = tuple(agents), tuple(seeds)
     _check_names(agents)
+    if control != "each":
+        _check_control(control, pack, agents, real_time)
     for instance in instances:
         count = instance.seats if seats is None else seats
         kind = budget or ("own" if instance.best(count) is not None else "published")
@@ -141,6 +152,7 @@ def jobs(
                     budget=kind,
                     variant=variant or _own_variant(pack, agent),
                     real_time=real_time,
+                    control=control if agent.kind == "model" and count > 1 else "each",
                 )
 
 
@@ -161,6 +173,20 @@ def _check_playable(agent: AgentSpec, instance: PackInstance, seats: int) -> Non
         raise RobotouilleError(
             f"{agent.name} begins anew after a failure, alone; {instance.id} is for {seats} players"
         )
+
+
+def _check_control(
+    control: Control, pack: Pack, agents: Iterable[AgentSpec], real_time: RealTime | None
+) -> None:
+    """Raises RobotouilleError for agents that cannot be asked so."""
+    if real_time is not None:
+        raise RobotouilleError(
+            f"the world does not wait in real time, where each robot has a model of its own: "
+            f"no --control {control}"
+        )
+    for agent in agents:
+        if agent.kind == "model":
+            team_strategy(pack, agent.strategy, pack.datasets[0], control)
 
 
 def _check_names(agents: Iterable[AgentSpec]) -> None:

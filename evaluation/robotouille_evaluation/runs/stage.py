@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -41,12 +41,14 @@ class Decision:
 class Moved:
     """The state after a step, and who did what in it: player, action, whether it was applied.
 
-    `seen` is the state before chance undid something, or the same if it did not.
+    `seen` is the state before chance undid something, or the same if it did not. `refused` says
+    of the actions that were not applied why.
     """
 
     state: State
     seen: State
     did: Did = ()
+    refused: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 class Stage(Protocol):
@@ -67,6 +69,10 @@ class Stage(Protocol):
 
     def refuse(self, player: str, decision: Decision, state: State | None = None) -> object:
         """A decision names no action that is valid in a state; in that of now if None."""
+        ...
+
+    def say(self, player: str, text: str) -> None:
+        """A player says something to everybody."""
         ...
 
 
@@ -90,14 +96,18 @@ class PlainStage:
         step = before.step(list(actions.values()))
         undone = () if step.goal_reached else self._undone(step.state)
         self.state = step.state.without(undone) if undone else step.state
-        applied = [attempt.action for attempt in step.attempts if attempt.applied]
-        did = tuple((p, a, a in applied) for p, a in actions.items())
-        return Moved(self.state, step.state, did)
+        became = {attempt.action: attempt for attempt in step.attempts}
+        did = tuple((p, a, became[a].applied) for p, a in actions.items())
+        refused = {p: became[a].reasons for p, a in actions.items() if not became[a].applied}
+        return Moved(self.state, step.state, did, refused)
 
     def answered(self, player: str, exchange: Exchange) -> None:
         """Is forgotten."""
 
     def refuse(self, player: str, decision: Decision, state: State | None = None) -> None:
+        """Is forgotten."""
+
+    def say(self, player: str, text: str) -> None:
         """Is forgotten."""
 
 
@@ -139,6 +149,7 @@ class RecordedStage:
         self.invalid = self.malformed = 0
         self._answered = answered
         self._notes = {player: CallNotes() for player in world.players}
+        self._names = names
         for player in world.players:
             self._episode.join(player, names[player], "bot", self._now)
 
@@ -173,7 +184,13 @@ class RecordedStage:
             for event in stepped
             for move, attempt in zip(event.moves, event.attempts, strict=True)
         ]
-        return Moved(episode.state, _unchanged(stepped, episode.state), tuple(did))
+        refused = {
+            move.player: attempt.reasons
+            for event in stepped
+            for move, attempt in zip(event.moves, event.attempts, strict=True)
+            if not attempt.applied
+        }
+        return Moved(episode.state, _unchanged(stepped, episode.state), tuple(did), refused)
 
     def _too_late(self, player: str, said: str, why: UnknownNameError, reasoning: str) -> None:
         """What was decided is not valid any more: it is recorded, and nothing is done."""
@@ -223,10 +240,11 @@ class RecordedStage:
         if exchange.verdict.rejected:
             said = exchange.action or (exchange.completion.text if exchange.completion else "")
             said = said[:MAX_SENTENCE]
-            known = not exchange.verdict.malformed and self._is_known(player, said)
+            actor = exchange.player or player
+            known = not exchange.verdict.malformed and self._is_known(actor, said)
             code = ACTION_INVALID if known else ACTION_UNKNOWN
             why = ProtocolError(code, exchange.feedback, "action")
-            self._reject(player, said, why, exchange.reasoning[:MAX_REASONING], basis)
+            self._reject(actor, said, why, exchange.reasoning[:MAX_REASONING], basis)
 
     def refuse(
         self, player: str, decision: Decision, state: State | None = None
@@ -238,6 +256,11 @@ class RecordedStage:
         fault = ProtocolError(ACTION_INVALID if known else ACTION_UNKNOWN, why, "action")
         self._reject(player, said, fault, reasoning, decision.basis)
         return (why,)
+
+    def say(self, player: str, text: str) -> None:
+        """Have something recorded that a player says to everybody."""
+        with suppress(ProtocolError):  # No more words of this seat are recorded.
+            self._episode.say(self._names[player], player, text, self._now)
 
     def note(self, player: str, topic: str, text: str) -> None:
         """Have something recorded that a seat says to nobody."""

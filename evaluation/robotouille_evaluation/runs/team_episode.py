@@ -1,19 +1,14 @@
-"""An episode of several agents in lockstep: all are asked at once, then a step is taken."""
+"""An episode of a team in lockstep: the seats that are free are asked, then a step is taken."""
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robotouille import State, World
-from robotouille_evaluation.agents.asking import Complete, answer_all
-from robotouille_evaluation.agents.proposal import (
-    Exchange,
-    Proposal,
-    Strategy,
-)
+from robotouille_evaluation.agents.proposal import Exchange, Proposal
+from robotouille_evaluation.agents.teams.team import Team
 from robotouille_evaluation.runs.stage import Decision, Stage
 from robotouille_evaluation.runs.text_episode import Ended, View, observe
 
@@ -32,10 +27,9 @@ class TeamResult:
 
 async def play_team(
     world: World,
-    strategies: Mapping[str, Strategy],
+    team: Team,
     budget: float,
     stage: Stage,
-    complete: Mapping[str, Complete],
     view: View | None = State.text_view,
 ) -> TeamResult:
     """Play until the goal, until the steps are used up, or until nobody wants to go on.
@@ -49,27 +43,29 @@ async def play_team(
     done: set[str] = set()
     exchanges: dict[str, list[Exchange]] = {player: [] for player in world.players}
 
-    async def decide(player: str) -> None:
-        seen = observe(state, player, view)
-        proposal = await answer_all(strategies[player].propose(seen), complete[player])
+    def take(player: str, proposal: Proposal) -> None:
         waiting[player] = list(proposal.actions)
         told[player] = proposal
         exchanges[player] += proposal.exchanges
         for exchange in proposal.exchanges:
             stage.answered(player, exchange)
+        if proposal.say:
+            stage.say(player, proposal.say)
         if proposal.done:
             done.add(player)
 
     while steps < math.ceil(budget):
         asked = [p for p in _free(world, state) if p not in done and not waiting[p]]
-        await asyncio.gather(*map(decide, asked))
+        if asked:
+            await team.propose({p: observe(state, p, view) for p in asked}, take)
         if len(done) == len(world.players) and not any(waiting.values()):
             return _result(Ended.FINISH, steps, exchanges)
         decisions = {p: _next(stage, state, p, waiting[p], told[p]) for p in _free(world, state)}
         moved = stage.step(decisions)
         state, steps = moved.state, steps + 1
-        for strategy in strategies.values():
-            strategy.observe(moved.did)
+        team.observe(moved.did)
+        for player, reasons in moved.refused.items():
+            team.refused(player, decisions[player].action, reasons)
         if state.goal_reached:
             return _result(Ended.GOAL, steps, exchanges)
     return _result(Ended.STEP_LIMIT, steps, exchanges)
