@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from robotouille_client.game import Game
     from robotouille_client.kept_seat import KeptSeat
 
+    Seats = Literal["all"] | tuple[str, ...]
     Player = Callable[[Game], Awaitable[Mapping[str, Any]]]
     """Plays to the end; the outcome, empty if the connection was lost for good."""
 
@@ -65,6 +66,7 @@ async def _run(
     episode: str | None,
     seat: str | None,
     bot: MakePolicy | TextBot,
+    seats: Seats = (),
 ) -> Any:
     """Make the bot ready, and then play to the end."""
     from robotouille_client.bots.player import play
@@ -72,7 +74,7 @@ async def _run(
     async with AsyncExitStack() as opened:
         if isinstance(bot, TextBot):
             player = await opened.enter_async_context(bot.opened())
-            return await _take_seat(url, name, token, episode, seat, player, bot.view)
+            return await _take_seat(url, name, token, episode, seat, player, bot.view, seats)
         make_policy = bot
         return await _take_seat(
             url, name, token, episode, seat, lambda game: play(game, make_policy), "state"
@@ -87,6 +89,7 @@ async def _take_seat(
     seat: str | None,
     player: Player,
     view: View,
+    seats: Seats = (),
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
@@ -99,8 +102,11 @@ async def _take_seat(
     with kept_seat(state_folder(), url, code, name) as kept:
         resume = kept.token if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
-            game = await client.join(code, seat=seat, view=view)
-            tell(printable(f"{game.name or name} plays {game.seat} in {game.code}"), err=True)
+            if seats:
+                await _require_time(client, code)
+            game = await client.join(code, seat=seat, seats=seats, view=view)
+            own = ", ".join(game.own_seats)
+            tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
             meanwhile = (
                 keep_seat(client, game, kept),
                 _tell_of_line(client),
@@ -120,6 +126,26 @@ async def _take_seat(
             if not outcome:
                 raise RobotouilleError(game.farewell or "the connection was lost for good")
             return outcome
+
+
+async def _require_time(client: Client, code: str) -> None:
+    """Raises RobotouilleError where the world would not wait for one who plays several seats."""
+    found = (e for e in await client.episodes() if code in (e.code, e.episode))
+    if any(episode.clock == "realtime" for episode in found):
+        raise RobotouilleError(
+            f"{code} is played in real time, where each seat takes a model of its own: no --seats"
+        )
+
+
+def _seats(kind: str, seat: str | None, seats: str | None) -> Seats:
+    """The seats that are named, several or all of them."""
+    if seats is None:
+        return ()
+    if kind != LLM:
+        raise RobotouilleError("only a language model (llm) plays several --seats")
+    if seat is not None:
+        raise RobotouilleError("--seat is for one seat, --seats for several: not both")
+    return "all" if seats == "all" else tuple(each.strip() for each in seats.split(","))
 
 
 async def _give_up(client: Client, kept: KeptSeat | None) -> None:
@@ -193,6 +219,16 @@ def command(
     port: Annotated[int, typer.Option(help="The server's port.")] = 8765,
     url: Annotated[str | None, typer.Option(help="The server's URL, instead of both.")] = None,
     seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
+    seats: Annotated[
+        str | None,
+        typer.Option(help="llm: several seats for one model: all that are free, or robot1,robot2."),
+    ] = None,
+    control: Annotated[
+        Literal["turns", "joint"],
+        typer.Option(
+            help="llm with several seats: asked for one after the other, or for all at once."
+        ),
+    ] = "turns",
     name: Annotated[str | None, typer.Option(help="The bot's name.")] = None,
     token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
@@ -252,6 +288,7 @@ def command(
 
     try:
         bot: MakePolicy | TextBot
+        several = _seats(kind, seat, seats)
         if kind == LLM:
             bot = _language_model(
                 model,
@@ -267,12 +304,13 @@ def command(
                 helper=helper,
                 digest_tokens=digest_tokens,
                 charge=charge,
+                control=control if several else "each",
             )
         else:
             bot = _maker(kind, seed, plan)
         address = server_url(url, host, port)
         called = name or f"{kind.rpartition(':')[2]}-bot"
-        outcome = asyncio.run(_run(address, called, token, episode, seat, bot))
+        outcome = asyncio.run(_run(address, called, token, episode, seat, bot, several))
     except OwnPolicyError as error:
         if error.frames:
             tell(error.frames, err=True)

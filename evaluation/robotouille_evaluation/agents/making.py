@@ -7,20 +7,18 @@ from typing import Any
 
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille_evaluation.agents.answers import Tolerant
-from robotouille_evaluation.agents.asking import Complete
 from robotouille_evaluation.agents.histories import History
 from robotouille_evaluation.agents.plan_once import PlanOnce
 from robotouille_evaluation.agents.proposal import Strategy
 from robotouille_evaluation.agents.react import Prompts, ReAct, ReActSettings
 from robotouille_evaluation.agents.reflexion import Reflexion
-from robotouille_evaluation.agents.teams.joint import Joint, JointAnswers
-from robotouille_evaluation.agents.teams.team import Control, Turns
+from robotouille_evaluation.agents.teams.joint import JointAnswers
+from robotouille_evaluation.agents.teams.team import Control
 from robotouille_evaluation.packs.pack import Experiment, Pack
 
 __all__ = [
     "OWN_STRATEGIES",
     "make_strategy",
-    "make_team",
     "own_strategy",
     "published_strategy",
     "team_strategy",
@@ -55,21 +53,6 @@ def make_strategy(pack: Pack, name: str, dataset: str) -> Strategy:
 
 
 # One for all seats
-
-
-def make_team(
-    pack: Pack, name: str, dataset: str, control: Control, complete: Complete
-) -> Turns | Joint:
-    """One model for all seats of an episode.
-
-    Args:
-        control: `turns` or `joint`.
-
-    Raises:
-        RobotouilleError: See `team_strategy`.
-    """
-    strategy = team_strategy(pack, name, dataset, control)
-    return (Joint if control == "joint" else Turns)(strategy, complete)
 
 
 def team_strategy(pack: Pack, name: str, dataset: str, control: Control) -> Strategy:

@@ -17,9 +17,11 @@ from robotouille_client import Game
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.asking import Complete
 from robotouille_evaluation.agents.exchange_rows import exchange_row
-from robotouille_evaluation.agents.making import make_strategy
+from robotouille_evaluation.agents.making import make_strategy, team_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import ContextOverflow, Exchange
+from robotouille_evaluation.agents.teams.joint import Joint
+from robotouille_evaluation.agents.teams.team import Control, Each, Turns
 from robotouille_evaluation.cli.models import FATAL, ModelChoice, open_model
 from robotouille_evaluation.models import (
     Completion,
@@ -45,6 +47,7 @@ class LanguageModelBot:
         strategy: One of ours.
         transcript: A file of JSON lines with what the model was sent and has said.
         options: How it plays where the world does not wait.
+        control: How it is asked where it plays several seats.
     """
 
     model: ModelChoice
@@ -52,6 +55,7 @@ class LanguageModelBot:
     transcript: Path | None = None
     seed: int = 0
     options: RealTimeOptions = field(default_factory=RealTimeOptions)
+    control: Control = "each"
     view: View = "both"
 
     @classmethod
@@ -71,13 +75,14 @@ class LanguageModelBot:
         helper: str = "none",
         digest_tokens: int = 0,
         charge: str = "wall",
+        control: Control = "each",
     ) -> LanguageModelBot:
         """From the options of a command line; WrongArgumentError where they cannot be."""
         parameters = {} if temperature is None else {"temperature": temperature}
         choice = ModelChoice(model, base_url, parameters, prices, timeout, attempts)
         maker = policy_maker(BotKind(helper), seed) if helper != "none" else None
         options = RealTimeOptions(Late(late), digest_tokens, maker, Charge.parse(charge))
-        return cls(choice, strategy, transcript, seed, options)
+        return cls(choice, strategy, transcript, seed, options, control)
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[Callable[[Game], Awaitable[Mapping[str, Any]]]]:
@@ -85,10 +90,14 @@ class LanguageModelBot:
 
         Raises:
             UnknownNameError: There is no such strategy.
+            RobotouilleError: It cannot play several seats, but is to.
             ModelError: There is no key or no such provider; in a game, that nobody answers at all.
             RobotouilleError: The transcript cannot be written.
         """
-        strategy = make_strategy(build_own_pack(), self.strategy, "asynchronous")
+        pack, dataset = build_own_pack(), "asynchronous"
+        strategy = make_strategy(pack, self.strategy, dataset)
+        if self.control != "each":
+            strategy = team_strategy(pack, self.strategy, dataset, self.control)
         async with AsyncExitStack() as opened:
             model = await open_model(self.model, self.seed, opened)
             complete = _patiently(model)
@@ -97,10 +106,15 @@ class LanguageModelBot:
             async def play(game: Game) -> Mapping[str, Any]:
                 while not (game.has_state or game.ended):
                     await game.next_event()
+                if self.control != "each":
+                    make = Joint if self.control == "joint" else Turns
+                    return await NetworkAgent(game, make(strategy, complete), told).play()
                 if game.clock.get("clock") == "realtime":
                     moving = RealTimeAgent(game, strategy, complete, self.options, told)
                     return await moving.play()
-                return await NetworkAgent(game, strategy, complete, told).play()
+                seat = game.own_seats[0]
+                alone = Each({seat: strategy}, {seat: complete})
+                return await NetworkAgent(game, alone, told).play()
 
             yield play
 

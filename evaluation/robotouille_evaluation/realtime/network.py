@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +21,7 @@ from robotouille_client.game import ActionRequest
 from robotouille_client.sansio.game_events import ActResult, Changed, GameEvent
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.exchange_rows import exchange_note
-from robotouille_evaluation.agents.network import refused_words
+from robotouille_evaluation.agents.network import GameChat, give_up, refused_words
 from robotouille_evaluation.agents.proposal import (
     MAX_REASONING,
     Exchange,
@@ -83,6 +82,7 @@ class RealTimeAgent:
         late, tokens = self._options.late, self._options.digest_tokens
         self._seat = RealTimeSeat(game.seat or "", strategy, late, tokens)
         self._calls = CallNotes()
+        self._chat = GameChat(game)
         self._thought: asyncio.Task[Proposal] | None = None
         self._news: asyncio.Task[GameEvent] | None = None
         self._basis = 0
@@ -104,13 +104,14 @@ class RealTimeAgent:
                 if not await self._act() and not game.ended:
                     await self._wait()
         finally:
-            await _give_up(self._thought)
-            await _give_up(self._news)
+            await give_up(self._thought)
+            await give_up(self._news)
         return game.outcome or {}
 
     def _heed(self, event: GameEvent) -> None:
         if isinstance(event, Changed) and event.did:
             self._seat.observe(event.did)
+        self._chat.heed(event)
         if self._helper is not None:
             self._helper.heed(event)
 
@@ -157,7 +158,7 @@ class RealTimeAgent:
         return Look(seen.step, seen.text, seen.actions)
 
     def _ask(self, now: Look) -> None:
-        shown = self._seat.look(now)
+        shown = replace(self._seat.look(now), heard=self._chat.read())
         self._note()
         self._basis = self._due = now.step
         self._think_ms, self._charged = 0, not self._declared
@@ -187,6 +188,7 @@ class RealTimeAgent:
         for exchange in proposal.exchanges:
             self._told(exchange)
             self._game.note(CALLS, exchange_note(self._calls, exchange))
+        self._chat.say(proposal.say)
         # Only now: the server may take for an action what was refused here, and the game may end.
         for exchange in proposal.exchanges:
             if await self._record(exchange):
@@ -248,11 +250,3 @@ class RealTimeAgent:
         for text in self._seat.notes:
             self._game.note(THINKING, text)
         self._seat.notes.clear()
-
-
-async def _give_up(task: asyncio.Task[Any] | None) -> None:
-    """Cancel what nobody waits for any more; what it has failed at is nobody's fault now."""
-    if task is not None and not task.done():
-        task.cancel()
-        with suppress(asyncio.CancelledError, Exception):
-            await task

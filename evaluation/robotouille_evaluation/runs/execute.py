@@ -16,7 +16,7 @@ from robotouille.planning.policies import Policy, Script
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording
 from robotouille_evaluation.agents.asking import Complete, answer_all
-from robotouille_evaluation.agents.making import make_strategy, make_team
+from robotouille_evaluation.agents.making import make_strategy, team_strategy
 from robotouille_evaluation.agents.policies import (
     planner,
     planner_policy,
@@ -28,7 +28,8 @@ from robotouille_evaluation.agents.proposal import (
     Exchange,
     Strategy,
 )
-from robotouille_evaluation.agents.teams.team import Each, Team
+from robotouille_evaluation.agents.teams.joint import Joint
+from robotouille_evaluation.agents.teams.team import Each, Team, Turns
 from robotouille_evaluation.metrics.measuring import measure
 from robotouille_evaluation.metrics.progress import repeated_transitions
 from robotouille_evaluation.metrics.rows import (
@@ -264,9 +265,9 @@ class _Episode:
         if job.control == "each":
             return Each(self._strategies, complete)
         dataset = pack.task(pack.instance(job.instance).task).dataset
-        return make_team(
-            pack, job.agent.strategy, dataset, job.control, complete[self._world.players[0]]
-        )
+        strategy = team_strategy(pack, job.agent.strategy, dataset, job.control)
+        first = complete[self._world.players[0]]
+        return Joint(strategy, first) if job.control == "joint" else Turns(strategy, first)
 
     async def _play_in_real_time(self, time: RealTime, complete: Mapping[str, Complete]) -> Result:
         stage = self._stage(math.ceil(self._budget), time.step_rate)

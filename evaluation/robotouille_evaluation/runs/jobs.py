@@ -133,10 +133,12 @@ def jobs(
         RobotouilleError: No number is known of which the budget could be made, two agents of
             one name could not be told apart, or an agent cannot play under this control.
     """
-    agents, seeds = tuple(agents), tuple(seeds)
+    agents, instances, seeds = tuple(agents), tuple(instances), tuple(seeds)
     _check_names(agents)
     if control != "each":
         _check_control(control, pack, agents, real_time)
+        if not any((each.seats if seats is None else seats) > 1 for each in instances):
+            raise RobotouilleError(f"no task here is for several robots: no --control {control}")
     for instance in instances:
         count = instance.seats if seats is None else seats
         kind = budget or ("own" if instance.best(count) is not None else "published")

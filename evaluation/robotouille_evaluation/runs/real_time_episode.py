@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from robotouille import State, World
 from robotouille.planning.policies import Policy
 from robotouille_evaluation.agents.asking import Complete, answer_all
 from robotouille_evaluation.agents.proposal import Exchange, Proposal
+from robotouille_evaluation.agents.teams.chat import TeamChat
 from robotouille_evaluation.realtime import Charge, Look, RealTimeSeat
 from robotouille_evaluation.realtime.thoughts import TOPIC
 from robotouille_evaluation.runs.stage import Decision, RecordedStage
@@ -79,6 +80,7 @@ class _RealTimePlay:
         self._step_rate = step_rate
         self._helpers = helpers
         self._view = view
+        self._chat = TeamChat(seats)
         self._awaited: dict[str, _Awaited] = {}
         self._exchanges: dict[str, list[Exchange]] = {player: [] for player in world.players}
 
@@ -140,7 +142,7 @@ class _RealTimePlay:
 
     async def _ask(self, player: str, now: Look) -> None:
         seat = self._seats[player]
-        shown = seat.look(now, self._stage.state)
+        shown = replace(seat.look(now, self._stage.state), heard=self._chat.read(player))
         self._note(player)
         proposal = await answer_all(seat.strategy.propose(shown), self._complete[player])
         thought = self._charge.milliseconds(proposal.exchanges) / 1000
@@ -151,6 +153,9 @@ class _RealTimePlay:
         for exchange in awaited.proposal.exchanges:
             self._exchanges[player].append(exchange)
             self._stage.answered(player, exchange, awaited.basis)
+        if awaited.proposal.say:
+            self._chat.say(player, awaited.proposal.say)
+            self._stage.say(player, awaited.proposal.say)
         self._seats[player].answer(awaited.proposal)
         self._note(player)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from robotouille.planning import solve
 from robotouille.planning.policies import Did
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import read_recording
-from robotouille_client import connect
+from robotouille_client import Game, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.making import make_strategy
@@ -25,8 +25,10 @@ from robotouille_evaluation.agents.proposal import (
     Observation,
     Proposal,
     ProposalSteps,
+    Strategy,
 )
-from robotouille_evaluation.models import ModelRequest, ScriptedModel
+from robotouille_evaluation.agents.teams.team import Each
+from robotouille_evaluation.models import Model, ModelRequest, ScriptedModel
 from robotouille_evaluation.models.valid_actions import valid_actions
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
@@ -50,6 +52,14 @@ def plan() -> tuple[str, ...]:
     return tuple(action.sentence for step in found for action in step)
 
 
+def alone(
+    game: Game, strategy: Strategy, model: Model, told: Callable[[Exchange], None]
+) -> NetworkAgent:
+    """A model with one seat."""
+    seat = game.own_seats[0]
+    return NetworkAgent(game, Each({seat: strategy}, {seat: model.complete}), told)
+
+
 def answers(flaws: bool) -> Iterator[str]:
     """A shortest plan, with an answer that is refused before every third of its actions."""
     for number, action in enumerate(plan()):
@@ -68,7 +78,7 @@ def test_it_plays_alone_and_what_it_said_is_recorded(tmp_path: Path, clock: str)
             game = await client.join(opened.code, view="text")
             strategy = make_strategy(pack(), "react-last-reasoning-action", "synchronous")
             model = ScriptedModel.of(answers(flaws=True))
-            agent = NetworkAgent(game, strategy, model.complete, heard.append)
+            agent = alone(game, strategy, model, heard.append)
             outcome = await agent.play()
             assert outcome["reason"] == "goal"
 
@@ -115,7 +125,7 @@ def test_calls_are_recorded_though_a_refused_one_ends_the_game(tmp_path: Path) -
             opened = await client.create(ALONE, clock="turn")
             game = await client.join(opened.code, view="text")
             model = ScriptedModel(lambda _: "so")
-            outcome = await NetworkAgent(game, Picky(), model.complete, heard.append).play()
+            outcome = await alone(game, Picky(), model, heard.append).play()
             assert outcome["reason"] == "goal"
 
     run(main())
@@ -145,7 +155,7 @@ def test_it_plays_beside_a_planner_and_chat_is_no_instruction(tmp_path: Path) ->
             def told(exchange: Exchange) -> None:
                 prompts.append(exchange.request.messages[-1].content)
 
-            agent = NetworkAgent(game, strategy, waiting.complete, told)
+            agent = alone(game, strategy, waiting, told)
             planner = policy_maker(BotKind.PLANNER)
             playing = play(partner, planner, threaded=False)
             outcome, _ = await asyncio.gather(agent.play(), playing)
@@ -183,7 +193,7 @@ def test_what_a_partner_says_is_not_part_of_what_a_model_reads(tmp_path: Path) -
                 return f"Reasoning: so.\nAction: {valid_actions(request)[0]}"
 
             strategy = make_strategy(pack(), "react-none", "multi_agent")
-            agent = NetworkAgent(game, strategy, ScriptedModel(answer).complete, heard.append)
+            agent = alone(game, strategy, ScriptedModel(answer), heard.append)
 
             async def idle() -> None:
                 while not partner.ended:

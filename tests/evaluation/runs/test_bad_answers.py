@@ -17,6 +17,7 @@ from robotouille_evaluation.agents.asking import answer_all
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.agents.network import NetworkAgent
 from robotouille_evaluation.agents.proposal import Observation
+from robotouille_evaluation.agents.teams.team import Each
 from robotouille_evaluation.metrics.rows import Counts, EpisodeRow, PackId
 from robotouille_evaluation.metrics.trajectory import Trajectory, Verdict
 from robotouille_evaluation.models import (
@@ -137,7 +138,8 @@ def test_over_the_network(tmp_path: Path, name: str) -> None:
             opened = await client.create(TASK, clock="turn", max_steps=6)
             game = await client.join(opened.code, view="text")
             strategy = make_strategy(pack(), "react-last-reasoning-action", "synchronous")
-            outcome = await NetworkAgent(game, strategy, complete).play()
+            alone = Each({"robot1": strategy}, {"robot1": complete})
+            outcome = await NetworkAgent(game, alone).play()
             assert outcome["reason"] == "step_limit"
 
     run(main())
