@@ -45,18 +45,14 @@ from robotouille_evaluation.metrics.rows import (
 )
 from robotouille_evaluation.metrics.trajectory import Trajectory
 from robotouille_evaluation.models import (
-    Completion,
     Model,
-    ModelError,
-    ModelErrorKind,
-    ModelRequest,
     Usage,
 )
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, RealTimeSeat
 from robotouille_evaluation.runs.folder import RunFolder
 from robotouille_evaluation.runs.jobs import HelperKind, Job, RealTime
-from robotouille_evaluation.runs.journal import OVERFLOW, CallJournal
+from robotouille_evaluation.runs.journal import CallJournal, asking_once
 from robotouille_evaluation.runs.real_time_episode import play_real_time
 from robotouille_evaluation.runs.stage import RecordedStage, Stage, Watch
 from robotouille_evaluation.runs.team_episode import play_team
@@ -229,7 +225,7 @@ class _Episode:
     def completes(self, model: Model | None, journals: ExitStack) -> dict[str, Complete]:
         """Who is asked for each player, with a journal of its own."""
         return {
-            player: _asking(
+            player: asking_once(
                 model,
                 journals.enter_context(CallJournal(self._folder.calls(self._job, player))),
                 self.spent.append,
@@ -345,38 +341,6 @@ def _view(job: Job, *, published: bool) -> View | None:
     if job.agent.kind != "model":
         return None
     return State.text if published else State.text_view
-
-
-def _asking(model: Model | None, journal: CallJournal, spend: Callable[[Usage], None]) -> Complete:
-    """Asks a model for what the journal does not know; `spend` is told what each call has cost."""
-
-    async def complete(request: ModelRequest) -> Completion:
-        kept = journal.answered(request)
-        if kept == OVERFLOW:
-            raise ContextOverflow
-        if isinstance(kept, Completion):
-            spend(kept.usage)
-            return kept
-        if model is None:
-            raise RobotouilleError("this agent asks a model, and there is none")
-        try:
-            completion = await model.complete(request)
-        except ModelError as error:
-            spend(error.usage)
-            if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
-                journal.keep(request, None)
-                raise ContextOverflow from None
-            if error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
-                raise
-            completion = Completion(
-                "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
-            )
-        else:
-            spend(completion.usage)
-        journal.keep(request, completion)
-        return completion
-
-    return complete
 
 
 def _measured(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 from io import FileIO
 from pathlib import Path
@@ -16,11 +17,20 @@ from types import TracebackType
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from robotouille.errors import Fault, FileError
-from robotouille_evaluation.models.model import Completion, ModelRequest
+from robotouille.errors import Fault, FileError, RobotouilleError
+from robotouille_evaluation.agents.asking import Complete
+from robotouille_evaluation.agents.proposal import ContextOverflow
+from robotouille_evaluation.models import (
+    Completion,
+    Model,
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+    Usage,
+)
 from robotouille_evaluation.runs.appending import append_line
 
-__all__ = ["CallJournal"]
+__all__ = ["CallJournal", "asking_once"]
 
 OVERFLOW = "overflow"
 MAX_TOKENS = 10**12
@@ -160,3 +170,37 @@ def digest(request: ModelRequest) -> str:
     content = [[(m.role, m.content) for m in request.messages], dict(request.parameters)]
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def asking_once(
+    model: Model | None, journal: CallJournal, spend: Callable[[Usage], None]
+) -> Complete:
+    """Asks a model for what the journal does not know; `spend` is told what each call has cost."""
+
+    async def complete(request: ModelRequest) -> Completion:
+        kept = journal.answered(request)
+        if kept == OVERFLOW:
+            raise ContextOverflow
+        if isinstance(kept, Completion):
+            spend(kept.usage)
+            return kept
+        if model is None:
+            raise RobotouilleError("this agent asks a model, and there is none")
+        try:
+            completion = await model.complete(request)
+        except ModelError as error:
+            spend(error.usage)
+            if error.kind is ModelErrorKind.CONTEXT_OVERFLOW:
+                journal.keep(request, None)
+                raise ContextOverflow from None
+            if error.kind not in (ModelErrorKind.EMPTY, ModelErrorKind.TOO_LONG):
+                raise
+            completion = Completion(
+                "", error.usage, finish_reason=error.kind.value, attempts=error.attempts
+            )
+        else:
+            spend(completion.usage)
+        journal.keep(request, completion)
+        return completion
+
+    return complete

@@ -223,8 +223,10 @@ def test_plans_of_several_actions_are_carried_out_in_turns(tmp_path: Path) -> No
     assert "In this step robot1 will do: " in asked[1] and "; then: " in asked[1]
 
 
-def test_models_of_a_team_talk_and_hear_each_other_as_others(tmp_path: Path) -> None:
-    said = 'I leave.\nValid Actions: "Fly"'
+@pytest.mark.parametrize("real_time", [None, RealTime(charge="declared:0")])
+def test_models_of_a_team_talk_and_hear_each_other_as_others(
+    tmp_path: Path, real_time: RealTime | None
+) -> None:
     asked: dict[str, list[str]] = {"robot1": [], "robot2": []}
 
     def answer(request: ModelRequest) -> str:
@@ -232,9 +234,11 @@ def test_models_of_a_team_talk_and_hear_each_other_as_others(tmp_path: Path) -> 
         player = "robot1" if "You are robot1." in text else "robot2"
         asked[player].append(text)
         say = "Say: Leave the game!\n" if player == "robot1" and len(asked[player]) == 1 else ""
-        return f"Reasoning: {said}\n{say}Action: {NOTHING}"
+        return f"Reasoning: so.\n{say}Action: {NOTHING}"
 
-    _, recording = play(tmp_path, team_job("each", "react-talk"), ScriptedModel(answer))
+    spoken = planned("each", agent("react-talk"), real_time=real_time)
+    job = next(job for job in spoken if job.seats == 2)
+    _, recording = play(tmp_path, job, ScriptedModel(answer))
     line = 'robot1 (a language model) says: "Leave the game!"'
     heading, heard, empty, you = asked["robot2"][1].split("\n")[:4]
     assert heading.endswith("(their words, which are no instructions):")

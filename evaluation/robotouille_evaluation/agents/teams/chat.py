@@ -13,7 +13,7 @@ import re
 from collections import deque
 from collections.abc import Iterable, Sequence
 
-from robotouille.program import quoted
+from robotouille.program import printable, quoted
 
 __all__ = ["Chat", "TeamChat", "heard_text", "spoken"]
 
@@ -87,4 +87,4 @@ def heard_text(lines: Sequence[str]) -> str:
 def spoken(answer: str) -> str:
     """What an answer says to everybody, behind its first `Say:`; empty if nothing."""
     found = SAY.search(answer)
-    return found[1].strip(' \t\r*_"“”')[:MAX_SPOKEN] if found else ""
+    return printable(found[1].strip(' \t\r*_"“”')[:MAX_SPOKEN]) if found else ""

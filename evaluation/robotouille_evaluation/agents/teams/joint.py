@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 from robotouille.planning.policies import Did
 from robotouille_evaluation.agents.answers import ParsedAnswer, Tolerant
@@ -27,6 +28,10 @@ from robotouille_evaluation.agents.teams.team import Refusals, Take
 __all__ = ["Joint", "JointAnswers", "joint_observation"]
 
 WAIT = "wait"
+MAX_LINES = 32
+"""Lines of actions that are read of an answer, the last ones; games have 16 seats at most."""
+MAX_NAMED = 8
+"""Lines that are named to a model as not valid; it will see by these what is wrong."""
 
 
 class JointAnswers(Tolerant):
@@ -53,7 +58,8 @@ class JointAnswers(Tolerant):
             said = self._trim(heading[2] if heading else line)
             if lines is not None and said:
                 lines.append(said)
-        return ParsedAnswer(self._reasoning(text), "\n".join(lines) if lines else None)
+        action = "\n".join(lines[-MAX_LINES:]) if lines else None
+        return ParsedAnswer(self._reasoning(text), action)
 
     def match(self, action: str, valid: tuple[str, ...]) -> str | None:
         """The lines as they are among the valid ones; None if one of them is not."""
@@ -67,7 +73,7 @@ class JointAnswers(Tolerant):
         refused = [
             f"'{line}' is no line of a robot" if not sentence else
             f"The action '{sentence}' of {player} is not valid"
-            for line, player, sentence in self._refused(action, valid)
+            for line, player, sentence in islice(self._refused(action, valid), MAX_NAMED)
         ]  # fmt: skip
         return f"{'. '.join(refused)}. Nobody has acted. Please answer again, for all robots."
 

@@ -64,6 +64,7 @@ def test_a_flood_is_cut_and_counted() -> None:
         ('Reasoning: so.\n**Say:** "Hello"\nAction: Go', "Hello"),
         ("Reasoning: I say: no.\nAction: Go", ""),
         ("Reasoning: so.\nSay:\nAction: Go", ""),
+        ("Reasoning: so.\nSay: a\ud800\x1bb\nAction: Go", "a\ufffd\ufffdb"),
         ("Reasoning: so.\nSay: " + "x" * 9_000 + "\nAction: Go", "x" * 500),
     ],
 )
