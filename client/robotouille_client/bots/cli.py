@@ -103,7 +103,7 @@ async def _take_seat(
         resume = kept.token if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
             if seats:
-                await _require_time(client, code)
+                await _require_waiting_world(client, code)
             game = await client.join(code, seat=seat, seats=seats, view=view)
             own = ", ".join(game.own_seats)
             tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
@@ -128,7 +128,7 @@ async def _take_seat(
             return outcome
 
 
-async def _require_time(client: Client, code: str) -> None:
+async def _require_waiting_world(client: Client, code: str) -> None:
     """Raises RobotouilleError where the world would not wait for one who plays several seats."""
     found = (e for e in await client.episodes() if code in (e.code, e.episode))
     if any(episode.clock == "realtime" for episode in found):

@@ -155,6 +155,20 @@ def test_what_two_robots_cannot_both_do_is_said_in_the_next_request(tmp_path: Pa
     assert "In its last step" not in asked[2]
 
 
+@pytest.mark.parametrize("control", ["turns", "joint"])
+@pytest.mark.parametrize(
+    ("answer", "calls"),
+    [("Reasoning: it is done.\nAction: Finish", {"turns": 2, "joint": 1}), ("", {"turns": 20})],
+)
+def test_a_team_ends_when_its_model_finishes_or_fails(
+    tmp_path: Path, control: Control, answer: str, calls: dict[str, int]
+) -> None:
+    """Three requests with five answers each, of which none can be used, are the end of it; in turns
+    the model is asked once more for each robot that has not given up."""
+    row, _ = play(tmp_path, team_job(control), ScriptedModel(lambda _: answer))
+    assert (row.outcome.ended_by, row.counts.calls) == ("finish", calls.get(control, 15))
+
+
 def test_a_run_that_is_gone_on_with_asks_for_nothing_again(tmp_path: Path) -> None:
     for control in ("turns", "joint"):
         job = team_job(control)
