@@ -137,9 +137,11 @@ async def _require_waiting_world(client: Client, code: str) -> None:
         )
 
 
-def _seats(kind: str, seat: str | None, seats: str | None) -> Seats:
+def _seats(kind: str, seat: str | None, seats: str | None, control: str | None) -> Seats:
     """The seats that are named, several or all of them."""
     if seats is None:
+        if control is not None:
+            raise RobotouilleError("--control is for one model in several --seats")
         return ()
     if kind != LLM:
         raise RobotouilleError("only a language model (llm) plays several --seats")
@@ -224,11 +226,12 @@ def command(
         typer.Option(help="llm: several seats for one model: all that are free, or robot1,robot2."),
     ] = None,
     control: Annotated[
-        Literal["turns", "joint"],
+        Literal["turns", "joint"] | None,
         typer.Option(
-            help="llm with several seats: asked for one after the other, or for all at once."
+            help="llm with several seats: asked for one after the other (turns, if left out), or "
+            "for all at once."
         ),
-    ] = "turns",
+    ] = None,
     name: Annotated[str | None, typer.Option(help="The bot's name.")] = None,
     token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
@@ -288,7 +291,7 @@ def command(
 
     try:
         bot: MakePolicy | TextBot
-        several = _seats(kind, seat, seats)
+        several = _seats(kind, seat, seats, control)
         if kind == LLM:
             bot = _language_model(
                 model,
@@ -304,7 +307,7 @@ def command(
                 helper=helper,
                 digest_tokens=digest_tokens,
                 charge=charge,
-                control=control if several else "each",
+                control=(control or "turns") if several else "each",
             )
         else:
             bot = _maker(kind, seed, plan)
