@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
-from robotouille import Task, load_task
+from robotouille import Task
 from robotouille.certification.certificate import certificate_path, read_certificate
 from robotouille.certification.dataset import SUFFIX
 from robotouille.domain.files import is_file, read_json, validate
 from robotouille.domain.schema import DomainFile, ProblemFile
-from robotouille.domain.task import read_domain
+from robotouille.domain.task import build_task, read_domain
 from robotouille.errors import Fault, FileError
 from robotouille.generation.paper_instances import paper_tasks
 from robotouille.resources import data_folder
@@ -43,11 +43,20 @@ Progress = Callable[[int, int], None]
 
 
 def build_own_pack(progress: Progress | None = None) -> Pack:
-    """The pack of the shipped files.
+    """The pack of the shipped files: built once in a process, since these do not change.
 
     Raises:
         FileError: A shipped file has faults.
     """
+    if not _built:
+        _built.append(_build(progress))
+    return _built[0]
+
+
+_built: list[Pack] = []
+
+
+def _build(progress: Progress | None) -> Pack:
     tasks: list[PackTask] = []
     instances: list[PackInstance] = []
     names = paper_tasks()
@@ -72,7 +81,10 @@ def instance_id(task: str, kind: InstanceKind, seed: int | None = None) -> str:
 
 
 def _default(name: str, domain: DomainFile) -> PackInstance:
-    return _instance(data_folder("problems") / f"{name}.json", domain, name, "default", None)
+    path = data_folder("problems") / f"{name}.json"
+    raw = read_json(path)
+    task = _task(path, raw, domain)
+    return _instance(path, raw, task, name, "default", None)
 
 
 def _generated(name: str, domain: DomainFile) -> Iterator[PackInstance]:
@@ -80,20 +92,24 @@ def _generated(name: str, domain: DomainFile) -> Iterator[PackInstance]:
     folder = data_folder("problems") / "generated" / name.partition("/")[0]
     for path in folder.glob(f"{name.partition('/')[2]}_*.json"):
         if not path.name.endswith(SUFFIX):
-            provenance = validate(read_json(path), ProblemFile, str(path)).provenance
+            raw = read_json(path)
+            task = _task(path, raw, domain)
+            provenance = task.problem.provenance
             if provenance is not None and provenance.source == name:
                 kind = _kind(path, provenance.kind)
-                yield _instance(path, domain, name, kind, provenance.seed)
+                yield _instance(path, raw, task, name, kind, provenance.seed)
+
+
+def _task(path: Path, raw: Any, domain: DomainFile) -> Task:
+    problem = validate(raw, ProblemFile, str(path))
+    return build_task(path.stem, domain, problem, source=str(path))
 
 
 def _instance(
-    path: Path, domain: DomainFile, name: str, kind: InstanceKind, seed: int | None
+    path: Path, raw: Any, task: Task, name: str, kind: InstanceKind, seed: int | None
 ) -> PackInstance:
-    task = load_task(str(path), domain=domain)
-    problem = canonical_json(read_json(path))
-    id_ = instance_id(name, kind, seed)
-    plans = tuple(_plans(path, task))
-    return PackInstance(id_, name, kind, seed, seed, problem, task.seats, plans)
+    id_, plans = instance_id(name, kind, seed), tuple(_plans(path, task))
+    return PackInstance(id_, name, kind, seed, seed, canonical_json(raw), task.seats, plans)
 
 
 def _kind(path: Path, name: str) -> InstanceKind:

@@ -108,7 +108,7 @@ def _files(pack: Pack) -> dict[str, str]:
     for row in (*raw["tasks"], *raw["instances"]):
         row["problem"] = json.loads(row["problem"])
     for name in LISTS:
-        values[f"{name}.json"] = raw[name]
+        values[f"{name}.json"] = list(raw[name])
     texts = {name: _text(value) for name, value in values.items()}
     manifest = {
         "format": FORMAT,
