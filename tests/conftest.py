@@ -11,10 +11,16 @@ from collections.abc import Generator
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+from tests.support.thorough import FACTOR
 
 os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
 # A shell starts what runs in the background with interrupts ignored, and programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+settings.register_profile("scaled", max_examples=max(1, int(100 * FACTOR)))
+settings.load_profile("scaled")
 
 _started: list[str] = []
 """The programs that the running test has started."""

@@ -43,6 +43,7 @@ def test_every_option_and_name_is_on_the_page() -> None:
             assert re.search(rf"\b{name}\b", page), name
 
 
+@pytest.mark.slow
 def test_a_policy_learns_from_recordings() -> None:
     imitation = example("imitate")
     planner = AnytimePlanner(World("synchronous/01"))

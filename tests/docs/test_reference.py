@@ -77,9 +77,9 @@ OPERATORS = ROOT / "server/robotouille_server/admin"
 """Its HTTP API has codes of its own, in docs/operator.md."""
 
 
-def strings(path: Path) -> Iterable[str]:
-    """All string literals of a file."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def strings(text: str) -> Iterable[str]:
+    """All string literals of a source."""
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value
 
@@ -90,8 +90,9 @@ def codes_in_the_sources() -> set[str]:
     for path in SOURCES:
         if path.is_relative_to(OPERATORS):
             continue
-        found.update(s for s in strings(path) if re.fullmatch(rf"({FAMILIES})/[a-z-]+", s))
         text = path.read_text(encoding="utf-8")
+        if re.search(rf"({FAMILIES})/[a-z-]+", text):
+            found.update(s for s in strings(text) if re.fullmatch(rf"({FAMILIES})/[a-z-]+", s))
         found.update(re.findall(r"(?:ProtocolError|part)\(\s*\"([a-z]+/[a-z-]+)\"", text))
         found.update(re.findall(r"code(?:: str)? ?= ?\"([a-z]+/[a-z-]+)\"", text))
     return found - NO_CODES

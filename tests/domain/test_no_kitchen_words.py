@@ -47,6 +47,8 @@ NAMES = names_of_the_domains()
 def code_of(path: Path) -> list[tuple[int, str]]:
     """Each name and text of a source file with its line, without comments and docstrings."""
     source = path.read_text()
+    if not kitchen_words(source):
+        return []
     documentation = {
         line
         for node in ast.walk(ast.parse(source))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import re
 import shutil
 from collections.abc import AsyncIterator
@@ -29,9 +30,8 @@ from tests.support.machines import Machine
 from tests.support.operator import Api, bearer, viewing
 from tests.support.operator import Disk as FillingDisk
 
-playwright = pytest.importorskip(
-    "playwright.async_api", reason="needs playwright: pip install playwright"
-)
+if importlib.util.find_spec("playwright") is None:
+    pytest.skip("needs playwright: pip install playwright", allow_module_level=True)
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
     pytest.mark.asyncio(loop_scope="module"),
@@ -110,6 +110,8 @@ async def live_game(
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def browser() -> AsyncIterator[Any]:
     """One browser for all tests; each opens a window that knows nothing of the others."""
+    from playwright import async_api as playwright
+
     async with playwright.async_playwright() as driver:
         started = await driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield started
@@ -137,6 +139,8 @@ async def browser_page(
 
 
 def expect(locator: Any) -> Any:
+    from playwright import async_api as playwright
+
     playwright.expect.set_options(timeout=PATIENCE * 1000)
     return playwright.expect(locator)
 

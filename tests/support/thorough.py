@@ -6,9 +6,10 @@ import os
 
 from hypothesis import HealthCheck, settings
 
-__all__ = ["thorough"]
+__all__ = ["FACTOR", "thorough"]
 
 FACTOR = float(os.environ.get("ROBOTOUILLE_FUZZ", "1"))
+"""How many times as many examples property tests try."""
 
 
 def thorough(examples: int, **more: int) -> settings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import itertools
 import json
 import re
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
 
     from tests.evaluation.inspect_tasks.conftest import Evaluate
 
-pytest.importorskip("inspect_ai")
+if importlib.util.find_spec("inspect_ai") is None:  # Not imported: that takes seconds.
+    pytest.skip("needs inspect_ai", allow_module_level=True)
 
 ALONE, TEAM = "synchronous/01_cheese_sandwich", "multi_agent/01_lettuce_burger"
 KEY = "sk-abcdefghijklmnop"
