@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-import pytest
-
 import robotouille
 from robotouille import Attempt, State, Step, Task, World, planning, replay
 from robotouille.planning import SearchResult
@@ -27,6 +25,6 @@ def names() -> Iterator[str]:
         yield from (name for name in vars(each) if not name.startswith("_"))
 
 
-@pytest.mark.parametrize("name", sorted(set(names())))
-def test_every_name_is_on_the_page(name: str) -> None:
-    assert re.search(rf"\b{name}\b", read("api.md"))
+def test_every_name_is_on_the_page() -> None:
+    page = read("api.md")
+    assert [name for name in sorted(set(names())) if not re.search(rf"\b{name}\b", page)] == []
