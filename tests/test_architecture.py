@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -89,7 +90,7 @@ def check_public_names(path: Path) -> None:
         return
     defined = {
         name
-        for node in ast.walk(tree)
+        for node in outside_functions(tree)
         for name in [
             getattr(node, "name", None),
             node.id if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) else None,
@@ -101,6 +102,15 @@ def check_public_names(path: Path) -> None:
     assert set(names) <= defined, f"{path} declares what it has not"
     in_order = sorted(names, key=lambda n: (not n.isupper(), not n[0].isupper(), n))
     assert names == in_order, f"__all__ of {path} is not sorted"
+
+
+def outside_functions(tree: ast.Module) -> Iterator[ast.AST]:
+    """What a module defines is here, and nothing of the insides of functions and classes."""
+    for statement in tree.body:
+        if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield statement
+        else:
+            yield from ast.walk(statement)
 
 
 def test_no_dangerous_calls() -> None:

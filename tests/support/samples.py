@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-__all__ = ["each_quickly_once", "first_quickly"]
+__all__ = ["each_quickly_once", "first_of_each_folder_quickly", "first_quickly"]
 
 
 def first_quickly(values: Iterable[Any], quick: int = 1, nightly: int | None = None) -> list[Any]:
@@ -23,6 +23,17 @@ def first_quickly(values: Iterable[Any], quick: int = 1, nightly: int | None = N
         )
         for number, value in enumerate(values)
     ]
+
+
+def first_of_each_folder_quickly(names: Iterable[str]) -> list[Any]:
+    """Names of tasks as a test's parameter: the first of each data set runs after every change."""
+    seen: set[str] = set()
+    params = []
+    for name in names:
+        folder = name.partition("/")[0]
+        params.append(pytest.param(name, marks=[pytest.mark.slow] if folder in seen else []))
+        seen.add(folder)
+    return params
 
 
 def each_quickly_once(
