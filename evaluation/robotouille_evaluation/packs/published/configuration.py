@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -44,11 +45,17 @@ def read_yaml(path: Path, root: Path) -> dict[str, Any]:
             them stand for more than any memory holds.
         MissingExtraError: PyYAML is not installed.
     """
+    return _parsed(path, read_text(path, root))
+
+
+@lru_cache(maxsize=100)
+def _parsed(path: Path, text: str) -> dict[str, Any]:
+    """The mapping in a text; all experiments have the same few files below theirs, which are read
+    once. Not to be changed."""
     try:
         import yaml
     except ImportError:
         raise MissingExtraError("reading a published checkout", "bench") from None
-    text = read_text(path, root)
     try:
         depth = 0
         for event in yaml.parse(text, Loader=yaml.SafeLoader):
