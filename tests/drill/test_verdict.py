@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -47,10 +48,17 @@ async def play_with_witnesses(folder: Path) -> None:
             await witness.close()
 
 
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("played")
+    run(play_with_witnesses(folder))
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    run(play_with_witnesses(tmp_path))
-    return tmp_path
+def folder(played: Path, tmp_path: Path) -> Path:
+    """What a game left behind, to be altered."""
+    return shutil.copytree(played, tmp_path / "copy")
 
 
 def faults(folder: Path) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robotouille import World, load_task
@@ -24,6 +24,7 @@ from robotouille.replay.model_calls import (
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
+from tests.support.thorough import thorough
 
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=40)
 CALLS = st.lists(st.tuples(st.lists(st.tuples(TEXTS, TEXTS), max_size=6), TEXTS), max_size=6)
@@ -50,7 +51,7 @@ class Course:
         return Recording(self.stream)
 
 
-@settings(deadline=None, max_examples=40)
+@thorough(40)
 @given(CALLS, st.integers(20, 200))
 def test_what_is_read_is_what_was_sent(
     calls: list[tuple[list[tuple[str, str]], str]], piece: int
@@ -144,7 +145,7 @@ def test_all_calls_of_a_seat_together_are_bounded(monkeypatch: pytest.MonkeyPatc
     assert len(list(model_calls(course.recording()))) == 2
 
 
-@settings(deadline=None, max_examples=40)
+@thorough(40)
 @given(st.integers(1, 4))
 def test_a_lost_piece_loses_its_own_call_only(kept: int) -> None:
     course, notes = Course(), CallNotes()
