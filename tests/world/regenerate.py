@@ -7,6 +7,7 @@ one of `perft.json` (how many states can be reached in exactly n steps) changes 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
@@ -28,15 +29,15 @@ PERFT = {
 }
 
 
-def golden_files() -> dict[str, str]:
-    """The content of every golden file by its name."""
+def golden_files() -> dict[str, Callable[[], str]]:
+    """What makes the content of every golden file, by its name."""
     return {
-        "synchronous_01.txt": text("synchronous/01"),
-        "asynchronous_06_full_pot.txt": full_pot().text() + "\n",
-        "multi_agent_01_robot2.txt": text("multi_agent/01", "robot2"),
-        "workshop_02.txt": text("workshop/02"),
-        "digests.json": pretty({name: make().digest for name, make in STATES.items()}),
-        "perft.json": pretty({name: perft(name, depth) for name, depth in PERFT.items()}),
+        "synchronous_01.txt": lambda: text("synchronous/01"),
+        "asynchronous_06_full_pot.txt": lambda: full_pot().text() + "\n",
+        "multi_agent_01_robot2.txt": lambda: text("multi_agent/01", "robot2"),
+        "workshop_02.txt": lambda: text("workshop/02"),
+        "digests.json": lambda: pretty({name: make().digest for name, make in STATES.items()}),
+        "perft.json": lambda: pretty({name: perft(name, depth) for name, depth in PERFT.items()}),
     }
 
 
@@ -66,4 +67,4 @@ def successors(state: State) -> set[State]:
 if __name__ == "__main__":
     GOLDEN.mkdir(exist_ok=True)
     for file, content in golden_files().items():
-        (GOLDEN / file).write_text(content, encoding="utf-8")
+        (GOLDEN / file).write_text(content(), encoding="utf-8")
