@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -246,15 +246,22 @@ DOMAIN_FILES = FileKind(
 )
 
 
+@cache
+def _shipped_domain(path: Path) -> DomainFile:
+    return read_extending(path, DOMAIN_FILES)
+
+
 def read_domain(name: str, beside: Path | None = None) -> DomainFile:
     """The domain called `name`: a file beside the problem, a path, or one that is shipped."""
     shipped = data_folder("domains") / f"{name}.json"
     candidates = [Path(name)] if name.endswith(".json") else []
     if beside is not None:
         candidates += [beside / name, beside / f"{name}.json"]
-    for path in [*candidates, shipped]:
+    for path in candidates:
         if is_file(path):
             return read_extending(path, DOMAIN_FILES)
+    if is_file(shipped):
+        return _shipped_domain(shipped)
     names = [p.stem for p in data_folder("domains").glob("*.json") if "." not in p.stem]
     known = did_you_mean(name, names)
     raise FileError(name, [Fault("domain", f"there is no domain {name!r}{known}")])
