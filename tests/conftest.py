@@ -34,28 +34,36 @@ def _watch(event: str, arguments: tuple[Any, ...]) -> None:
 sys.addaudithook(_watch)
 
 
-_full_collections = 0
-"""How often the garbage collector had looked at everything when all was frozen."""
+class _Freezer:
+    """Keeps the garbage collector from looking at what stays: all that tests have loaded.
+
+    A server looks at everything when it starts, and in the end it gives back all that was frozen,
+    so that the next one would look at a million objects.
+    """
+
+    full_collections = 0
+
+    def freeze(self) -> None:
+        gc.freeze()
+        self.full_collections = gc.get_stats()[2]["collections"]
+
+    def freeze_again(self) -> None:
+        """Once somebody has looked at everything."""
+        if gc.get_stats()[2]["collections"] != self.full_collections:
+            gc.collect(1)
+            self.freeze()
 
 
-def _freeze() -> None:
-    global _full_collections
-    gc.freeze()
-    _full_collections = gc.get_stats()[2]["collections"]
+_freezer = _Freezer()
 
 
 def pytest_collection_finish() -> None:
-    """What was collected stays: the garbage collector need not look at it again."""
     gc.collect()
-    _freeze()
+    _freezer.freeze()
 
 
 def pytest_runtest_setup() -> None:
-    """A server looks at everything when it starts, and in the end it gives all that was frozen back:
-    the next one would look at a million objects of ours."""
-    if gc.get_stats()[2]["collections"] != _full_collections:
-        gc.collect(1)
-        _freeze()
+    _freezer.freeze_again()
 
 
 def pytest_sessionfinish() -> None:
