@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from functools import partial
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.spaces import MultiDiscrete
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
-from robotouille import RobotouilleError, WrongArgumentError, load_task
-from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv
+from robotouille import (
+    InapplicableError,
+    RobotouilleError,
+    World,
+    WrongArgumentError,
+    load_task,
+)
+from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv, copies
+from robotouille.errors import SlotOverflowError
+from robotouille.planning import solve
+from tests.batch.agreement import world_of
 
 ONE, TEAM = "synchronous/01", "multi_agent/01@2"
 
@@ -36,7 +49,148 @@ def same(one: list[tuple], other: list[tuple]) -> None:
             assert np.array_equal(a, b)
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The batch engine plays, as where it is compiled; here as plain Python."""
+    monkeypatch.setattr(copies, "COMPILED", True)
+
+
+def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
+    """Actions, most of which are valid."""
+    space = envs.single_action_space
+    sizes = np.atleast_1d(space.nvec if isinstance(space, MultiDiscrete) else space.n)
+    ends = np.cumsum(sizes)[:-1]
+    chosen = []
+    for mask in info["action_mask"]:
+        for part in np.split(mask, ends):
+            valid = rng.random() < 0.9 and part.any()
+            chosen.append(rng.choice(np.flatnonzero(part) if valid else len(part)))
+    return np.array(chosen).reshape(envs.action_space.shape)
+
+
+def alike(mine, theirs) -> None:
+    """Whether what two environments gave is the same, infos and types included."""
+    assert type(mine) is type(theirs)
+    if isinstance(mine, np.ndarray):
+        assert mine.dtype == theirs.dtype and mine.shape == theirs.shape
+        for one, other in zip(mine.tolist(), theirs.tolist(), strict=True):
+            assert np.array_equal(one, other)
+    elif isinstance(mine, dict):
+        assert mine.keys() == theirs.keys()
+        for name in mine:
+            alike(mine[name], theirs[name])
+    else:
+        for one, other in zip(mine, theirs, strict=True):
+            alike(one, other)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("task", [ONE, "asynchronous/06", "multi_agent/01@3", TEAM])
+def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
+    task: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
+    monkeypatch.setattr(copies, "COMPILED", True)
+    fast = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
+    assert isinstance(slow._copies, copies.PlayedCopies)
+    assert isinstance(fast._copies, copies.BatchCopies)
+    assert fast.action_space == slow.action_space
+    assert fast.observation_space == slow.observation_space
+    rng = np.random.default_rng(8)
+    found, expected = fast.reset(seed=1), slow.reset(seed=1)
+    for _ in range(80):
+        alike(found, expected)
+        actions = some(slow, expected[-1], rng)
+        found, expected = fast.step(actions), slow.step(actions)
+    assert expected[-1]["valid"].shape == (4,)
+
+
+def test_the_engine_reaches_goals(engine: None) -> None:
+    envs = RobotouilleVectorEnv(ONE, 2, autoreset_mode="SameStep")
+    envs.reset()
+    plan = solve(World(ONE)).plan
+    assert plan is not None
+    env = RobotouilleEnv(ONE)
+    env.reset()
+    idle = int(np.flatnonzero(env.action_masks())[-1])
+    for (action,) in plan:
+        number = env.state.action_number(action)
+        env.step(number)
+        _, rewards, reached, _, info = envs.step([number, idle])
+    assert rewards.tolist() == [1.0, 0.0]
+    assert reached.tolist() == info["_final_obs"].tolist() == [True, False]
+    assert np.array_equal(info["final_obs"][0], env.state.vector())
+
+
+def test_the_engine_refuses_what_others_refuse(engine: None) -> None:
+    envs = RobotouilleVectorEnv(TEAM, 2, invalid="raise")
+    _, info = envs.reset()
+    first = info["action_mask"].copy()
+    wrong = int(np.flatnonzero(info["action_mask"][0][: envs.single_action_space.nvec[0]] == 0)[0])
+    with pytest.raises(InapplicableError):
+        envs.step(np.array([[wrong, 0], [wrong, 0]]))
+    for number in (-1, 10**6):
+        with pytest.raises(WrongArgumentError, match=f"robot2 has .* found number {number}"):
+            envs.step(np.array([[0, 0], [0, number]]))
+    assert np.array_equal(envs.action_masks(), first)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize(
+    "actions", [np.zeros(3, int), np.zeros((2, 2), int), np.zeros(2), np.full(2, np.nan), "ab"]
+)
+def test_wrong_actions_are_refused(
+    actions: object, compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(copies, "COMPILED", compiled)
+    envs = RobotouilleVectorEnv(ONE, 2)
+    envs.reset()
+    with pytest.raises(WrongArgumentError, match=r"expected integers of shape \(2,\)"):
+        envs.step(actions)
+
+
+def test_a_state_that_needs_more_slots_is_an_error_and_changes_nothing(engine: None) -> None:
+    """As where copies are played one by one; room for one bolt is too little."""
+    task = world_of("workshop/01").task
+    envs = RobotouilleVectorEnv(task, 30, slots={"bolt": 1})
+    envs.reset()
+    rng = np.random.default_rng(1)
+    with pytest.raises(SlotOverflowError, match="'bolt'"):
+        for _ in range(200):
+            before = envs.action_masks()
+            envs.step(some(envs, {"action_mask": before}, rng))
+    assert np.array_equal(envs.action_masks(), before)
+
+
+@pytest.mark.parametrize("twin", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
+def test_the_engine_can_be_copied(twin: Any, engine: None) -> None:
+    envs, rng = RobotouilleVectorEnv(ONE, 3, max_steps=7), np.random.default_rng(1)
+    _, info = envs.reset(seed=2)
+    for _ in range(5):
+        info = envs.step(choices(info, rng))[-1]
+    other = twin(envs)
+    for _ in range(6):
+        actions = choices(info, rng)
+        found, expected = other.step(actions), envs.step(actions)
+        alike(found, expected)
+        info = expected[-1]
+
+
+def test_who_plays_the_copies(engine: None) -> None:
+    names = load_task(ONE).instances()[:1]
+    for options in ({"reward": "shaped"}, {"instances": names}):
+        envs = RobotouilleVectorEnv(ONE, 2, **options)
+        assert isinstance(envs._copies, copies.PlayedCopies)
+    envs = RobotouilleVectorEnv(ONE, 2)
+    envs.reset(options={"instance": load_task(ONE).name})
+    with pytest.raises(WrongArgumentError, match="instance: expected one of"):
+        envs.reset(options={"instance": names[0]})
+
+
+@pytest.mark.parametrize("mode", MODES)
 def test_it_does_what_gymnasiums_own_vectors_do(mode: AutoresetMode) -> None:
     make = partial(RobotouilleEnv, ONE, max_steps=9)
     theirs = SyncVectorEnv([make] * 3, autoreset_mode=mode)
@@ -62,12 +216,12 @@ def test_seeds_are_those_of_the_copies() -> None:
     names = load_task(ONE).instances()[:2]
 
     def played(envs: RobotouilleVectorEnv) -> list[str]:
-        return [play.view.world.task.name for play in envs._plays]
+        return [play.view.world.task.name for play in envs._copies.plays]
 
-    for copies in (1, 3):
-        one, two = (RobotouilleVectorEnv(ONE, copies, instances=names) for _ in range(2))
+    for number in (1, 3):
+        one, two = (RobotouilleVectorEnv(ONE, number, instances=names) for _ in range(2))
         with pytest.raises(RobotouilleError, match="no episode has begun"):
-            one.step(np.zeros(copies, dtype=int))
+            one.step(np.zeros(number, dtype=int))
         courses = []
         for envs in (one, two):
             envs.reset(seed=4)
@@ -75,7 +229,7 @@ def test_seeds_are_those_of_the_copies() -> None:
             courses.append([first, *(envs.reset() and played(envs) for _ in range(6))])
         assert courses[0] == courses[1]
         assert len({name for each in courses[0] for name in each}) > 1
-        two.reset(seed=[4 + i for i in range(copies)])
+        two.reset(seed=[4 + i for i in range(number)])
         assert played(two) == courses[0][0]
 
 
@@ -98,7 +252,7 @@ def test_ten_thousand_fit_into_a_process() -> None:
     actions = info["action_mask"].argmax(axis=1)
     seen, _, _, _, info = envs.step(actions)
     assert len(np.unique(seen, axis=0)) == 1 and info["valid"].all()
-    assert len({id(play.view) for play in envs._plays}) == 1
+    assert len({id(play.view) for play in envs._copies.plays}) == 1
 
 
 def test_it_is_made_by_name() -> None:

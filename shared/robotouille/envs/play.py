@@ -8,16 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robotouille.domain.task import Task
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvRules, InvalidAction, Observation, Reward
-from robotouille.envs.views import Seen, View, views_of
-from robotouille.errors import InapplicableError, RobotouilleError, WrongArgumentError
+from robotouille.envs.views import Seen, View, asked_for, views_of
+from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State
 
-__all__ = ["Play", "Taken"]
+__all__ = ["Play", "Taken", "no_such_action"]
 
 
 class Taken(NamedTuple):
@@ -88,24 +86,15 @@ class Play:
         Raises:
             WrongArgumentError: The instance is none of this environment's.
         """
-        wanted = (options or {}).get("instance")
+        wanted = asked_for(self.views, options)
         if wanted is not None:
-            self.view = self._instance(wanted)
+            self.view = wanted
         elif len(self.views) > 1:
             self.view = self.views[int(random.integers(len(self.views)))]
         self._state, self._seen = self.view.world.initial, None
         self.steps, self.over = 0, False
         if self._potential is not None:
             self._worth = self._potential(self._state)
-
-    def _instance(self, wanted: object) -> View:
-        """An instance by its task, its name, or its number."""
-        for number, view in enumerate(self.views):
-            task = view.world.task
-            if wanted in (number, task.name) or (isinstance(wanted, Task) and wanted == task):
-                return view
-        names = ", ".join(view.world.task.name for view in self.views)
-        raise WrongArgumentError(f"instance: expected one of {names}, found {wanted!r}")
 
     def take(self, numbers: Sequence[int | None]) -> Taken:
         """Take a step in which each player does the action of a number, or nothing (None).
@@ -156,17 +145,14 @@ class Play:
         """A player's action of a number, if it is valid now."""
         mask = self.seen.masks[place]
         if not 0 <= number < len(mask):
-            player, size = self.players[place], len(mask)
-            raise WrongArgumentError(f"{player} has {size} actions, found number {number}")
+            raise no_such_action(self.players[place], len(mask), number)
         if mask[number]:
             return self.view.action(state, place, number)
         if self.rules.invalid is InvalidAction.RAISE:
-            raise self._inapplicable(state, place, number)
+            raise self.view.inapplicable(state, place, number)
         return None
 
-    def _inapplicable(self, state: State, place: int, number: int) -> InapplicableError:
-        action = self.view.action(state, place, number)
-        if action is None:
-            missing = Unmet(UnmetKind.MISSING, "it is about an object that does not exist")
-            return InapplicableError(f"action {number}", (missing,))
-        return InapplicableError(action.sentence, self.view.world.unmet(state, action))
+
+def no_such_action(player: str, count: int, number: int) -> WrongArgumentError:
+    """What is raised where a player has no action of a number."""
+    return WrongArgumentError(f"{player} has {count} actions, found number {number}")

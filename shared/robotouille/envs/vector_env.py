@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
-from robotouille.envs.play import Play
+from robotouille.envs.copies import copies_of
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation, Reward
 from robotouille.envs.views import Mask, observation_space
@@ -65,13 +65,12 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         rules = EnvRules(task, **options)
         if rules.observation is not Observation.VECTOR:
             raise WrongArgumentError("observation: copies in one process see vectors")
-        first = Play(rules)
-        self._plays = [first, *(Play(rules, first.views) for _ in range(num_envs - 1))]
+        self._copies = copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
         self.num_envs = num_envs
-        sizes = self._plays[0].view.sizes
-        self.single_observation_space = observation_space(Observation.VECTOR, self._plays[0].view)
+        sizes = self._copies.view.sizes
+        self.single_observation_space = observation_space(Observation.VECTOR, self._copies.view)
         self._alone = len(sizes.actions) == 1
         self.single_action_space = (
             spaces.Discrete(sizes.actions[0])
@@ -84,9 +83,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
 
     def action_masks(self) -> Mask:
         """Which actions of each copy are valid now, a row for each."""
-        if self._alone:
-            return np.array([play.seen.masks[0] for play in self._plays])
-        return np.array([np.concatenate(play.seen.masks) for play in self._plays])
+        return self._copies.masks()
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -103,44 +100,42 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
                 None if seed is None else seed + i for i in range(self.num_envs)
             ]  # fmt: skip
             self._randoms = [np.random.default_rng(each) for each in seeds]
-        for play, random in zip(self._plays, self._randoms, strict=True):
-            play.begin(random, options)
         everyone = np.ones(self.num_envs, dtype=np.bool_)
-        return self._observations(), self._info(everyone)
+        self._copies.begin(everyone, self._randoms, options)
+        return self._copies.vectors(), self._info(everyone)
 
     def step(self, actions: Any) -> Arrays:
         """Take a step in each copy.
 
         Raises:
-            WrongArgumentError: There is no such action.
+            WrongArgumentError: There is no such action, or not one for each copy and player.
             InapplicableError: An action is not valid, and `invalid` is `raise`.
             RobotouilleError: No episode has begun.
         """
         if not self._randoms:
             raise RobotouilleError("reset the environment: no episode has begun")
-        rewards = np.zeros(self.num_envs)
-        terminated, truncated, valid = np.zeros((3, self.num_envs), dtype=np.bool_)
-        numbers = np.asarray(actions).tolist()
-        finals: dict[int, tuple[Any, Mask]] = {}
-        for i, play in enumerate(self._plays):
-            if play.over:
-                play.begin(self._randoms[i], None)
-                valid[i] = True
-                continue
-            taken = play.take((numbers[i],) if self._alone else numbers[i])
-            rewards[i], terminated[i], truncated[i], applied = taken
-            valid[i] = all(applied)
-            if self._same_step and play.over:
-                seen = play.seen
-                finals[i] = seen.vector.copy(), np.concatenate(seen.masks)
-                play.begin(self._randoms[i], None)
-        info = self._info(valid)
-        if finals:
-            info |= self._final(finals)
-        return self._observations(), rewards, terminated, truncated, info
+        copies = self._copies
+        anew = copies.over
+        rewards, terminated, truncated, valid = copies.take(self._numbers(actions))
+        last: dict[str, Any] = {}
+        if self._same_step:
+            anew = copies.over
+            last = self._last(anew) if anew.any() else {}
+        else:
+            valid |= anew
+        if anew.any():
+            copies.begin(anew, self._randoms, None)
+        return copies.vectors(), rewards, terminated, truncated, self._info(valid) | last
 
-    def _observations(self) -> npt.NDArray[np.float32]:
-        return np.array([play.seen.vector for play in self._plays])
+    def _numbers(self, actions: Any) -> npt.NDArray[np.int64]:
+        """The numbers of actions, a row for each copy."""
+        found = np.asarray(actions)
+        if found.dtype.kind not in "iu" or found.shape != self.action_space.shape:
+            raise WrongArgumentError(
+                f"expected integers of shape {self.action_space.shape}, "
+                f"found {found.dtype} {found.shape}"
+            )
+        return found.reshape(self.num_envs, -1).astype(np.int64)
 
     def _info(self, valid: npt.NDArray[np.bool_]) -> dict[str, Any]:
         everyone = np.ones(self.num_envs, dtype=np.bool_)
@@ -149,18 +144,16 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             "action_mask": mask, "_action_mask": everyone, "valid": valid, "_valid": everyone.copy()
         }  # fmt: skip
 
-    def _final(self, finals: dict[int, tuple[Any, Mask]]) -> dict[str, Any]:
+    def _last(self, which: npt.NDArray[np.bool_]) -> dict[str, Any]:
         """What the episodes that are over ended with."""
-        which = np.zeros(self.num_envs, dtype=np.bool_)
-        which[list(finals)] = True
+        vectors, masks = self._copies.vectors(), self.action_masks()
         observations = np.full(self.num_envs, None, dtype=object)
-        masks = np.zeros((self.num_envs, len(next(iter(finals.values()))[1])), dtype=np.bool_)
-        for i, (vector, mask) in finals.items():
-            observations[i] = vector
-            masks[i] = mask
+        for copy in np.flatnonzero(which).tolist():
+            observations[copy] = vectors[copy].copy()
+        ended = np.where(which[:, None], masks, 0).astype(np.bool_)
         return {
             "final_obs": observations,
             "_final_obs": which,
-            "final_info": {"action_mask": masks, "_action_mask": which.copy()},
+            "final_info": {"action_mask": ended, "_action_mask": which.copy()},
             "_final_info": which.copy(),
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,11 +13,13 @@ from gymnasium.spaces import GraphInstance
 
 from robotouille.domain.task import Task
 from robotouille.envs.rules import Observation
+from robotouille.errors import InapplicableError, WrongArgumentError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.timers import Timers
+from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World, shared_world
 
-__all__ = ["Mask", "Seen", "Sizes", "View", "observation_space", "views_of"]
+__all__ = ["Mask", "Seen", "Sizes", "Vector", "View", "asked_for", "observation_space", "views_of"]
 
 Mask = npt.NDArray[np.int8]
 """Which actions are valid, as Gymnasium's `sample` takes it: 1 or 0."""
@@ -97,6 +99,14 @@ class View:
             return state.action(self.world.players[place], number)
         return actions[number]
 
+    def inapplicable(self, state: State, place: int, number: int) -> InapplicableError:
+        """What is raised where a player's action of a number is not valid, and that is an error."""
+        action = self.action(state, place, number)
+        if action is None:
+            missing = Unmet(UnmetKind.MISSING, "it is about an object that does not exist")
+            return InapplicableError(f"action {number}", (missing,))
+        return InapplicableError(action.sentence, self.world.unmet(state, action))
+
     def observation(self, state: State, kind: Observation, players: Sequence[str]) -> Any:
         """What players see of a state, if that is no vector."""
         if kind is Observation.TEXT:
@@ -131,6 +141,23 @@ def views_of(tasks: Sequence[Task], slots: Any = None) -> tuple[View, ...]:
         tuple(max(len(w.ground_actions(w.players[i])) for w in worlds) for i in seats),
     )
     return tuple(_shared_view(world, sizes) for world in worlds)
+
+
+def asked_for(views: Sequence[View], options: Mapping[str, Any] | None) -> View | None:
+    """The instance that the options of a reset ask for, by its task, its name or its number.
+
+    Raises:
+        WrongArgumentError: It is none of these.
+    """
+    wanted = (options or {}).get("instance")
+    if wanted is None:
+        return None
+    for number, view in enumerate(views):
+        task = view.world.task
+        if wanted in (number, task.name) or (isinstance(wanted, Task) and wanted == task):
+            return view
+    names = ", ".join(view.world.task.name for view in views)
+    raise WrongArgumentError(f"instance: expected one of {names}, found {wanted!r}")
 
 
 def observation_space(kind: Observation, view: View) -> spaces.Space[Any]:
