@@ -33,10 +33,13 @@ class CopiesTaken(NamedTuple):
 
 
 class Copies(Protocol):
-    """Copies of one course. `over` says whose episode has ended, or has not begun."""
+    """Copies of one course; `view` is the first instance."""
 
     view: View
-    over: Bools
+
+    @property
+    def over(self) -> Bools:
+        """Whose episode has ended, or has not begun."""
 
     def begin(
         self, which: Bools, randoms: Sequence[np.random.Generator], options: dict[str, Any] | None

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from robotouille.batch import layout as at
 from robotouille.batch.tables import Ints
-from robotouille.compiling import compiler
+from robotouille.compiling import compiler, unsigned
 
 __all__ = ["get", "holds", "kernel"]
 
@@ -17,7 +17,7 @@ kernel = compiler(Path(__file__).parents[1], bare=True)
 @kernel
 def get(t: Ints, name: int, i: int) -> int:
     """The i-th number of a list."""
-    number: int = t[t[name] + i]
+    number: int = t[unsigned(t[unsigned(name)] + i)]
     return number
 
 
@@ -25,7 +25,7 @@ def get(t: Ints, name: int, i: int) -> int:
 def holds(t: Ints, row: Ints, rule: int) -> bool:
     """Whether all tests of a rule hold."""
     place = t[at.RULE] + get(t, at.RULE_AT, rule)
-    for test in range(place + 1, place + 1 + t[place], 3):
-        if row[t[test]] & t[test + 1] != t[test + 2]:
+    for test in range(place + 1, place + 1 + t[unsigned(place)], 3):
+        if row[unsigned(t[unsigned(test)])] & t[unsigned(test + 1)] != t[unsigned(test + 2)]:
             return False
     return True

@@ -9,7 +9,7 @@ from __future__ import annotations
 from robotouille.batch import layout as at
 from robotouille.batch.kernels.compiled import get, kernel
 from robotouille.batch.tables import Ints
-from robotouille.compiling import lowest_bit
+from robotouille.compiling import lowest_bit, unsigned
 
 __all__ = ["goal_reached"]
 
@@ -25,14 +25,14 @@ def goal_reached(t: Ints, row: Ints, work: Ints) -> bool:
         if not _list_choices(t, row, work, condition):
             return False
     for variable in range(t[at.VARIABLES]):
-        work[t[at.BINDING] + variable] = -1
-    work[t[at.CURSOR]] = 0
+        work[unsigned(t[at.BINDING] + variable)] = -1
+    work[unsigned(t[at.CURSOR])] = 0
     depth = 0
     while 0 <= depth < conditions:
         _unbind(t, work, depth)
         if _advance(t, work, depth):
             depth += 1
-            work[t[at.CURSOR] + depth] = 0
+            work[unsigned(t[at.CURSOR] + depth)] = 0
         else:
             depth -= 1
     return depth == conditions
@@ -43,7 +43,7 @@ def _possible(t: Ints, row: Ints, condition: int) -> bool:
     """Whether some atom that meets a condition holds, if one has to."""
     first, last = get(t, at.NEED_AT, condition), get(t, at.NEED_AT, condition + 1)
     for i in range(first, last):
-        if row[get(t, at.NEED_WORD, i)] & get(t, at.NEED_MASK, i) != 0:
+        if row[unsigned(get(t, at.NEED_WORD, i))] & get(t, at.NEED_MASK, i) != 0:
             return True
     return first == last
 
@@ -55,18 +55,18 @@ def _list_choices(t: Ints, row: Ints, work: Ints, condition: int) -> bool:
     live = t[at.LIVE] + first
     count = 0
     for i in range(get(t, at.NEED_AT, condition), get(t, at.NEED_AT, condition + 1)):
-        true = row[get(t, at.NEED_WORD, i)] & get(t, at.NEED_MASK, i)
+        true = row[unsigned(get(t, at.NEED_WORD, i))] & get(t, at.NEED_MASK, i)
         while true != 0:
             choice = get(t, at.NEED_CHOICE, i) + lowest_bit(true)
             true &= true - 1
-            work[live + count] = get(t, at.CHOICE_OF, choice)
+            work[unsigned(live + count)] = get(t, at.CHOICE_OF, choice)
             count += 1
     if get(t, at.NEED_AT, condition) == get(t, at.NEED_AT, condition + 1):
         for choice in range(first, get(t, at.CHOICE_AT, condition + 1)):
             if _atoms_hold(t, row, choice):
-                work[live + count] = choice
+                work[unsigned(live + count)] = choice
                 count += 1
-    work[t[at.LIVE_COUNT] + condition] = count
+    work[unsigned(t[at.LIVE_COUNT] + condition)] = count
     return count > 0
 
 
@@ -75,7 +75,7 @@ def _atoms_hold(t: Ints, row: Ints, choice: int) -> bool:
     width = t[at.CHOSEN_ATOMS_WIDTH]
     for i in range(choice * width, (choice + 1) * width):
         atom = get(t, at.CHOSEN_ATOMS, i)
-        if atom >= 0 and row[atom // at.WORD] >> (atom % at.WORD) & 1 == 0:
+        if atom >= 0 and row[unsigned(atom // at.WORD)] >> (atom % at.WORD) & 1 == 0:
             return False
     return True
 
@@ -84,9 +84,9 @@ def _atoms_hold(t: Ints, row: Ints, choice: int) -> bool:
 def _advance(t: Ints, work: Ints, depth: int) -> bool:
     """Take the next choice of a condition that agrees with the objects chosen so far."""
     cursor, live = t[at.CURSOR] + depth, t[at.LIVE] + get(t, at.CHOICE_AT, depth)
-    while work[cursor] < work[t[at.LIVE_COUNT] + depth]:
-        choice = work[live + work[cursor]]
-        work[cursor] += 1
+    while work[unsigned(cursor)] < work[unsigned(t[at.LIVE_COUNT] + depth)]:
+        choice = work[unsigned(live + work[unsigned(cursor)])]
+        work[unsigned(cursor)] += 1
         if _bind(t, work, depth, choice):
             return True
     return False
@@ -96,7 +96,7 @@ def _advance(t: Ints, work: Ints, depth: int) -> bool:
 def _unbind(t: Ints, work: Ints, depth: int) -> None:
     for i in range(get(t, at.VARIABLE_AT, depth), get(t, at.VARIABLE_AT, depth + 1)):
         if get(t, at.FRESH, i) != 0:
-            work[t[at.BINDING] + get(t, at.VARIABLE, i)] = -1
+            work[unsigned(t[at.BINDING] + get(t, at.VARIABLE, i))] = -1
 
 
 @kernel
@@ -107,12 +107,12 @@ def _bind(t: Ints, work: Ints, depth: int, choice: int) -> bool:
     for i in range(first, last):
         thing = get(t, at.CHOSEN, chosen + i)
         if get(t, at.FRESH, i) == 0:
-            if work[t[at.BINDING] + get(t, at.VARIABLE, i)] != thing:
+            if work[unsigned(t[at.BINDING] + get(t, at.VARIABLE, i))] != thing:
                 return False
         elif _is_taken(t, work, get(t, at.VARIABLE, i), thing):
             return False
     for i in range(first, last):
-        work[t[at.BINDING] + get(t, at.VARIABLE, i)] = get(t, at.CHOSEN, chosen + i)
+        work[unsigned(t[at.BINDING] + get(t, at.VARIABLE, i))] = get(t, at.CHOSEN, chosen + i)
     return True
 
 
@@ -121,6 +121,6 @@ def _is_taken(t: Ints, work: Ints, variable: int, thing: int) -> bool:
     """Whether an object stands for another variable of the same kind."""
     for other in range(t[at.VARIABLES]):
         alike = get(t, at.VARIABLE_KIND, other) == get(t, at.VARIABLE_KIND, variable)
-        if alike and work[t[at.BINDING] + other] == thing:
+        if alike and work[unsigned(t[at.BINDING] + other)] == thing:
             return True
     return False

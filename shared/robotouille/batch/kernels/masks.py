@@ -8,7 +8,7 @@ import numpy.typing as npt
 from robotouille.batch import layout as at
 from robotouille.batch.kernels.compiled import get, holds, kernel
 from robotouille.batch.tables import Ints
-from robotouille.compiling import lowest_bit
+from robotouille.compiling import lowest_bit, unsigned
 
 __all__ = ["mask_copies", "random_copies", "vector_copies"]
 
@@ -19,35 +19,35 @@ def _find_valid(t: Ints, row: Ints, work: Ints, player: int, found: Ints) -> int
 
     It goes through the player's tree: see `match_tree`.
     """
-    if row[t[at.BUSY] + player] != 0:
+    if row[unsigned(t[at.BUSY] + player)] != 0:
         return 0
     count = 0
     tree, stack = t[at.TREE], t[at.STACK]
-    work[stack] = get(t, at.ROOT, player)
+    work[unsigned(stack)] = get(t, at.ROOT, player)
     waiting = 1
     while waiting > 0:
         waiting -= 1
-        node = tree + work[stack + waiting]
-        tests = node + 1 + t[node]
+        node = tree + work[unsigned(stack + waiting)]
+        tests = node + 1 + t[unsigned(node)]
         for i in range(node + 1, tests):
             number = t[i]
             if number < 0:
                 number = -1 - number
                 if not holds(t, row, get(t, at.ACTION_AT, player) + number):
                     continue
-            found[count] = number
+            found[unsigned(count)] = number
             count += 1
-        for test in range(tests + 1, tests + 1 + t[tests], 3):
-            true = row[t[test]] & t[test + 1]
-            below = tree + t[test + 2]
+        for test in range(tests + 1, tests + 1 + t[unsigned(tests)], 3):
+            true = row[unsigned(t[unsigned(test)])] & t[unsigned(test + 1)]
+            below = tree + t[unsigned(test + 2)]
             while true != 0:
-                place = t[below + lowest_bit(true)]
+                place = t[unsigned(below + lowest_bit(true))]
                 true &= true - 1
                 if place < 0:
-                    found[count] = -2 - place
+                    found[unsigned(count)] = -2 - place
                     count += 1
                 else:
-                    work[stack + waiting] = place
+                    work[unsigned(stack + waiting)] = place
                     waiting += 1
     return count
 
@@ -106,7 +106,9 @@ def random_copies(
             row[i] = rows[copy, i]
         for player in range(t[at.PLAYERS]):
             count = _find_valid(t, row, work, player, found)
-            actions[copy, player] = found[int(draws[copy, player] * count)] if count > 0 else -1
+            actions[copy, player] = (
+                found[unsigned(int(draws[copy, player] * count))] if count > 0 else -1
+            )
 
 
 @kernel

@@ -15,6 +15,7 @@ from robotouille.batch.kernels.compiled import get, holds, kernel
 from robotouille.batch.kernels.goal import goal_reached
 from robotouille.batch.rules import CONDITIONAL, CREATION, DELETION, REPETITIVE
 from robotouille.batch.tables import Ints
+from robotouille.compiling import unsigned
 
 __all__ = ["first_wrong", "step_copies"]
 
@@ -25,7 +26,7 @@ PAUSED, HOLDING, DONE = 0, 1, -1
 def _writes_of(t: Ints, rule: int) -> int:
     """Where in `t` a rule's writes are, with their number before them."""
     place = t[at.RULE] + get(t, at.RULE_AT, rule)
-    writes: int = place + 1 + t[place]
+    writes: int = place + 1 + t[unsigned(place)]
     return writes
 
 
@@ -33,13 +34,13 @@ def _writes_of(t: Ints, rule: int) -> int:
 def _write(t: Ints, row: Ints, work: Ints, rule: int, negated: bool) -> None:
     """Make atoms false, then true, but none about what this run has deleted."""
     place = _writes_of(t, rule)
-    for write in range(place + 1, place + 1 + t[place], 3):
-        word, sets, clears = t[write], t[write + 1], t[write + 2]
+    for write in range(place + 1, place + 1 + t[unsigned(place)], 3):
+        word, sets, clears = t[unsigned(write)], t[unsigned(write + 1)], t[unsigned(write + 2)]
         if negated:
             sets, clears = clears, sets
-        before = row[word]
-        row[word] = (before & ~clears) | (sets & ~work[t[at.GONE] + word])
-        work[at.TOUCHED] |= (before ^ row[word]) & get(t, at.RELEVANT, word)
+        before = row[unsigned(word)]
+        row[unsigned(word)] = (before & ~clears) | (sets & ~work[unsigned(t[at.GONE] + word)])
+        work[at.TOUCHED] |= (before ^ row[unsigned(word)]) & get(t, at.RELEVANT, word)
 
 
 # Effects
@@ -50,7 +51,7 @@ def _concerns_deleted(t: Ints, work: Ints, effect: int) -> bool:
     if work[at.DELETED] == 0:
         return False
     for i in range(get(t, at.ABOUT_AT, effect), get(t, at.ABOUT_AT, effect + 1)):
-        if work[t[at.IS_DELETED] + get(t, at.ABOUT, i)] != 0:
+        if work[unsigned(t[at.IS_DELETED] + get(t, at.ABOUT, i))] != 0:
             return True
     return False
 
@@ -63,33 +64,33 @@ def _update(t: Ints, row: Ints, work: Ints, effect: int, active: bool) -> None:
     while node < last:
         place = t[at.PROGRESS] + node
         kind = get(t, at.KIND, node)
-        if row[place] == DONE:
+        if row[unsigned(place)] == DONE:
             node = get(t, at.END, node)
         elif kind == CONDITIONAL:
             if holds(t, row, t[at.FIRST_NODE] + node):
-                row[place] = HOLDING
+                row[unsigned(place)] = HOLDING
                 _write(t, row, work, t[at.FIRST_NODE] + node, False)
                 node += 1
             else:
-                if row[place] == HOLDING:
-                    row[place] = PAUSED
+                if row[unsigned(place)] == HOLDING:
+                    row[unsigned(place)] = PAUSED
                     _write(t, row, work, t[at.FIRST_NODE] + node, True)
                 node = get(t, at.END, node)
         elif kind == CREATION:
             _create(t, row, work, node)
-            row[place] = DONE
+            row[unsigned(place)] = DONE
             node += 1
         elif kind == DELETION:
             _delete(t, row, work, node)
-            row[place] = DONE
+            row[unsigned(place)] = DONE
             node += 1
-        elif row[place] >= get(t, at.TOTAL, node):
+        elif row[unsigned(place)] >= get(t, at.TOTAL, node):
             node += 1
         elif active != (kind == REPETITIVE):
             node = get(t, at.END, node)
         else:
-            row[place] += 1
-            if row[place] < get(t, at.TOTAL, node):
+            row[unsigned(place)] += 1
+            if row[unsigned(place)] < get(t, at.TOTAL, node):
                 node = get(t, at.END, node)
             else:
                 _write(t, row, work, t[at.FIRST_NODE] + node, False)
@@ -97,14 +98,14 @@ def _update(t: Ints, row: Ints, work: Ints, effect: int, active: bool) -> None:
     node = last - 1
     while node >= first:
         if _has_completed(t, row, node):
-            row[t[at.PROGRESS] + node] = DONE
+            row[unsigned(t[at.PROGRESS] + node)] = DONE
         node -= 1
 
 
 @kernel
 def _has_completed(t: Ints, row: Ints, node: int) -> bool:
     """Whether a node is past what it waits for, and all that is nested in it has completed."""
-    kind, progress = get(t, at.KIND, node), row[t[at.PROGRESS] + node]
+    kind, progress = get(t, at.KIND, node), row[unsigned(t[at.PROGRESS] + node)]
     if kind == CONDITIONAL:
         if progress != HOLDING:
             return False
@@ -112,7 +113,7 @@ def _has_completed(t: Ints, row: Ints, node: int) -> bool:
         return False
     child = node + 1
     while child < get(t, at.END, node):
-        if row[t[at.PROGRESS] + child] != DONE:
+        if row[unsigned(t[at.PROGRESS] + child)] != DONE:
             return False
         child = get(t, at.END, child)
     return True
@@ -121,11 +122,11 @@ def _has_completed(t: Ints, row: Ints, node: int) -> bool:
 @kernel
 def _create(t: Ints, row: Ints, work: Ints, node: int) -> None:
     kind = get(t, at.CREATES, node)
-    slot = row[t[at.TOP] + kind]
+    slot = row[unsigned(t[at.TOP] + kind)]
     if slot >= get(t, at.SLOT_AT, kind + 1) - get(t, at.SLOT_AT, kind):
         work[at.OVERFLOWED] = 1
         return
-    row[t[at.TOP] + kind] = slot + 1
+    row[unsigned(t[at.TOP] + kind)] = slot + 1
     outcome = get(t, at.OUTCOME, node) + slot
     _write(t, row, work, t[at.FIRST_OUTCOME] + outcome, False)
     _start(t, work, outcome)
@@ -137,11 +138,11 @@ def _delete(t: Ints, row: Ints, work: Ints, node: int) -> None:
     subject = get(t, at.SUBJECT, node)
     for i in range(get(t, at.MENTION_AT, subject), get(t, at.MENTION_AT, subject + 1)):
         word = get(t, at.MENTION_WORD, i)
-        row[word] &= ~get(t, at.MENTIONS, i)
-        work[t[at.GONE] + word] |= get(t, at.MENTIONS, i)
+        row[unsigned(word)] &= ~get(t, at.MENTIONS, i)
+        work[unsigned(t[at.GONE] + word)] |= get(t, at.MENTIONS, i)
     work[at.TOUCHED] = 1
     work[at.DELETED] += 1
-    work[t[at.IS_DELETED] + subject] = 1
+    work[unsigned(t[at.IS_DELETED] + subject)] = 1
     if get(t, at.SLOT_OF, subject) != 0:
         work[at.HOLES] = 1
     _start(t, work, get(t, at.OUTCOME, node))
@@ -153,26 +154,26 @@ def _start(t: Ints, work: Ints, outcome: int) -> None:
     for i in range(get(t, at.BORN_AT, outcome), get(t, at.BORN_AT, outcome + 1)):
         count = work[at.STARTED]
         place = 0
-        while place < count and work[t[at.IS_STARTED] + place] != get(t, at.BORN, i):
+        while place < count and work[unsigned(t[at.IS_STARTED] + place)] != get(t, at.BORN, i):
             place += 1
         if place == count and not _concerns_deleted(t, work, get(t, at.BORN, i)):
-            work[t[at.IS_STARTED] + count] = get(t, at.BORN, i)
+            work[unsigned(t[at.IS_STARTED] + count)] = get(t, at.BORN, i)
             work[at.STARTED] = count + 1
 
 
 @kernel
 def _place_of(t: Ints, row: Ints, effect: int) -> int:
     """Where an effect stands among those that are active; -1 if it does not."""
-    for i in range(row[t[at.COUNT]]):
-        if row[t[at.ORDER] + i] == effect:
+    for i in range(row[unsigned(t[at.COUNT])]):
+        if row[unsigned(t[at.ORDER] + i)] == effect:
             return i
     return -1
 
 
 @kernel
 def _append(t: Ints, row: Ints, effect: int) -> None:
-    row[t[at.ORDER] + row[t[at.COUNT]]] = effect
-    row[t[at.COUNT]] += 1
+    row[unsigned(t[at.ORDER] + row[unsigned(t[at.COUNT])])] = effect
+    row[unsigned(t[at.COUNT])] += 1
 
 
 @kernel
@@ -182,27 +183,27 @@ def _settle(t: Ints, row: Ints, work: Ints, ends: bool) -> None:
     What has completed is dropped at the end of a step only (`ends`).
     """
     for i in range(work[at.STARTED]):
-        if _place_of(t, row, work[t[at.IS_STARTED] + i]) < 0:
-            _append(t, row, work[t[at.IS_STARTED] + i])
-    count = row[t[at.COUNT]]
+        if _place_of(t, row, work[unsigned(t[at.IS_STARTED] + i)]) < 0:
+            _append(t, row, work[unsigned(t[at.IS_STARTED] + i)])
+    count = row[unsigned(t[at.COUNT])]
     kept = 0
     for i in range(count):
-        effect = row[t[at.ORDER] + i]
-        done = ends and row[t[at.PROGRESS] + get(t, at.EFFECT_AT, effect)] == DONE
+        effect = row[unsigned(t[at.ORDER] + i)]
+        done = ends and row[unsigned(t[at.PROGRESS] + get(t, at.EFFECT_AT, effect))] == DONE
         if done or _concerns_deleted(t, work, effect):
             for node in range(get(t, at.EFFECT_AT, effect), get(t, at.EFFECT_AT, effect + 1)):
-                row[t[at.PROGRESS] + node] = 0
+                row[unsigned(t[at.PROGRESS] + node)] = 0
         else:
-            row[t[at.ORDER] + kept] = effect
+            row[unsigned(t[at.ORDER] + kept)] = effect
             kept += 1
     for i in range(kept, count):
-        row[t[at.ORDER] + i] = 0
-    row[t[at.COUNT]] = kept
+        row[unsigned(t[at.ORDER] + i)] = 0
+    row[unsigned(t[at.COUNT])] = kept
     work[at.STARTED] = 0
     if work[at.DELETED] != 0:
         work[at.DELETED] = 0
         for place in range(t[at.GONE], t[at.IS_STARTED]):
-            work[place] = 0
+            work[unsigned(place)] = 0
 
 
 # Steps
@@ -212,16 +213,16 @@ def _settle(t: Ints, row: Ints, work: Ints, ends: bool) -> None:
 def _apply(t: Ints, row: Ints, work: Ints, player: int, number: int) -> bool:
     """Apply a player's action if its preconditions hold now."""
     action = get(t, at.ACTION_AT, player) + number
-    if row[t[at.BUSY] + player] != 0 or not holds(t, row, action):
+    if row[unsigned(t[at.BUSY] + player)] != 0 or not holds(t, row, action):
         return False
     _write(t, row, work, action, False)
     duration = _writes_of(t, action)
-    duration += 1 + t[duration]
-    if t[duration] != 0:
-        row[t[at.BUSY] + player] = t[duration]
+    duration += 1 + t[unsigned(duration)]
+    if t[unsigned(duration)] != 0:
+        row[unsigned(t[at.BUSY] + player)] = t[unsigned(duration)]
     starts = duration + 2
-    if t[duration + 1] != 0:
-        for i in range(starts, starts + t[duration + 1]):
+    if t[unsigned(duration + 1)] != 0:
+        for i in range(starts, starts + t[unsigned(duration + 1)]):
             if not _concerns_deleted(t, work, t[i]):
                 if _place_of(t, row, t[i]) < 0:
                     _append(t, row, t[i])
@@ -234,11 +235,11 @@ def _apply(t: Ints, row: Ints, work: Ints, player: int, number: int) -> bool:
 def _tick(t: Ints, row: Ints, work: Ints) -> None:
     """The passive update of all effects, and a step less for players that are busy."""
     for player in range(t[at.PLAYERS]):
-        if row[t[at.BUSY] + player] != 0:
-            row[t[at.BUSY] + player] -= 1
-    if row[t[at.COUNT]] != 0:
-        for i in range(row[t[at.COUNT]]):
-            effect = row[t[at.ORDER] + i]
+        if row[unsigned(t[at.BUSY] + player)] != 0:
+            row[unsigned(t[at.BUSY] + player)] -= 1
+    if row[unsigned(t[at.COUNT])] != 0:
+        for i in range(row[unsigned(t[at.COUNT])]):
+            effect = row[unsigned(t[at.ORDER] + i)]
             if not _concerns_deleted(t, work, effect):
                 _update(t, row, work, effect, False)
         _settle(t, row, work, True)
@@ -249,12 +250,12 @@ def _move_up(t: Ints, row: Ints, work: Ints) -> None:
     """Objects move into slots that have become empty, the last of these first."""
     for kind in range(t[at.KINDS]):
         first = get(t, at.SLOT_AT, kind)
-        slot = row[t[at.TOP] + kind] - 1
+        slot = row[unsigned(t[at.TOP] + kind)] - 1
         while slot >= 0:
             atom = get(t, at.EXISTS, first + slot)
-            if row[atom // at.WORD] >> (atom % at.WORD) & 1 == 0:
+            if row[unsigned(atom // at.WORD)] >> (atom % at.WORD) & 1 == 0:
                 _shift(t, row, work, first + slot)
-                row[t[at.TOP] + kind] -= 1
+                row[unsigned(t[at.TOP] + kind)] -= 1
             slot -= 1
 
 
@@ -263,24 +264,24 @@ def _shift(t: Ints, row: Ints, work: Ints, slot: int) -> None:
     """All that is about objects behind a slot moves up by one."""
     before = t[at.ROW_COPY]
     for place in range(t[at.WIDTH]):
-        work[before + place] = row[place]
+        work[unsigned(before + place)] = row[unsigned(place)]
         if place < t[at.WORDS] or place >= t[at.PROGRESS]:
-            row[place] = 0
+            row[unsigned(place)] = 0
     for atom in range(t[at.ATOMS]):
         source = get(t, at.ATOM_FROM, slot * t[at.ATOMS] + atom)
         if source >= 0:
-            true = work[before + source // at.WORD] >> (source % at.WORD) & 1
-            row[atom // at.WORD] |= true << (atom % at.WORD)
+            true = work[unsigned(before + source // at.WORD)] >> (source % at.WORD) & 1
+            row[unsigned(atom // at.WORD)] |= true << (atom % at.WORD)
     for effect in range(t[at.EFFECTS]):
         source = get(t, at.EFFECT_FROM, slot * t[at.EFFECTS] + effect)
         if source >= 0:
             first = t[at.PROGRESS] + get(t, at.EFFECT_AT, effect)
             came = before + t[at.PROGRESS] + get(t, at.EFFECT_AT, source)
             for i in range(get(t, at.EFFECT_AT, effect + 1) - get(t, at.EFFECT_AT, effect)):
-                row[first + i] = work[came + i]
-            for place in range(t[at.ORDER], t[at.ORDER] + row[t[at.COUNT]]):
-                if work[before + place] == source:
-                    row[place] = effect
+                row[unsigned(first + i)] = work[unsigned(came + i)]
+            for place in range(t[at.ORDER], t[at.ORDER] + row[unsigned(t[at.COUNT])]):
+                if work[unsigned(before + place)] == source:
+                    row[unsigned(place)] = effect
 
 
 @kernel
@@ -290,9 +291,9 @@ def _end_step(t: Ints, row: Ints, work: Ints) -> bool:
     if work[at.HOLES] != 0 and t[at.SHIFTS] != 0:
         _move_up(t, row, work)
     # In most steps nothing happens to what the goal is about.
-    if work[at.TOUCHED] != 0 or row[t[at.GOAL]] != 0:
-        row[t[at.GOAL]] = goal_reached(t, row, work)
-    reached: bool = row[t[at.GOAL]] != 0
+    if work[at.TOUCHED] != 0 or row[unsigned(t[at.GOAL])] != 0:
+        row[unsigned(t[at.GOAL])] = goal_reached(t, row, work)
+    reached: bool = row[unsigned(t[at.GOAL])] != 0
     return reached
 
 
