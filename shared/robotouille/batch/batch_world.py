@@ -11,7 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from robotouille.batch import layout as at
-from robotouille.batch.kernels.masks import mask_copies, random_copies, vector_copies
+from robotouille.batch.kernels.masks import (
+    joint_mask_copies,
+    mask_copies,
+    random_copies,
+    valid_copies,
+    vector_copies,
+)
 from robotouille.batch.kernels.steps import first_wrong, step_copies
 from robotouille.batch.rows import row_of, state_of
 from robotouille.batch.rules import Rules
@@ -86,6 +92,7 @@ class BatchWorld:
         self._tables = tables(self._rules)
         self._initial = initial_row(self._rules, self._tables)
         self.action_counts = tuple(len(actions) for actions in self._rules.actions)
+        self._starts = np.cumsum([0, *self.action_counts])
         self.encoding = self._rules.encoding
         self.vector_size = self.encoding.size
         self.rows = np.tile(self._initial, (copies, 1))
@@ -187,6 +194,34 @@ class BatchWorld:
 
         self._run(work)
         return masks
+
+    def joint_masks(self) -> Bools:
+        """The masks of all players, one behind the other, for each copy: a new array."""
+        starts = self._starts
+        masks = np.zeros((self.copies, int(starts[-1])), dtype=np.int8)
+
+        def work(part: int, first: int, last: int) -> None:
+            states = self._tables, self.rows, self._row[part], self._work[part]
+            joint_mask_copies(*states, first, last, masks, starts, self._found[part])
+
+        self._run(work)
+        return masks.view(np.bool_)
+
+    def valid(self, actions: npt.ArrayLike) -> Bools:
+        """Which of these actions are valid now, before any of them is applied.
+
+        Args:
+            actions: As for `step`; -1 is not valid.
+
+        Raises:
+            WrongArgumentError: There is no such number, or not one for each copy and player.
+        """
+        chosen = self._actions(actions)
+        valid = np.zeros(chosen.shape, dtype=np.bool_)
+        self._run(lambda part, first, last: valid_copies(
+            self._tables, self.rows, self._row[part], chosen, first, last, valid
+        ))  # fmt: skip
+        return valid
 
     def random_actions(self) -> npt.NDArray[np.int64]:
         """A valid action of each player in each copy, all as likely; -1 where there is none."""

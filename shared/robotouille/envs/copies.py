@@ -114,8 +114,6 @@ class BatchCopies:
         self._rules = rules
         self._batch = BatchWorld(self.view.world, copies)
         self._steps = np.zeros(copies, dtype=np.int64)
-        self._each = np.arange(copies)
-        self._masks: list[Bools] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self._rules, self.view, self._batch.rows, self._steps, self.over)
@@ -123,7 +121,7 @@ class BatchCopies:
     def restore(self, rows: Ints, steps: Numbers, over: Bools) -> None:
         """Put all copies where others were."""
         self._batch.rows[:] = rows
-        self._steps, self.over, self._masks = steps.copy(), over.copy(), None
+        self._steps, self.over = steps.copy(), over.copy()
 
     def begin(
         self, which: Bools, randoms: Sequence[np.random.Generator], options: dict[str, Any] | None
@@ -132,16 +130,15 @@ class BatchCopies:
         self._batch.reset(which)
         self._steps[which] = 0
         self.over = self.over & ~which
-        self._masks = None
 
     def take(self, numbers: Numbers) -> CopiesTaken:
         going = ~self.over
-        chosen = np.where(going[:, None], self._valid(np.where(going[:, None], numbers, 0)), -1)
+        chosen = self._valid(np.where(going[:, None], numbers, -1))
         before = self._batch.rows.copy()
         _, reached, applied, overflowed = self._batch.step(chosen)
-        for copy in np.flatnonzero(overflowed & going).tolist():
-            applied[copy], reached[copy] = self._take_in_world(copy, chosen[copy], before)
-        self._masks = None
+        if overflowed.any():
+            for copy in np.flatnonzero(overflowed & going).tolist():
+                applied[copy], reached[copy] = self._take_in_world(copy, chosen[copy], before)
         self._steps += going
         terminated = reached & going
         truncated = going & ~terminated & (self._steps >= self._rules.max_steps)
@@ -152,14 +149,11 @@ class BatchCopies:
     def _valid(self, numbers: Numbers) -> Numbers:
         """The actions that are valid now, -1 for the others: what only a player before makes
         possible does not count, as in `Play`."""
-        players, counts = self._batch.players, self._batch.action_counts
-        outside = np.argwhere((numbers < 0) | (numbers >= counts))
-        if len(outside):
-            copy, seat = outside[0].tolist()
-            raise no_such_action(players[seat], counts[seat], int(numbers[copy, seat]))
-        masks = [self._batch.masks(p) for p in players] if self._masks is None else self._masks
-        columns = [mask[self._each, numbers[:, seat]] for seat, mask in enumerate(masks)]
-        valid = np.stack(columns, axis=1)
+        if numbers.min() < 0:
+            for copy, seat in np.argwhere((numbers < 0) & ~self.over[:, None]).tolist():
+                player, count = self._batch.players[seat], self._batch.action_counts[seat]
+                raise no_such_action(player, count, int(numbers[copy, seat]))
+        valid = self._batch.valid(numbers)
         if self._rules.invalid is InvalidAction.RAISE:
             for copy, seat in np.argwhere(~valid & ~self.over[:, None]).tolist():
                 state, number = self._batch.state(copy), int(numbers[copy, seat])
@@ -196,8 +190,7 @@ class BatchCopies:
         return self._batch.vectors()
 
     def masks(self) -> Mask:
-        self._masks = [self._batch.masks(player) for player in self._batch.players]
-        return np.concatenate(self._masks, axis=1).view(np.int8)
+        return self._batch.joint_masks().view(np.int8)
 
 
 def _restored(rules: EnvRules, view: View, rows: Ints, steps: Numbers, over: Bools) -> BatchCopies:

@@ -143,7 +143,10 @@ class RobotouilleParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
         )
 
     def _observations(self) -> dict[str, Any]:
-        return {p: self._play.observation(self._kind, (p,)) for p in self.agents}
+        if self._kind is Observation.VECTOR:
+            vector = self._play.seen.vector
+            return {player: vector.copy() for player in self.agents}
+        return {player: self._play.observation(self._kind, (player,)) for player in self.agents}
 
     def _infos(self, valid: Sequence[bool]) -> dict[str, dict[str, Any]]:
         masks = self._play.seen.masks

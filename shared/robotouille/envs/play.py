@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import and_
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from robotouille.compiling import COMPILED
+from robotouille.envs.courses import BatchCourse, Course, WorldCourse
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvRules, InvalidAction, Observation, Reward
-from robotouille.envs.views import Seen, View, asked_for, views_of
+from robotouille.envs.views import Mask, Numbers, Seen, View, asked_for, views_of
 from robotouille.errors import RobotouilleError, WrongArgumentError
-from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
 __all__ = ["Play", "Taken", "no_such_action"]
@@ -44,13 +44,15 @@ class Play:
         self.views = views or views_of(rules.tasks(), rules.slots)
         self.view = self.views[0]
         self.players = self.view.world.players
-        self._state: State | None = None
+        self._course: Course | None = None
         self._seen: Seen | None = None
         self.steps = 0
         self.over = True
         shaped = rules.reward is Reward.SHAPED
         self._potential = (rules.potential or StepsToGoPotential()) if shaped else None
         self._worth = 0.0
+        several, vector = len(self.players) > 1, rules.observation is Observation.VECTOR
+        self._batch = COMPILED and several and vector and not shaped
 
     @property
     def state(self) -> State:
@@ -59,9 +61,9 @@ class Play:
         Raises:
             RobotouilleError: No episode has begun.
         """
-        if self._state is None:
-            raise RobotouilleError("reset the environment: no episode has begun")
-        return self._state
+        if self._course is None:
+            raise not_begun()
+        return self._course.state
 
     @property
     def seen(self) -> Seen:
@@ -71,7 +73,7 @@ class Play:
             RobotouilleError: No episode has begun.
         """
         if self._seen is None:
-            self._seen = self.view.seen(self.state)
+            raise not_begun()
         return self._seen
 
     def observation(self, kind: Observation, players: Sequence[str]) -> Any:
@@ -91,10 +93,11 @@ class Play:
             self.view = wanted
         elif len(self.views) > 1:
             self.view = self.views[int(random.integers(len(self.views)))]
-        self._state, self._seen = self.view.world.initial, None
+        course: Course = (BatchCourse if self._batch else WorldCourse)(self.view)
+        self._course, self._seen = course, course.seen
         self.steps, self.over = 0, False
         if self._potential is not None:
-            self._worth = self._potential(self._state)
+            self._worth = self._potential(course.state)
 
     def take(self, numbers: Sequence[int | None]) -> Taken:
         """Take a step in which each player does the action of a number, or nothing (None).
@@ -104,53 +107,50 @@ class Play:
             InapplicableError: An action is not valid, and the rules say that this is an error.
             RobotouilleError: No episode has begun, or it is over.
         """
-        state = self.state
+        course, seen = self._course, self._seen
+        if course is None or seen is None:
+            raise not_begun()
         if self.over:
             raise RobotouilleError("reset the environment: the episode is over")
-        if len(numbers) == 1 and numbers[0] is not None:
-            after, valid = self._alone(state, int(numbers[0]))
-        else:
-            after, valid = self._together(state, numbers)
-        seen = self.view.seen(after)
-        self._state, self._seen, self.steps = after, seen, self.steps + 1
+        wanted = self._valid(seen.masks, numbers)
+        applied = course.take(wanted)
+        if None in wanted:  # who wants nothing gets it
+            applied = tuple(a or n is None for a, n in zip(applied, numbers, strict=True))
+        self._seen = seen = course.seen
+        self.steps += 1
         terminated = seen.goal_reached
         truncated = not terminated and self.steps >= self.rules.max_steps
         self.over = terminated or truncated
         reward = 1.0 if terminated else 0.0
         if self._potential is not None:
-            before, self._worth = self._worth, self._potential(after)
+            before, self._worth = self._worth, self._potential(course.state)
             reward += self.rules.weight * (self.rules.gamma * self._worth - before)
-        return Taken(reward, terminated, truncated, valid)
+        return Taken(reward, terminated, truncated, applied)
 
-    def _alone(self, state: State, number: int) -> tuple[State, tuple[bool, ...]]:
-        action = self._valid(state, 0, number)
-        if action is None:
-            return state.step(None).state, (False,)
-        return self.view.world.successor(state, action), (True,)
+    def _valid(self, masks: Sequence[Mask], numbers: Sequence[int | None]) -> Numbers:
+        """The numbers of actions that are valid now, None for the others."""
+        if len(numbers) != len(masks):
+            raise WrongArgumentError(f"expected {len(masks)} numbers, found {len(numbers)}")
+        if len(masks) == 1:
+            return (self._valid_of(0, masks[0], numbers[0]),)
+        return tuple(map(self._valid_of, range(len(masks)), masks, numbers))
 
-    def _together(
-        self, state: State, numbers: Sequence[int | None]
-    ) -> tuple[State, tuple[bool, ...]]:
-        """All at once, in the order of seats: an action may be spoilt by one before it, which is
-        no fault of the player, so it is never an error."""
-        chosen = [
-            None if number is None else self._valid(state, place, int(number))
-            for place, number in enumerate(numbers)
-        ]
-        after, applied = self.view.world.joint_successor(state, chosen)
-        wanted = (c is not None or n is None for c, n in zip(chosen, numbers, strict=True))
-        return after, tuple(map(and_, applied, wanted))
-
-    def _valid(self, state: State, place: int, number: int) -> GroundAction | None:
-        """A player's action of a number, if it is valid now."""
-        mask = self.seen.masks[place]
+    def _valid_of(self, place: int, mask: Mask, number: int | None) -> int | None:
+        if number is None:
+            return None
+        number = int(number)
         if not 0 <= number < len(mask):
             raise no_such_action(self.players[place], len(mask), number)
         if mask[number]:
-            return self.view.action(state, place, number)
+            return number
         if self.rules.invalid is InvalidAction.RAISE:
-            raise self.view.inapplicable(state, place, number)
+            raise self.view.inapplicable(self.state, place, number)
         return None
+
+
+def not_begun() -> RobotouilleError:
+    """What is raised before the first reset."""
+    return RobotouilleError("reset the environment: no episode has begun")
 
 
 def no_such_action(player: str, count: int, number: int) -> WrongArgumentError:

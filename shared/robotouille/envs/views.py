@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
+from functools import cached_property
+from operator import and_
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -11,6 +13,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.spaces import GraphInstance
 
+from robotouille.batch.single_copy import RuleTables
 from robotouille.domain.task import Task
 from robotouille.envs.rules import Observation
 from robotouille.errors import InapplicableError, WrongArgumentError
@@ -19,12 +22,25 @@ from robotouille.world.timers import Timers
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World, shared_world
 
-__all__ = ["Mask", "Seen", "Sizes", "Vector", "View", "asked_for", "observation_space", "views_of"]
+__all__ = [
+    "Mask",
+    "Numbers",
+    "Seen",
+    "Sizes",
+    "Vector",
+    "View",
+    "asked_for",
+    "observation_space",
+    "views_of",
+]
 
 Mask = npt.NDArray[np.int8]
 """Which actions are valid, as Gymnasium's `sample` takes it: 1 or 0."""
 
 Vector = npt.NDArray[np.float32]
+
+Numbers = tuple[int | None, ...]
+"""Those of each player's action, or None for nothing."""
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -66,6 +82,11 @@ class View:
         item = 4 * sizes.vector + sum(sizes.actions) + 1_000
         self._room = max(100, MAX_KEPT_BYTES // item)
 
+    @cached_property
+    def rule_tables(self) -> RuleTables:
+        """The world's rules for the batch engine, worked out when they are needed."""
+        return RuleTables(self.world)
+
     def __deepcopy__(self, memo: dict[int, Any]) -> View:
         return self
 
@@ -98,6 +119,23 @@ class View:
         if self._encoding.slots.filled(state.facts):
             return state.action(self.world.players[place], number)
         return actions[number]
+
+    def after(self, state: State, numbers: Numbers) -> tuple[State, tuple[bool, ...]]:
+        """The state after a step in which each player does the action of a number, which is valid
+        in `state`, or nothing (None), and whose action was applied.
+
+        Players act in the order of seats, and one may spoil what the next wanted.
+        """
+        if len(numbers) == 1 and (number := numbers[0]) is not None:
+            action = self.action(state, 0, number)
+            if action is not None:
+                return self.world.successor(state, action), (True,)
+        actions = [
+            None if number is None else self.action(state, place, number)
+            for place, number in enumerate(numbers)
+        ]
+        after, applied = self.world.joint_successor(state, actions)
+        return after, tuple(map(and_, applied, map(bool, actions)))
 
     def inapplicable(self, state: State, place: int, number: int) -> InapplicableError:
         """What is raised where a player's action of a number is not valid, and that is an error."""

@@ -10,7 +10,14 @@ from robotouille.batch.kernels.compiled import get, holds, kernel
 from robotouille.batch.tables import Ints
 from robotouille.compiling import lowest_bit, unsigned
 
-__all__ = ["mask_copies", "random_copies", "vector_copies"]
+__all__ = [
+    "joint_mask_copies",
+    "look_copies",
+    "mask_copies",
+    "random_copies",
+    "valid_copies",
+    "vector_copies",
+]
 
 
 @kernel
@@ -89,6 +96,51 @@ def mask_copies(
 
 
 @kernel
+def joint_mask_copies(
+    t: Ints,
+    rows: npt.NDArray[np.int64],
+    row: Ints,
+    work: Ints,
+    first: int,
+    last: int,
+    masks: npt.NDArray[np.int8],
+    starts: Ints,
+    found: Ints,
+) -> None:
+    """The masks of some copies, zeros before: those of players one behind the other, each where
+    `starts` says."""
+    for copy in range(first, last):
+        for i in range(t[at.GOAL]):
+            row[i] = rows[copy, i]
+        for player in range(t[at.PLAYERS]):
+            for i in range(_find_valid(t, row, work, player, found)):
+                masks[copy, starts[player] + found[i]] = 1
+
+
+@kernel
+def valid_copies(
+    t: Ints,
+    rows: npt.NDArray[np.int64],
+    row: Ints,
+    actions: npt.NDArray[np.int64],
+    first: int,
+    last: int,
+    valid: npt.NDArray[np.bool_],
+) -> None:
+    """Whether each player's action is valid in some copies, -1 for none, which is not."""
+    for copy in range(first, last):
+        for i in range(t[at.GOAL]):
+            row[i] = rows[copy, i]
+        for player in range(t[at.PLAYERS]):
+            number = actions[copy, player]
+            valid[copy, player] = (
+                number >= 0
+                and row[unsigned(t[at.BUSY] + player)] == 0
+                and holds(t, row, get(t, at.ACTION_AT, player) + number)
+            )
+
+
+@kernel
 def random_copies(
     t: Ints,
     rows: npt.NDArray[np.int64],
@@ -138,3 +190,22 @@ def vector_copies(
         place = t[at.ATOMS] + t[at.EFFECTS] + get(t, at.EFFECT_AT, t[at.EFFECTS])
         for player in range(t[at.PLAYERS]):
             vectors[copy, place + player] = rows[copy, t[at.BUSY] + player]
+
+
+@kernel
+def look_copies(
+    t: Ints,
+    rows: npt.NDArray[np.int64],
+    row: Ints,
+    work: Ints,
+    first: int,
+    last: int,
+    vectors: npt.NDArray[np.float32],
+    masks: npt.NDArray[np.int8],
+    starts: Ints,
+    found: Ints,
+) -> None:
+    """The vectors and the masks of all players: a call of a kernel costs more than that of a
+    copy."""
+    vector_copies(t, rows, first, last, vectors)
+    joint_mask_copies(t, rows, row, work, first, last, masks, starts, found)
