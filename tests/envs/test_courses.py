@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robotouille import InapplicableError, RobotouilleError
-from robotouille.envs import RobotouilleEnv, RobotouilleParallelEnv, parallel_env, play
-from robotouille.envs.courses import BatchCourse, WorldCourse
+from robotouille import InapplicableError, RobotouilleError, compiling
+from robotouille.envs import RobotouilleEnv, RobotouilleParallelEnv, parallel_env
+from robotouille.envs.engine.course import BatchCourse
+from robotouille.envs.play import WorldCourse
 from robotouille.errors import SlotOverflowError
 from tests.batch.agreement import world_of
 
@@ -21,7 +22,7 @@ TEAM = "multi_agent/01@2"
 
 @pytest.fixture
 def engine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(play, "COMPILED", True)
+    monkeypatch.setattr(compiling, "COMPILED", True)
 
 
 def some(env: RobotouilleParallelEnv, rng: np.random.Generator) -> dict[str, int | None]:
@@ -54,7 +55,7 @@ def alike(mine: Any, theirs: Any) -> None:
 @pytest.mark.parametrize("task", [TEAM, "multi_agent/07@3", "multi_agent/10@4"])
 def test_the_engine_plays_as_the_world_does(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = parallel_env(task, max_steps=60)
-    monkeypatch.setattr(play, "COMPILED", True)
+    monkeypatch.setattr(compiling, "COMPILED", True)
     fast = parallel_env(task, max_steps=60)
     rng = np.random.default_rng(5)
     for episode in range(2):
@@ -77,9 +78,9 @@ def test_objects_have_the_names_that_they_have_in_the_world(
     """`BatchWorld.state` calls created objects by their slots; an environment does not."""
     task = world_of("bolts").task
     slow = RobotouilleEnv(task)
-    monkeypatch.setattr(play, "COMPILED", True)
+    monkeypatch.setattr(compiling, "COMPILED", True)
     fast = RobotouilleEnv(task)
-    fast._play._batch = True
+    fast._play._begin = BatchCourse
     rng = np.random.default_rng(2)
     slow.reset(), fast.reset()
     for _ in range(80):
@@ -93,7 +94,7 @@ def test_objects_have_the_names_that_they_have_in_the_world(
 
 def test_too_few_slots_are_an_error_and_no_step(engine: None) -> None:
     env = RobotouilleEnv(world_of("workshop/01").task, slots={"bolt": 1})
-    env._play._batch = True
+    env._play._begin = BatchCourse
     env.reset()
     rng = np.random.default_rng(1)
     with pytest.raises(SlotOverflowError, match="'bolt'"):

@@ -18,9 +18,12 @@ from robotouille import (
     RobotouilleError,
     World,
     WrongArgumentError,
+    compiling,
     load_task,
 )
-from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv, copies
+from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv
+from robotouille.envs.copies import PlayedCopies
+from robotouille.envs.engine.copies import BatchCopies
 from robotouille.errors import SlotOverflowError
 from robotouille.planning import solve
 from tests.batch.agreement import world_of
@@ -55,7 +58,7 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 @pytest.fixture
 def engine(monkeypatch: pytest.MonkeyPatch) -> None:
     """The batch engine plays, as where it is compiled; here as plain Python."""
-    monkeypatch.setattr(copies, "COMPILED", True)
+    monkeypatch.setattr(compiling, "COMPILED", True)
 
 
 def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
@@ -93,10 +96,10 @@ def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
     task: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slow = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
-    monkeypatch.setattr(copies, "COMPILED", True)
+    monkeypatch.setattr(compiling, "COMPILED", True)
     fast = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
-    assert isinstance(slow._copies, copies.PlayedCopies)
-    assert isinstance(fast._copies, copies.BatchCopies)
+    assert isinstance(slow._copies, PlayedCopies)
+    assert isinstance(fast._copies, BatchCopies)
     assert fast.action_space == slow.action_space
     assert fast.observation_space == slow.observation_space
     rng = np.random.default_rng(8)
@@ -145,7 +148,7 @@ def test_the_engine_refuses_what_others_refuse(engine: None) -> None:
 def test_wrong_actions_are_refused(
     actions: object, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(copies, "COMPILED", compiled)
+    monkeypatch.setattr(compiling, "COMPILED", compiled)
     envs = RobotouilleVectorEnv(ONE, 2)
     envs.reset()
     with pytest.raises(WrongArgumentError, match=r"expected integers of shape \(2,\)"):
@@ -183,7 +186,7 @@ def test_who_plays_the_copies(engine: None) -> None:
     names = load_task(ONE).instances()[:1]
     for options in ({"reward": "shaped"}, {"instances": names}):
         envs = RobotouilleVectorEnv(ONE, 2, **options)
-        assert isinstance(envs._copies, copies.PlayedCopies)
+        assert isinstance(envs._copies, PlayedCopies)
     envs = RobotouilleVectorEnv(ONE, 2)
     envs.reset(options={"instance": load_task(ONE).name})
     with pytest.raises(WrongArgumentError, match="instance: expected one of"):

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from robotouille.compiling import COMPILED
-from robotouille.envs.courses import BatchCourse, Course, WorldCourse
+from robotouille.envs.engine import engine_plays
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvRules, InvalidAction, Observation, Reward
 from robotouille.envs.views import Mask, Numbers, Seen, View, asked_for, views_of
 from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille.world.world import State
 
-__all__ = ["Play", "Taken", "no_such_action"]
+__all__ = ["Course", "Play", "Taken", "WorldCourse", "no_such_action"]
 
 
 class Taken(NamedTuple):
@@ -26,6 +25,40 @@ class Taken(NamedTuple):
     terminated: bool
     truncated: bool
     valid: tuple[bool, ...]
+
+
+class Course(Protocol):
+    """The states of one episode, from the initial one on."""
+
+    @property
+    def state(self) -> State:
+        """The state at present."""
+
+    @property
+    def seen(self) -> Seen:
+        """The arrays of the state at present, which are not to be changed."""
+
+    def take(self, numbers: Numbers) -> tuple[bool, ...]:
+        """Take a step of actions that are valid at present: see `View.after`.
+
+        Raises:
+            SlotOverflowError: There are too few slots. No step is taken.
+        """
+
+
+class WorldCourse:
+    """A course in the world; what was seen in states that were met before is known."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+        self.state: State = view.world.initial
+        self.seen: Seen = view.seen(self.state)
+
+    def take(self, numbers: Numbers) -> tuple[bool, ...]:
+        after, applied = self._view.after(self.state, numbers)
+        self.seen = self._view.seen(after)
+        self.state = after
+        return applied
 
 
 class Play:
@@ -51,8 +84,11 @@ class Play:
         shaped = rules.reward is Reward.SHAPED
         self._potential = (rules.potential or StepsToGoPotential()) if shaped else None
         self._worth = 0.0
-        several, vector = len(self.players) > 1, rules.observation is Observation.VECTOR
-        self._batch = COMPILED and several and vector and not shaped
+        self._begin: Callable[[View], Course] = WorldCourse
+        if len(self.players) > 1 and engine_plays(rules):
+            from robotouille.envs.engine.course import BatchCourse
+
+            self._begin = BatchCourse
 
     @property
     def state(self) -> State:
@@ -93,8 +129,8 @@ class Play:
             self.view = wanted
         elif len(self.views) > 1:
             self.view = self.views[int(random.integers(len(self.views)))]
-        course: Course = (BatchCourse if self._batch else WorldCourse)(self.view)
-        self._course, self._seen = course, course.seen
+        self._course = course = self._begin(self.view)
+        self._seen = course.seen
         self.steps, self.over = 0, False
         if self._potential is not None:
             self._worth = self._potential(course.state)

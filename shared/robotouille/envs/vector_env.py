@@ -11,10 +11,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
-from robotouille.envs.copies import copies_of
+from robotouille.envs.copies import Copies, PlayedCopies
+from robotouille.envs.engine import engine_plays
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation, Reward
-from robotouille.envs.views import Mask, observation_space
+from robotouille.envs.views import Mask, observation_space, views_of
 from robotouille.errors import RobotouilleError, WrongArgumentError
 
 __all__ = ["RobotouilleVectorEnv"]
@@ -65,7 +66,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
         rules = EnvRules(task, **options)
         if rules.observation is not Observation.VECTOR:
             raise WrongArgumentError("observation: copies in one process see vectors")
-        self._copies = copies_of(rules, num_envs)
+        self._copies = _copies_of(rules, num_envs)
         self._same_step = mode is AutoresetMode.SAME_STEP
         self.metadata = {"autoreset_mode": mode}
         self.num_envs = num_envs
@@ -157,3 +158,13 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             "final_info": {"action_mask": ended, "_action_mask": which.copy()},
             "_final_info": which.copy(),
         }
+
+
+def _copies_of(rules: EnvRules, number: int) -> Copies:
+    """Copies under an environment's rules, in the batch engine if they are all of one instance."""
+    views = views_of(rules.tasks(), rules.slots)
+    if len(views) > 1 or not engine_plays(rules):
+        return PlayedCopies(rules, views, number)
+    from robotouille.envs.engine.copies import BatchCopies
+
+    return BatchCopies(rules, views[0], number)

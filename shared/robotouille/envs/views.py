@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from operator import and_
 from typing import Any, NamedTuple, TypeVar
 
@@ -13,7 +12,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.spaces import GraphInstance
 
-from robotouille.batch.single_copy import RuleTables
 from robotouille.domain.task import Task
 from robotouille.envs.rules import Observation
 from robotouille.errors import InapplicableError, WrongArgumentError
@@ -81,11 +79,6 @@ class View:
         self._seen: dict[tuple[int, Timers], Seen] = {}
         item = 4 * sizes.vector + sum(sizes.actions) + 1_000
         self._room = max(100, MAX_KEPT_BYTES // item)
-
-    @cached_property
-    def rule_tables(self) -> RuleTables:
-        """The world's rules for the batch engine, worked out when they are needed."""
-        return RuleTables(self.world)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> View:
         return self

@@ -1,54 +1,21 @@
-"""What states an episode comes to, one after the other: in the world, or in the batch engine."""
+"""An episode in the batch engine."""
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from robotouille.batch.single_copy import SingleCopy
+from robotouille.batch.single_copy import RuleTables, SingleCopy
 from robotouille.batch.tables import Ints
 from robotouille.envs.views import Numbers, Seen, View
 from robotouille.errors import SlotOverflowError
 from robotouille.world.world import State
 
-__all__ = ["BatchCourse", "Course", "WorldCourse"]
-
-
-class Course(Protocol):
-    """The states of one episode, from the initial one on."""
-
-    @property
-    def state(self) -> State:
-        """The state at present."""
-
-    @property
-    def seen(self) -> Seen:
-        """The arrays of the state at present, which are not to be changed."""
-
-    def take(self, numbers: Numbers) -> tuple[bool, ...]:
-        """Take a step of actions that are valid at present: see `View.after`.
-
-        Raises:
-            SlotOverflowError: There are too few slots. No step is taken.
-        """
-
-
-class WorldCourse:
-    """A course in the world; what was seen in states that were met before is known."""
-
-    def __init__(self, view: View) -> None:
-        self._view = view
-        self.state: State = view.world.initial
-        self.seen: Seen = view.seen(self.state)
-
-    def take(self, numbers: Numbers) -> tuple[bool, ...]:
-        after, applied = self._view.after(self.state, numbers)
-        self.seen = self._view.seen(after)
-        self.state = after
-        return applied
+__all__ = ["BatchCourse"]
 
 
 class BatchCourse:
@@ -59,7 +26,7 @@ class BatchCourse:
         self._view = view
         ends = np.cumsum([0, *view.sizes.actions]).tolist()
         self._parts = [slice(first, last) for first, last in pairwise(ends)]
-        self._copy = SingleCopy(view.rule_tables, ends[:-1])
+        self._copy = SingleCopy(_tables_of(view), ends[:-1])
         self._state = view.world.initial
         self._since: list[Numbers] = []
         self.seen = self._look(self._state.goal_reached)
@@ -116,3 +83,14 @@ def _restored(
     course = BatchCourse(view)
     course.restore(row, state, since, reached)
     return course
+
+
+_tables: weakref.WeakKeyDictionary[View, RuleTables] = weakref.WeakKeyDictionary()
+
+
+def _tables_of(view: View) -> RuleTables:
+    """The rules of an instance, which all its courses share."""
+    tables = _tables.get(view)
+    if tables is None:
+        tables = _tables[view] = RuleTables(view.world)
+    return tables
