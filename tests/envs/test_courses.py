@@ -16,6 +16,7 @@ from robotouille.envs.engine.course import BatchCourse
 from robotouille.envs.play import WorldCourse
 from robotouille.errors import SlotOverflowError
 from tests.batch.agreement import world_of
+from tests.support.samples import first_quickly
 
 TEAM = "multi_agent/01@2"
 
@@ -52,7 +53,7 @@ def alike(mine: Any, theirs: Any) -> None:
                 assert getattr(value, "dtype", None) == getattr(expected, "dtype", None)
 
 
-@pytest.mark.parametrize("task", [TEAM, "multi_agent/07@3", "multi_agent/10@4"])
+@pytest.mark.parametrize("task", first_quickly([TEAM, "multi_agent/07@3", "multi_agent/10@4"], 2))
 def test_the_engine_plays_as_the_world_does(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = parallel_env(task, max_steps=60)
     monkeypatch.setattr(compiling, "COMPILED", True)

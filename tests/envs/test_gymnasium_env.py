@@ -6,6 +6,7 @@ import copy
 import math
 import pickle
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -18,6 +19,7 @@ from robotouille import (
     UnknownTaskError,
     World,
     WrongArgumentError,
+    WrongWorldError,
     load_task,
     task_names,
 )
@@ -212,6 +214,54 @@ def test_instances_are_chosen_by_the_seed_or_by_name() -> None:
     assert env.world.task == load_task(ONE)
     with pytest.raises(WrongArgumentError, match="instance: expected one of"):
         env.reset(options={"instance": "synchronous/02"})
+
+
+def test_a_mask_of_another_instance() -> None:
+    """Gymnasium refuses one of another length; what it allows is looked at here as any action."""
+    ours, theirs = RobotouilleEnv(ONE, invalid="raise"), RobotouilleEnv("asynchronous/07")
+    (_, info), (_, other) = ours.reset(seed=1), theirs.reset(seed=1)
+    with pytest.raises(AssertionError, match="expected shape of the .*mask"):
+        ours.action_space.sample(other["action_mask"])
+    longer = ours if ours.action_space.n < theirs.action_space.n else theirs
+    with pytest.raises(WrongArgumentError, match="found number"):
+        longer.step(max(ours.action_space.n, theirs.action_space.n) - 1)
+    wrong = np.flatnonzero(other["action_mask"])
+    wrong = next(n for n in wrong if n < len(info["action_mask"]) and not info["action_mask"][n])
+    with pytest.raises(InapplicableError):
+        ours.step(wrong)
+
+
+@pytest.mark.parametrize("worth", [math.nan, math.inf])
+def test_a_potential_that_is_no_number(worth: float) -> None:
+    env = RobotouilleEnv(ONE, reward="shaped", potential=lambda state: worth)
+    with pytest.raises(WrongArgumentError, match=f"potential: expected a number, found {worth}"):
+        env.reset()
+
+
+def test_a_task_that_has_changed_on_disk_between_processes(tmp_path: Path) -> None:
+    """A shipped task travels by its name, and its digest tells; a file of one's own travels whole,
+    so the other process plays what this one does."""
+    env = RobotouilleEnv(ONE)
+    digest = env.world.task.digest
+    other = "0" * len(digest)
+    with pytest.raises(WrongWorldError, match="not the task that it was where this was pickled"):
+        pickle.loads(pickle.dumps(env).replace(digest.encode(), other.encode()))
+    file = tmp_path / "mine.json"
+    file.write_text(load_task(ONE).problem.model_dump_json(by_alias=True), encoding="utf-8")
+    mine = RobotouilleEnv(str(file))
+    seen, _ = mine.reset()
+    sent = pickle.dumps(mine)
+    file.write_text("{}", encoding="utf-8")
+    twin = pickle.loads(sent)
+    assert np.array_equal(twin.reset()[0], seen)
+
+
+@pytest.mark.parametrize("number", [[0], [0, 0, 0, 0]])
+def test_actions_for_more_or_fewer_players(number: list[int]) -> None:
+    env = RobotouilleEnv(TEAM)
+    env.reset()
+    with pytest.raises(WrongArgumentError, match="expected 3 numbers"):
+        env.step(number)
 
 
 def test_masks_sample_valid_actions() -> None:

@@ -249,13 +249,27 @@ def test_teams() -> None:
     assert np.array_equal(envs.action_masks(), info["action_mask"])
 
 
-def test_ten_thousand_fit_into_a_process() -> None:
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_ten_thousand_fit_into_a_process(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "COMPILED", compiled)
     envs = RobotouilleVectorEnv(ONE, 10_000)
     _, info = envs.reset(seed=1)
     actions = info["action_mask"].argmax(axis=1)
     seen, _, _, _, info = envs.step(actions)
     assert len(np.unique(seen, axis=0)) == 1 and info["valid"].all()
-    assert len({id(play.view) for play in envs._copies.plays}) == 1
+
+
+@pytest.mark.slow
+def test_ten_thousand_environments_fit_into_a_process() -> None:
+    """They share the world; a task that is loaded once is not read ten thousand times."""
+    task = load_task(ONE)
+    envs = [RobotouilleEnv(task) for _ in range(10_000)]
+    _, info = envs[0].reset()
+    number = int(info["action_mask"].argmax())
+    for env in envs:
+        env.reset()
+        assert env.step(number)[4]["valid"]
+    assert len({id(env.world) for env in envs}) == 1
 
 
 def test_it_is_made_by_name() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -122,7 +123,8 @@ class Play:
         """Begin an episode: of the instance that the options ask for, or of one at random.
 
         Raises:
-            WrongArgumentError: The instance is none of this environment's.
+            WrongArgumentError: The instance is none of this environment's, or the potential of its
+                first state is no number.
         """
         wanted = asked_for(self.views, options)
         if wanted is not None:
@@ -133,13 +135,14 @@ class Play:
         self._seen = course.seen
         self.steps, self.over = 0, False
         if self._potential is not None:
-            self._worth = self._potential(course.state)
+            self._worth = self._worth_of(course.state)
 
     def take(self, numbers: Sequence[int | None]) -> Taken:
         """Take a step in which each player does the action of a number, or nothing (None).
 
         Raises:
-            WrongArgumentError: There is no such number.
+            WrongArgumentError: There is no such number, or the potential of the state after it is
+                none.
             InapplicableError: An action is not valid, and the rules say that this is an error.
             RobotouilleError: No episode has begun, or it is over.
         """
@@ -159,9 +162,15 @@ class Play:
         self.over = terminated or truncated
         reward = 1.0 if terminated else 0.0
         if self._potential is not None:
-            before, self._worth = self._worth, self._potential(course.state)
+            before, self._worth = self._worth, self._worth_of(course.state)
             reward += self.rules.weight * (self.rules.gamma * self._worth - before)
         return Taken(reward, terminated, truncated, applied)
+
+    def _worth_of(self, state: State) -> float:
+        worth = self._potential(state) if self._potential is not None else 0.0
+        if not math.isfinite(worth):
+            raise WrongArgumentError(f"potential: expected a number, found {worth!r}")
+        return worth
 
     def _valid(self, masks: Sequence[Mask], numbers: Sequence[int | None]) -> Numbers:
         """The numbers of actions that are valid now, None for the others."""
