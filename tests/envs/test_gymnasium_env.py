@@ -220,7 +220,7 @@ def test_a_mask_of_another_instance() -> None:
     """Gymnasium refuses one of another length; what it allows is looked at here as any action."""
     ours, theirs = RobotouilleEnv(ONE, invalid="raise"), RobotouilleEnv("asynchronous/07")
     (_, info), (_, other) = ours.reset(seed=1), theirs.reset(seed=1)
-    with pytest.raises(AssertionError, match="expected shape of the .*mask"):
+    with pytest.raises(AssertionError, match=r"expected shape of the .*mask"):
         ours.action_space.sample(other["action_mask"])
     longer = ours if ours.action_space.n < theirs.action_space.n else theirs
     with pytest.raises(WrongArgumentError, match="found number"):

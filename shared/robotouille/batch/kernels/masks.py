@@ -84,13 +84,13 @@ def mask_copies(
             for i in range(masks.shape[1]):
                 masks[copy, i] = False
         for i in range(count):
-            masks[copy, true[copy, 1 + i]] = False
+            masks[copy, unsigned(true[copy, 1 + i])] = False
         for i in range(t[at.GOAL]):
             row[i] = rows[copy, i]
         count = _find_valid(t, row, work, player, found)
         true[copy, 0] = count if count <= room else -1
         for i in range(count):
-            masks[copy, found[i]] = True
+            masks[copy, unsigned(found[i])] = True
             if i < room:
                 true[copy, 1 + i] = found[i]
 
@@ -113,8 +113,9 @@ def joint_mask_copies(
         for i in range(t[at.GOAL]):
             row[i] = rows[copy, i]
         for player in range(t[at.PLAYERS]):
+            start = starts[player]
             for i in range(_find_valid(t, row, work, player, found)):
-                masks[copy, starts[player] + found[i]] = 1
+                masks[copy, unsigned(start + found[i])] = 1
 
 
 @kernel
@@ -176,7 +177,7 @@ def vector_copies(
         for word in range(t[at.WORDS]):
             true = rows[copy, word]
             while true != 0:
-                vectors[copy, word * at.WORD + lowest_bit(true)] = 1
+                vectors[copy, unsigned(word * at.WORD + lowest_bit(true))] = 1
                 true &= true - 1
         for i in range(rows[copy, t[at.COUNT]]):
             effect = rows[copy, t[at.ORDER] + i]
