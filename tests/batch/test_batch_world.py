@@ -93,6 +93,35 @@ def test_wrong_arguments_are_named() -> None:
         BatchWorld(WORLD, 1, slots={"cake": 3})
 
 
+def test_all_masks_at_once_and_single_actions() -> None:
+    for batch in (played(7), played(7, threads=3), BatchWorld(World("asynchronous/06"), 3)):
+        masks = [batch.masks(player) for player in batch.players]
+        assert np.array_equal(batch.joint_masks(), np.concatenate(masks, axis=1))
+        assert batch.valid(batch.random_actions()).all()
+        for number in range(min(batch.action_counts)):
+            actions = np.full((batch.copies, len(batch.players)), number)
+            expected = np.stack([mask[:, number] for mask in masks], axis=1)
+            assert np.array_equal(batch.valid(actions), expected)
+        assert not batch.valid(np.full_like(actions, -1)).any()
+        with pytest.raises(WrongArgumentError, match="found number"):
+            batch.valid(np.full_like(actions, 10**6))
+
+
+def test_what_a_player_before_spoils_is_valid_and_not_applied() -> None:
+    """Both go to the same place, where there is room for one."""
+    batch = played(0)
+    masks = [batch.masks(player)[0] for player in batch.players]
+    places = [
+        {WORLD.ground_actions(player)[n].arguments[-1]: n for n in np.flatnonzero(mask).tolist()
+         if WORLD.ground_actions(player)[n].name == "move"}
+        for player, mask in zip(batch.players, masks, strict=True)
+    ]  # fmt: skip
+    place = min(places[0].keys() & places[1].keys())
+    actions = np.tile([places[0][place], places[1][place]], (6, 1))
+    assert batch.valid(actions).all()
+    assert batch.step(actions).applied[0].tolist() == [True, False]
+
+
 def test_ten_thousand_copies() -> None:
     batch = BatchWorld(World("synchronous/01"), 10_000)
     assert batch.rows.nbytes < 10_000 * 200

@@ -55,6 +55,7 @@ def alike(mine: Any, theirs: Any) -> None:
 
 @pytest.mark.parametrize("task", first_quickly([TEAM, "multi_agent/07@3", "multi_agent/10@4"], 2))
 def test_the_engine_plays_as_the_world_does(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "COMPILED", False)
     slow = parallel_env(task, max_steps=60)
     monkeypatch.setattr(compiling, "COMPILED", True)
     fast = parallel_env(task, max_steps=60)

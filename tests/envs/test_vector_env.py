@@ -95,6 +95,7 @@ def alike(mine, theirs) -> None:
 def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
     task: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(compiling, "COMPILED", False)
     slow = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
     monkeypatch.setattr(compiling, "COMPILED", True)
     fast = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
@@ -219,6 +220,7 @@ def test_seeds_are_those_of_the_copies() -> None:
     names = load_task(ONE).instances()[:2]
 
     def played(envs: RobotouilleVectorEnv) -> list[str]:
+        assert isinstance(envs._copies, PlayedCopies)
         return [play.view.world.task.name for play in envs._copies.plays]
 
     for number in (1, 3):
