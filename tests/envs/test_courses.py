@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import copy
+import os
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -159,3 +163,32 @@ def test_instances_are_of_one_size(engine: None) -> None:
             env.step(
                 {agent: int(np.flatnonzero(env.action_mask(agent))[0]) for agent in env.agents}
             )
+
+
+@pytest.mark.process
+def test_one_player_needs_no_compiler() -> None:
+    """Which takes memory and time in each process."""
+    program = (
+        "import sys, robotouille.envs\n"
+        "robotouille.envs.RobotouilleEnv('synchronous/01').reset()\n"
+        "assert 'numba' not in sys.modules"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "ROBOTOUILLE_COMPILE"}
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+
+
+def test_threads_play_side_by_side(engine: None) -> None:
+    """Each with environments of its own, all of one task."""
+
+    def played(seed: int) -> list[bytes]:
+        env, rng = parallel_env(TEAM, max_steps=10**6), np.random.default_rng(seed)
+        env.reset()
+        course = []
+        for _ in range(60):
+            env.step(some(env, rng))
+            course.append(env.state().tobytes())
+        return course
+
+    expected = [played(seed) for seed in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(played, range(4))) == expected

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,18 +19,23 @@ from robotouille.world.world import State, World
 __all__ = ["RuleTables", "SingleCopy"]
 
 
+class _Scratch(threading.local):
+    """What kernels write on meanwhile: each thread has its own, since kernels run side by side."""
+
+    def __init__(self, row: int, work: int, found: int) -> None:
+        self.row, self.work, self.found = (np.zeros(n, dtype=np.int64) for n in (row, work, found))
+
+
 class RuleTables:
-    """A world's rules as kernels read them, which takes up to a second to work out. Copies of the
-    world may share one, if they are stepped in one thread."""
+    """A world's rules as kernels read them, which takes up to a second to work out. All copies of
+    the world may share one."""
 
     def __init__(self, world: World) -> None:
         self.rules = Rules(world)
         self.numbers = tables(self.rules)
         self.initial = initial_row(self.rules, self.numbers)
         most = max(len(actions) for actions in self.rules.actions)
-        self.work = np.zeros(int(self.numbers[at.WORK_SIZE]), dtype=np.int64)
-        self.free_row = np.zeros(len(self.initial), dtype=np.int64)
-        self.found = np.zeros(most + 1, dtype=np.int64)
+        self.scratch = _Scratch(len(self.initial), int(self.numbers[at.WORK_SIZE]), most + 1)
 
 
 class SingleCopy:
@@ -70,7 +76,7 @@ class SingleCopy:
             Whose action was applied, whether the goal is reached, and whether a slot was missing:
             then the copy has to be put into another state.
         """
-        shared = self._shared
+        shared, scratch = self._shared, self._shared.scratch
         for player, number in enumerate(numbers):
             self._actions[0, player] = number
         self._overflowed[0] = False
@@ -78,8 +84,8 @@ class SingleCopy:
             shared.numbers,
             self._rows,
             shared.initial,
-            shared.free_row,
-            shared.work,
+            scratch.row,
+            scratch.work,
             self._actions,
             0,
             1,
@@ -94,16 +100,16 @@ class SingleCopy:
     def look(self, vector: npt.NDArray[np.float32], masks: npt.NDArray[np.int8]) -> None:
         """Write the state as numbers and which actions are valid into arrays of zeros: see
         `State.vector` and `State.mask`."""
-        shared = self._shared
+        shared, scratch = self._shared, self._shared.scratch
         look_copies(
             shared.numbers,
             self._rows,
-            shared.free_row,
-            shared.work,
+            scratch.row,
+            scratch.work,
             0,
             1,
             vector[None],
             masks[None],
             self._starts,
-            shared.found,
+            scratch.found,
         )
