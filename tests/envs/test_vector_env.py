@@ -234,6 +234,8 @@ def test_seeds_are_those_of_the_copies() -> None:
             courses.append([first, *(envs.reset() and played(envs) for _ in range(6))])
         assert courses[0] == courses[1]
         assert len({name for each in courses[0] for name in each}) > 1
+        with pytest.raises(WrongArgumentError, match=f"seed: expected {number}"):
+            two.reset(seed=[1] * (number + 1))
         two.reset(seed=[4 + i for i in range(number)])
         assert played(two) == courses[0][0]
 

@@ -12,10 +12,11 @@ from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvRules
 from robotouille.envs.views import Mask, Vector, View
 
-__all__ = ["Bools", "Copies", "CopiesTaken", "Numbers", "PlayedCopies"]
+__all__ = ["ActionRows", "Bools", "Copies", "CopiesTaken", "PlayedCopies"]
 
 Bools = npt.NDArray[np.bool_]
-Numbers = npt.NDArray[np.int64]
+ActionRows = npt.NDArray[np.int64]
+"""The number of each player's action, a row for each copy."""
 
 
 class CopiesTaken(NamedTuple):
@@ -41,11 +42,11 @@ class Copies(Protocol):
     ) -> None:
         """Begin an episode in some copies: see `Play.begin`."""
 
-    def take(self, numbers: Numbers) -> CopiesTaken:
+    def take(self, numbers: ActionRows) -> CopiesTaken:
         """Take a step in each copy that is not over: see `Play.take`.
 
-        Args:
-            numbers: That of an action, for each copy and player.
+        Raises:
+            SlotOverflowError: There are too few slots in some copy.
         """
 
     def vectors(self) -> Vector:
@@ -72,7 +73,7 @@ class PlayedCopies:
         for copy in np.flatnonzero(which).tolist():
             self.plays[copy].begin(randoms[copy], options)
 
-    def take(self, numbers: Numbers) -> CopiesTaken:
+    def take(self, numbers: ActionRows) -> CopiesTaken:
         rewards = np.zeros(len(self.plays))
         terminated, truncated, valid = np.zeros((3, len(self.plays)), dtype=np.bool_)
         for copy, (play, chosen) in enumerate(zip(self.plays, numbers.tolist(), strict=True)):

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
-from robotouille.envs.copies import Copies, PlayedCopies
+from robotouille.envs.copies import ActionRows, Copies, PlayedCopies
 from robotouille.envs.engine import engine_plays
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation, Reward
@@ -31,6 +31,8 @@ Arrays = tuple[
 
 class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
     """`num_envs` copies of `RobotouilleEnv` with vectors as observations. They share one world.
+    Where it is compiled the batch engine plays them, if they are of one instance and their reward
+    is sparse.
 
     The `info` of `reset` and `step` has `action_mask`, an array of a row for each copy, and
     `valid`; with `AutoresetMode.SAME_STEP` also `final_obs` and `final_info`.
@@ -95,11 +97,16 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             seed: Of the choice among instances: of the first copy, those of the others follow; or
                 one for each.
             options: Those of `RobotouilleEnv.reset`, for each copy.
+
+        Raises:
+            WrongArgumentError: There is not a seed for each, or no such instance.
         """
         if seed is not None or not self._randoms:
             seeds = seed if isinstance(seed, list) else [
                 None if seed is None else seed + i for i in range(self.num_envs)
             ]  # fmt: skip
+            if len(seeds) != self.num_envs:
+                raise WrongArgumentError(f"seed: expected {self.num_envs}, found {len(seeds)}")
             self._randoms = [np.random.default_rng(each) for each in seeds]
         everyone = np.ones(self.num_envs, dtype=np.bool_)
         self._copies.begin(everyone, self._randoms, options)
@@ -128,7 +135,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             copies.begin(anew, self._randoms, None)
         return copies.vectors(), rewards, terminated, truncated, self._info(valid) | last
 
-    def _numbers(self, actions: Any) -> npt.NDArray[np.int64]:
+    def _numbers(self, actions: Any) -> ActionRows:
         """The numbers of actions, a row for each copy."""
         found = np.asarray(actions)
         if found.dtype.kind not in "iu" or found.shape != self.action_space.shape:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import and_
 from typing import Any
 
 import numpy as np
 
 from robotouille.batch.batch_world import BatchWorld
 from robotouille.batch.tables import Ints
-from robotouille.envs.copies import Bools, CopiesTaken, Numbers
+from robotouille.envs.copies import ActionRows, Bools, CopiesTaken
 from robotouille.envs.play import no_such_action
 from robotouille.envs.rules import EnvRules, InvalidAction
 from robotouille.envs.views import Mask, Vector, View, asked_for
@@ -27,12 +26,12 @@ class BatchCopies:
         self.over: Bools = np.ones(copies, dtype=np.bool_)
         self._rules = rules
         self._batch = BatchWorld(self.view.world, copies)
-        self._steps = np.zeros(copies, dtype=np.int64)
+        self._steps: Ints = np.zeros(copies, dtype=np.int64)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self._rules, self.view, self._batch.rows, self._steps, self.over)
 
-    def restore(self, rows: Ints, steps: Numbers, over: Bools) -> None:
+    def restore(self, rows: Ints, steps: Ints, over: Bools) -> None:
         """Put all copies where others were."""
         self._batch.rows[:] = rows
         self._steps, self.over = steps.copy(), over.copy()
@@ -45,7 +44,7 @@ class BatchCopies:
         self._steps[which] = 0
         self.over = self.over & ~which
 
-    def take(self, numbers: Numbers) -> CopiesTaken:
+    def take(self, numbers: ActionRows) -> CopiesTaken:
         going = ~self.over
         chosen = self._valid(np.where(going[:, None], numbers, -1))
         before = self._batch.rows.copy()
@@ -60,7 +59,7 @@ class BatchCopies:
         valid = applied.all(axis=1) & going
         return CopiesTaken(terminated.astype(np.float64), terminated, truncated, valid)
 
-    def _valid(self, numbers: Numbers) -> Numbers:
+    def _valid(self, numbers: ActionRows) -> ActionRows:
         """The actions that are valid now, -1 for the others: what only a player before makes
         possible does not count, as in `Play`."""
         if numbers.min() < 0:
@@ -74,7 +73,9 @@ class BatchCopies:
                 raise self.view.inapplicable(state, seat, number)
         return np.where(valid, numbers, -1)
 
-    def _take_in_world(self, copy: int, numbers: Numbers, before: Ints) -> tuple[list[bool], bool]:
+    def _take_in_world(
+        self, copy: int, numbers: ActionRows, before: Ints
+    ) -> tuple[tuple[bool, ...], bool]:
         """Take a step for which the engine lacked a slot: it may ask for one too many.
 
         Returns:
@@ -83,22 +84,16 @@ class BatchCopies:
         Raises:
             SlotOverflowError: There are too few indeed. All copies are where they were before.
         """
-        batch, world = self._batch, self.view.world
-        batch.rows[copy] = before[copy]
-        batch.overflowed[copy] = False
-        state = batch.state(copy)
-        actions = [
-            world.encoding.action(state.facts, player, number) if number >= 0 else None
-            for player, number in zip(world.players, numbers.tolist(), strict=True)
-        ]
-        after, applied = world.joint_successor(state, actions)
+        batch = self._batch
+        batch.rows[copy], batch.overflowed[copy] = before[copy], False
+        chosen = tuple(number if number >= 0 else None for number in numbers.tolist())
+        after, applied = self.view.after(batch.state(copy), chosen)
         try:
             batch.set_state(copy, after)
         except SlotOverflowError:
             batch.rows[:], batch.overflowed[:] = before, False
             raise
-        wanted = [action is not None for action in actions]
-        return list(map(and_, applied, wanted)), after.goal_reached
+        return applied, after.goal_reached
 
     def vectors(self) -> Vector:
         return self._batch.vectors()
@@ -107,7 +102,7 @@ class BatchCopies:
         return self._batch.joint_masks().view(np.int8)
 
 
-def _restored(rules: EnvRules, view: View, rows: Ints, steps: Numbers, over: Bools) -> BatchCopies:
+def _restored(rules: EnvRules, view: View, rows: Ints, steps: Ints, over: Bools) -> BatchCopies:
     copies = BatchCopies(rules, view, len(rows))
     copies.restore(rows, steps, over)
     return copies
