@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robotouille import InapplicableError, RobotouilleError, compiling
-from robotouille.envs import RobotouilleEnv, RobotouilleParallelEnv, parallel_env
+from robotouille import InapplicableError, RobotouilleError
+from robotouille.batch.single_copy import SingleCopy
+from robotouille.envs import RobotouilleEnv, RobotouilleParallelEnv, engine, parallel_env
 from robotouille.envs.engine.course import BatchCourse
 from robotouille.envs.play import WorldCourse
 from robotouille.errors import SlotOverflowError
@@ -26,8 +27,8 @@ TEAM = "multi_agent/01@2"
 
 
 @pytest.fixture
-def engine(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling, "COMPILED", True)
+def in_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
 
 
 def some(env: RobotouilleParallelEnv, rng: np.random.Generator) -> dict[str, int | None]:
@@ -59,9 +60,9 @@ def alike(mine: Any, theirs: Any) -> None:
 
 @pytest.mark.parametrize("task", first_quickly([TEAM, "multi_agent/07@3", "multi_agent/10@4"], 2))
 def test_the_engine_plays_as_the_world_does(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling, "COMPILED", False)
+    monkeypatch.setattr(engine, "is_compiled", lambda: False)
     slow = parallel_env(task, max_steps=60)
-    monkeypatch.setattr(compiling, "COMPILED", True)
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
     fast = parallel_env(task, max_steps=60)
     rng = np.random.default_rng(5)
     for episode in range(2):
@@ -84,7 +85,7 @@ def test_objects_have_the_names_that_they_have_in_the_world(
     """`BatchWorld.state` calls created objects by their slots; an environment does not."""
     task = world_of("bolts").task
     slow = RobotouilleEnv(task)
-    monkeypatch.setattr(compiling, "COMPILED", True)
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
     fast = RobotouilleEnv(task)
     fast._play._begin = BatchCourse
     rng = np.random.default_rng(2)
@@ -98,7 +99,7 @@ def test_objects_have_the_names_that_they_have_in_the_world(
     assert fast.state.digest == slow.state.digest
 
 
-def test_too_few_slots_are_an_error_and_no_step(engine: None) -> None:
+def test_too_few_slots_are_an_error_and_no_step(in_the_engine: None) -> None:
     env = RobotouilleEnv(world_of("workshop/01").task, slots={"bolt": 1})
     env._play._begin = BatchCourse
     env.reset()
@@ -114,7 +115,25 @@ def test_too_few_slots_are_an_error_and_no_step(engine: None) -> None:
     assert np.array_equal(env._play._course._look(False).vector, state.vector())
 
 
-def test_what_is_not_valid_is_refused_as_in_the_world(engine: None) -> None:
+def test_a_step_for_which_the_engine_lacks_a_slot_too_early_is_taken_in_the_world(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Which is rare: here it is so in each step."""
+    monkeypatch.setattr(engine, "is_compiled", lambda: False)
+    slow = parallel_env(TEAM, max_steps=25)
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
+    fast = parallel_env(TEAM, max_steps=25)
+    step = SingleCopy.step
+    monkeypatch.setattr(SingleCopy, "step", lambda copy, numbers: (*step(copy, numbers)[:2], True))
+    rng = np.random.default_rng(6)
+    alike(fast.reset(), slow.reset())
+    while slow.agents:
+        chosen = some(slow, rng)
+        alike(fast.step(chosen), slow.step(chosen))
+    assert fast.world_state == slow.world_state
+
+
+def test_what_is_not_valid_is_refused_as_in_the_world(in_the_engine: None) -> None:
     env = parallel_env(TEAM, invalid="raise")
     with pytest.raises(RobotouilleError, match="no episode has begun"):
         env.state()
@@ -127,7 +146,7 @@ def test_what_is_not_valid_is_refused_as_in_the_world(engine: None) -> None:
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_copies_go_on_alike(twin: Callable[[Any], Any], engine: None) -> None:
+def test_copies_go_on_alike(twin: Callable[[Any], Any], in_the_engine: None) -> None:
     env, rng = parallel_env(TEAM), np.random.default_rng(1)
     env.reset(seed=3)
     for _ in range(6):
@@ -139,7 +158,7 @@ def test_copies_go_on_alike(twin: Callable[[Any], Any], engine: None) -> None:
     assert len(pickle.dumps(env)) < 30_000
 
 
-def test_the_world_plays_where_states_are_asked_for(engine: None) -> None:
+def test_the_world_plays_where_states_are_asked_for(in_the_engine: None) -> None:
     for env in (
         parallel_env(TEAM, observation="text"),
         parallel_env(TEAM, reward="shaped", potential=lambda state: 0.0),
@@ -149,7 +168,7 @@ def test_the_world_plays_where_states_are_asked_for(engine: None) -> None:
         assert isinstance(env._play._course, WorldCourse)
 
 
-def test_instances_are_of_one_size(engine: None) -> None:
+def test_instances_are_of_one_size(in_the_engine: None) -> None:
     from robotouille import load_task
 
     names = load_task(TEAM).instances()[:2]
@@ -177,7 +196,7 @@ def test_one_player_needs_no_compiler() -> None:
     subprocess.run([sys.executable, "-c", program], env=environment, check=True)
 
 
-def test_threads_play_side_by_side(engine: None) -> None:
+def test_threads_play_side_by_side(in_the_engine: None) -> None:
     """Each with environments of its own, all of one task."""
 
     def played(seed: int) -> list[bytes]:

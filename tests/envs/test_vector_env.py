@@ -18,10 +18,10 @@ from robotouille import (
     RobotouilleError,
     World,
     WrongArgumentError,
-    compiling,
     load_task,
 )
-from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv
+from robotouille.batch.batch_world import BatchStep, BatchWorld
+from robotouille.envs import RobotouilleEnv, RobotouilleVectorEnv, engine
 from robotouille.envs.copies import PlayedCopies
 from robotouille.envs.engine.copies import BatchCopies
 from robotouille.errors import SlotOverflowError
@@ -56,9 +56,9 @@ MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 
 
 @pytest.fixture
-def engine(monkeypatch: pytest.MonkeyPatch) -> None:
+def in_the_engine(monkeypatch: pytest.MonkeyPatch) -> None:
     """The batch engine plays, as where it is compiled; here as plain Python."""
-    monkeypatch.setattr(compiling, "COMPILED", True)
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
 
 
 def some(envs, info: dict, rng: np.random.Generator) -> np.ndarray:
@@ -95,9 +95,9 @@ def alike(mine, theirs) -> None:
 def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
     task: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiling, "COMPILED", False)
+    monkeypatch.setattr(engine, "is_compiled", lambda: False)
     slow = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
-    monkeypatch.setattr(compiling, "COMPILED", True)
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
     fast = RobotouilleVectorEnv(task, 4, max_steps=30, autoreset_mode=mode)
     assert isinstance(slow._copies, PlayedCopies)
     assert isinstance(fast._copies, BatchCopies)
@@ -112,7 +112,30 @@ def test_the_engine_does_what_copies_that_are_played_one_by_one_do(
     assert expected[-1]["valid"].shape == (4,)
 
 
-def test_the_engine_reaches_goals(engine: None) -> None:
+def test_a_step_for_which_the_engine_lacks_a_slot_too_early_is_taken_in_the_world(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engine, "is_compiled", lambda: False)
+    slow = RobotouilleVectorEnv(TEAM, 3, max_steps=15)
+    monkeypatch.setattr(engine, "is_compiled", lambda: True)
+    fast = RobotouilleVectorEnv(TEAM, 3, max_steps=15)
+    step = BatchWorld.step
+
+    def overflowing(batch: BatchWorld, actions: np.ndarray) -> BatchStep:
+        taken = step(batch, actions)
+        batch.overflowed[1] = True
+        return taken._replace(overflowed=batch.overflowed.copy())
+
+    monkeypatch.setattr(BatchWorld, "step", overflowing)
+    rng = np.random.default_rng(8)
+    found, expected = fast.reset(), slow.reset()
+    for _ in range(35):
+        alike(found, expected)
+        actions = some(slow, expected[-1], rng)
+        found, expected = fast.step(actions), slow.step(actions)
+
+
+def test_the_engine_reaches_goals(in_the_engine: None) -> None:
     envs = RobotouilleVectorEnv(ONE, 2, autoreset_mode="SameStep")
     envs.reset()
     plan = solve(World(ONE)).plan
@@ -129,7 +152,7 @@ def test_the_engine_reaches_goals(engine: None) -> None:
     assert np.array_equal(info["final_obs"][0], env.state.vector())
 
 
-def test_the_engine_refuses_what_others_refuse(engine: None) -> None:
+def test_the_engine_refuses_what_others_refuse(in_the_engine: None) -> None:
     envs = RobotouilleVectorEnv(TEAM, 2, invalid="raise")
     _, info = envs.reset()
     first = info["action_mask"].copy()
@@ -149,14 +172,14 @@ def test_the_engine_refuses_what_others_refuse(engine: None) -> None:
 def test_wrong_actions_are_refused(
     actions: object, compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiling, "COMPILED", compiled)
+    monkeypatch.setattr(engine, "is_compiled", lambda: compiled)
     envs = RobotouilleVectorEnv(ONE, 2)
     envs.reset()
     with pytest.raises(WrongArgumentError, match=r"expected integers of shape \(2,\)"):
         envs.step(actions)
 
 
-def test_a_state_that_needs_more_slots_is_an_error_and_changes_nothing(engine: None) -> None:
+def test_a_state_that_needs_more_slots_is_an_error_and_changes_nothing(in_the_engine: None) -> None:
     """As where copies are played one by one; room for one bolt is too little."""
     task = world_of("workshop/01").task
     envs = RobotouilleVectorEnv(task, 30, slots={"bolt": 1})
@@ -170,7 +193,7 @@ def test_a_state_that_needs_more_slots_is_an_error_and_changes_nothing(engine: N
 
 
 @pytest.mark.parametrize("twin", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
-def test_the_engine_can_be_copied(twin: Any, engine: None) -> None:
+def test_the_engine_can_be_copied(twin: Any, in_the_engine: None) -> None:
     envs, rng = RobotouilleVectorEnv(ONE, 3, max_steps=7), np.random.default_rng(1)
     _, info = envs.reset(seed=2)
     for _ in range(5):
@@ -183,7 +206,7 @@ def test_the_engine_can_be_copied(twin: Any, engine: None) -> None:
         info = expected[-1]
 
 
-def test_who_plays_the_copies(engine: None) -> None:
+def test_who_plays_the_copies(in_the_engine: None) -> None:
     names = load_task(ONE).instances()[:1]
     for options in ({"reward": "shaped"}, {"instances": names}):
         envs = RobotouilleVectorEnv(ONE, 2, **options)
@@ -255,7 +278,7 @@ def test_teams() -> None:
 
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_ten_thousand_fit_into_a_process(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiling, "COMPILED", compiled)
+    monkeypatch.setattr(engine, "is_compiled", lambda: compiled)
     envs = RobotouilleVectorEnv(ONE, 10_000)
     _, info = envs.reset(seed=1)
     actions = info["action_mask"].argmax(axis=1)
