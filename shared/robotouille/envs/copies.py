@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from robotouille.envs.play import Play
 from robotouille.envs.rules import EnvRules
+from robotouille.envs.taken import ActionRows, Bools, CopiesTaken
 from robotouille.envs.views import Mask, Vector, View
 
-__all__ = ["ActionRows", "Bools", "Copies", "CopiesTaken", "PlayedCopies"]
-
-Bools = npt.NDArray[np.bool_]
-ActionRows = npt.NDArray[np.int64]
-"""The number of each player's action, a row for each copy."""
-
-
-class CopiesTaken(NamedTuple):
-    """What a step came to in each copy: see `Taken`. `valid`: all that was wanted was applied."""
-
-    rewards: npt.NDArray[np.float64]
-    terminated: Bools
-    truncated: Bools
-    valid: Bools
+__all__ = ["Copies", "PlayedCopies"]
 
 
 class Copies(Protocol):

@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from robotouille.envs.engine import engine_plays
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvRules, InvalidAction, Observation, Reward
+from robotouille.envs.taken import Taken, no_such_action, not_begun
 from robotouille.envs.views import Mask, Numbers, Seen, View, asked_for, views_of
 from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille.world.world import State
 
-__all__ = ["Course", "Play", "Taken", "WorldCourse", "no_such_action"]
-
-
-class Taken(NamedTuple):
-    """What a step came to: the reward, whether the goal was reached or the budget is used up, and
-    which player's action was applied."""
-
-    reward: float
-    terminated: bool
-    truncated: bool
-    valid: tuple[bool, ...]
+__all__ = ["Course", "Play", "WorldCourse"]
 
 
 class Course(Protocol):
@@ -191,13 +182,3 @@ class Play:
         if self.rules.invalid is InvalidAction.RAISE:
             raise self.view.inapplicable(self.state, place, number)
         return None
-
-
-def not_begun() -> RobotouilleError:
-    """What is raised before the first reset."""
-    return RobotouilleError("reset the environment: no episode has begun")
-
-
-def no_such_action(player: str, count: int, number: int) -> WrongArgumentError:
-    """What is raised where a player has no action of a number."""
-    return WrongArgumentError(f"{player} has {count} actions, found number {number}")

@@ -11,12 +11,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from robotouille.domain.task import Task
-from robotouille.envs.copies import ActionRows, Copies, PlayedCopies
+from robotouille.envs.copies import Copies, PlayedCopies
 from robotouille.envs.engine import engine_plays
 from robotouille.envs.rewards import StepsToGoPotential
 from robotouille.envs.rules import EnvOptions, EnvRules, Observation, Reward
+from robotouille.envs.taken import ActionRows, not_begun
 from robotouille.envs.views import Mask, observation_space, views_of
-from robotouille.errors import RobotouilleError, WrongArgumentError
+from robotouille.errors import WrongArgumentError
 
 __all__ = ["RobotouilleVectorEnv"]
 
@@ -121,7 +122,7 @@ class RobotouilleVectorEnv(VectorEnv[Any, Any, Any]):
             RobotouilleError: No episode has begun.
         """
         if not self._randoms:
-            raise RobotouilleError("reset the environment: no episode has begun")
+            raise not_begun()
         copies = self._copies
         anew = copies.over
         rewards, terminated, truncated, valid = copies.take(self._numbers(actions))

@@ -9,9 +9,8 @@ import numpy as np
 
 from robotouille.batch.batch_world import BatchWorld
 from robotouille.batch.tables import Ints
-from robotouille.envs.copies import ActionRows, Bools, CopiesTaken
-from robotouille.envs.play import no_such_action
 from robotouille.envs.rules import EnvRules, InvalidAction
+from robotouille.envs.taken import ActionRows, Bools, CopiesTaken, no_such_action
 from robotouille.envs.views import Mask, Vector, View, asked_for
 from robotouille.errors import SlotOverflowError
 
