@@ -130,6 +130,7 @@ class Server:
             self.metrics,
             rng,
             timestamp or (lambda: datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")),
+            wall,
             storage=self.storage,
             worker=self.worker,
             resume_token=self.sessions.resume_token,

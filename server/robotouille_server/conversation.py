@@ -15,6 +15,7 @@ from robotouille_server.auth import (
     CodeGuessLimiter,
     ConnectionLimiter,
     CountedConnection,
+    Role,
     Tokens,
     TooManyConnectionsError,
     UsedTokens,
@@ -39,6 +40,7 @@ __all__ = ["Conversation", "Services", "ShutdownNotice"]
 
 COSTS: dict[type[messages.Message], float] = {
     messages.Create: 10,
+    messages.Close: 2,
     messages.Join: 5,
     messages.Resync: 5,
     messages.ListEpisodes: 3,
@@ -46,9 +48,13 @@ COSTS: dict[type[messages.Message], float] = {
 """What a message takes of a connection's budget, where that is not one. Each KiB of it, and of
 the snapshots and lists that it is answered with, is one more. After each of these everybody else
 has a turn; of resyncs all those of a turn are answered together."""
+PACED = (messages.Create, messages.Close)
+"""What hosts send by the hundred, for a study. It costs a connection no more than any other
+message, and is never refused for its number: what is beyond the limit is read later."""
 KIB = 1024
 MAX_HELLO_BYTES = 8 * KIB
 """Of a message before `hello` is answered: that is the longest anybody needs."""
+DAY_SECONDS = 86_400.0
 MAX_REFUSED = 200
 """Messages over the limit, in about a minute, after which a connection is closed."""
 
@@ -106,6 +112,7 @@ class Conversation:
         "_hello_task",
         "_hello_timer",
         "_loop",
+        "_pace_timer",
         "_refusals",
         "_services",
         "peer",
@@ -123,6 +130,7 @@ class Conversation:
         self._refusals = TokenBucket(MAX_REFUSED / 60, self._loop.time(), MAX_REFUSED)
         self._hello_timer: asyncio.TimerHandle | None = None
         self._hello_task: asyncio.Task[None] | None = None
+        self._pace_timer: asyncio.TimerHandle | None = None
         self._await_hello()
 
     def _await_hello(self) -> None:
@@ -135,6 +143,8 @@ class Conversation:
             self._hello_timer.cancel()
         if self._hello_task is not None:
             self._hello_task.cancel()
+        if self._pace_timer is not None:
+            self._pace_timer.cancel()
 
     def _hello_timeout(self) -> None:
         if self._hello_timer is not None and self._loop.time() > self._hello_timer.when() + LATE:
@@ -208,13 +218,30 @@ class Conversation:
             self._services.loop_budget.spend(extra)
             if not isinstance(message, messages.Resync):
                 self.peer.socket.give_way()
-        if not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
+        if isinstance(message, PACED) and self.session is not None:
+            check_permission(self.session.role, message)
+            HANDLERS[type(message)](self, self.session, message)
+            self._pace()
+        elif not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
             self._refuse_over_limit(message)
         elif self.session is None:
             self._handle_hello(message)
         else:
             check_permission(self.session.role, message)
             HANDLERS[type(message)](self, self.session, message)
+
+    def _pace(self) -> None:
+        """Read on once there is a reserve in the budget for what else may come."""
+        reserve = self._services.settings.messages_per_second / 4
+        lacking = reserve - self._budget.left(self._loop.time())
+        if lacking > 0 and self._pace_timer is None:
+            self.peer.socket.pause_reading("pace")
+            seconds = lacking / self._services.settings.messages_per_second
+            self._pace_timer = self._loop.call_later(seconds, self._paced)
+
+    def _paced(self) -> None:
+        self._pace_timer = None
+        self.peer.socket.resume_reading("pace")
 
     def _refuse_over_limit(self, message: messages.ClientMessage) -> None:
         """Too many messages: an action is rejected, anything else an error."""
@@ -366,15 +393,38 @@ class Conversation:
         raise ProtocolError("protocol/hello", "you have said hello already", "type")
 
     def _list(self, session: Session, message: messages.ListEpisodes) -> None:
-        infos = self._services.lobby.infos(session.only_episode)
-        self.peer.answer(messages.Episodes(ref=message.ref, episodes=infos))
+        owner, operator = _owner(session), session.role is Role.OPERATOR
+        lobby = self._services.lobby
+        self.peer.answer(lobby.infos(message, session.only_episode, owner, operator=operator))
 
     def _create(self, session: Session, message: messages.Create) -> None:
         check_opening(session.only_episode)
-        owner = session.participant if session.participant != session.id else ""
-        room = self._services.lobby.create(message, owner=owner)
-        created = messages.Created(ref=message.ref, episode=room.id, code=room.code)
+        room = self._services.lobby.create(message, owner=_owner(session))
+        tokens = self._seat_tokens(room) if message.tokens else {}
+        created = messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
         self.peer.send(created)
+
+    def _seat_tokens(self, room: Room) -> dict[str, str]:
+        """A token for each seat of an episode, good for a day after it may have begun."""
+        seconds = (room.episode.rules.open_for or 0.0) + DAY_SECONDS
+        mint = self._services.tokens.mint_role
+        return {
+            player: mint(
+                Role.PLAYER, f"{room.id}-{number}", seconds=seconds, episode=room.id, seat=player
+            )
+            for number, player in enumerate(room.world.players, 1)
+        }
+
+    def _close(self, session: Session, message: messages.Close) -> None:
+        check_opening(session.only_episode)
+        owner, operator = _owner(session), session.role is Role.OPERATOR
+        reason = message.reason or f"closed by the {session.role}"
+        try:
+            room = self._services.lobby.close(message.episode, reason, owner, operator=operator)
+        except ElsewhereError as error:
+            self.peer.send(error.moved(message.ref))
+            return
+        self.peer.send(messages.Closed(ref=message.ref, episode=room.id))
 
     def _join(self, session: Session, message: messages.Join) -> None:
         if session.room is not None:
@@ -444,9 +494,15 @@ class Conversation:
         return session.room
 
 
+def _owner(session: Session) -> str:
+    """The pseudonym under which somebody opens episodes; empty without a token."""
+    return session.participant if session.participant != session.id else ""
+
+
 HANDLERS: dict[type[messages.Message], Callable[[Conversation, Session, Any], None]] = {
     messages.ListEpisodes: Conversation._list,
     messages.Create: Conversation._create,
+    messages.Close: Conversation._close,
     messages.Join: Conversation._join,
     messages.Leave: Conversation._leave,
     messages.Act: Conversation._act,

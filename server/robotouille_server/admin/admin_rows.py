@@ -70,6 +70,7 @@ class RowBuilder:
             problem=room.problem,
             outcome=_result(episode.outcome),
             watch=self._watch(room),
+            labels=dict(room.labels),
         )
 
     def detail(self, room: Room, now: float, lines: Iterable[Line]) -> EpisodeDetail:
@@ -88,6 +89,8 @@ class RowBuilder:
             name=seat.name,
             kind=seat.kind,
             controller=seat.controller.value,
+            shown_as=seat.treatment.shown_as or "",
+            delay_ms=seat.treatment.delay_ms,
             present=seat.present,
             muted=session is not None and room.mutes(session),
             session=None if session is None else session.id,

@@ -78,6 +78,8 @@ class SeatRow(ResponseModel):
     controller: str = Field(
         description="Who moves it now: `human`, `bot`, `model`, `absent`, `stand-in`, or empty."
     )
+    shown_as: str = Field("", description="The kind that others see instead; empty: the real one.")
+    delay_ms: int = Field(0, description="Milliseconds for which each action is held back.")
     present: bool
     muted: bool = Field(False, description="Whether they may not talk; see `mute`.")
     session: str | None = Field(description="Names the participant in `kick`; null while free.")
@@ -132,6 +134,7 @@ class EpisodeRow(ResponseModel):
     problem: str = Field(description="What the operator must see; empty where all is well.")
     outcome: Result | None
     watch: str = Field(description="The command that shows it in a window.")
+    labels: dict[str, str] = Field({}, description="What a study says that it belongs to.")
 
 
 class Line(ResponseModel):

@@ -36,7 +36,7 @@ _ORDER = tuple(Role)
 
 _WATCHING = frozenset({"hello", "join", "leave", "resync"})
 _PLAYING = _WATCHING | {"act", "say", "note"}
-_HOSTING = _PLAYING | {"list", "create"}
+_HOSTING = _PLAYING | {"list", "create", "close"}
 _ALL = frozenset(str(model.model_fields["type"].default) for model in messages.CLIENT_MESSAGES)
 
 PERMISSIONS: dict[Role, frozenset[str]] = {

@@ -389,9 +389,9 @@ class Broadcaster:
             messages.SeatInfo(
                 player=seat.player,
                 name=seat.name,
-                kind=seat.kind,
+                kind=seat.shown_kind,
                 present=seat.present,
-                controller=seat.controller.value,
+                controller=seat.shown_controller.value,
                 applied=seat.tally.applied,
                 rejected=seat.tally.rejected,
             )

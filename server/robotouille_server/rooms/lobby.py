@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import lru_cache, partial
+from typing import Any
 
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task, Timing
-from robotouille.episode import Episode, Phase, Rules
+from robotouille.episode import Chat, Episode, Phase, Rules
 from robotouille.errors import FileError, ProtocolError, UnknownTaskError
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
@@ -25,8 +26,10 @@ from robotouille_server.rooms.recordings import (
 )
 from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
+from robotouille_server.rooms.listing import MAX_LISTED, info, labels_for
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
+from robotouille_server.rooms.unused_codes import UnusedCode, UnusedCodes
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
@@ -40,7 +43,8 @@ LINGER_SECONDS = 120.0
 
 
 class Lobby:
-    """All rooms of a server. `random` names them; `timestamp` says when, for recordings."""
+    """All rooms of a server. `random` names them; `timestamp` says when, for recordings, and `wall`
+    gives the seconds since 1970."""
 
     def __init__(
         self,
@@ -48,6 +52,7 @@ class Lobby:
         metrics: Metrics,
         randomness: random.Random,
         timestamp: Callable[[], str],
+        wall: Callable[[], float],
         *,
         storage: Storage | None,
         worker: WorkerSlot,
@@ -63,6 +68,8 @@ class Lobby:
         self._metrics = metrics
         self._random = randomness
         self._timestamp = timestamp
+        self._wall = wall
+        self._unused = UnusedCodes()
         self._storage = storage
         self._worker = worker
         self.dropped = 0
@@ -90,35 +97,45 @@ class Lobby:
 
     def create(self, request: messages.Create, *, owner: str = "") -> Room:
         """Open a room; ProtocolError names what cannot be had."""
-        self._check_room(owner)
+        self._check_room(owner, reserved=request.open_for is not None)
         rules = self._rules(request)
         seed = request.seed if request.seed is not None else self._settings.seed
         task = self._task(request, rules, seed)
         budget = request.move_budget
         if budget is None:
             budget = self._settings.move_budget
-        return self._open(task, rules.with_budget(budget, task.seats), seed, owner)
+        return self._open(task, rules.with_budget(budget, task.seats), seed, owner, request)
 
-    def _check_room(self, owner: str) -> None:
+    def _check_room(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
             message = "this server is about to be restarted; try again in a moment"
             raise ProtocolError("server/draining", message)
         if len(self._live) >= self._settings.max_episodes:
             message = f"{len(self._live)} episodes run already; try again later"
             raise ProtocolError("server/full", message)
-        own = sum(room.owner == owner for room in self._live) if owner else 0
-        if own >= self._settings.max_episodes_per_owner:
+        if not owner:
+            return
+        alike = (room.owner == owner and room.reserved == reserved for room in self._live)
+        own, settings = sum(alike), self._settings
+        if reserved and own >= settings.max_reserved_per_owner:
+            message = f"{own} of your episodes wait for their first player; close one of them first"
+            raise ProtocolError("rate/episodes", message)
+        if not reserved and own >= settings.max_episodes_per_owner:
             message = f"{own} of your episodes run already; end one of them first"
             raise ProtocolError("rate/episodes", message)
 
-    def _open(self, task: Task, rules: Rules, seed: int, owner: str) -> Room:
+    def _open(
+        self, task: Task, rules: Rules, seed: int, owner: str, request: messages.Create
+    ) -> Room:
         episode_id = self._worker.mark_id(self._random.getrandbits(64))
         code = self._new_code()
         world = shared_world(task)
-        created = self._timestamp()
+        created, treatments = self._timestamp(), request.treatments
+        _check_players(treatments, world.players)
         head = header(
-            task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner
-        )
+            task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner,
+            labels=request.labels, treatments=treatments, open_until=self._open_until(rules),
+        )  # fmt: skip
         recorder = Recorder(world)
         journal = None
         if self._storage is not None:
@@ -127,23 +144,26 @@ class Lobby:
             if not journal.write():
                 journal.discard()
                 raise ProtocolError("server/recording", f"no episode: {journal.problem}")
-        episode = Episode(world, rules, self._host.timers.time())
-        room = self._room(episode_id, code, owner, episode, recorder, journal)
+        episode = Episode(world, rules, self._host.timers.time(), treatments=treatments)
+        room = self._room(head, code, episode, recorder, journal)
         get_logger().info(
             "episode opened", episode=episode_id, code=code, task=task.name, clock=rules.clock.value
         )
         return room
 
+    def _open_until(self, rules: Rules) -> int | None:
+        """When nobody who has not come needs to come any more, in milliseconds since 1970."""
+        return None if rules.open_for is None else round((self._wall() + rules.open_for) * 1000)
+
     def _room(
         self,
-        episode_id: str,
+        head: Mapping[str, Any],
         code: str,
-        owner: str,
         episode: Episode,
         recorder: Recorder,
         journal: Journal | None,
     ) -> Room:
-        now = self._host.timers.time
+        now, episode_id = self._host.timers.time, head["episode"]
         broadcaster = Broadcaster(episode_id, code, episode, recorder.writer, self._metrics, now)
         room = Room(
             episode_id,
@@ -152,7 +172,9 @@ class Lobby:
             journal=journal,
             broadcaster=broadcaster,
             host=self._host,
-            owner=owner,
+            owner=head.get("owner", ""),
+            labels=head.get("labels", {}),
+            created=head["created"],
         )
         self.rooms[episode_id] = room
         self._codes[plain_code(code)] = room
@@ -199,14 +221,11 @@ class Lobby:
     def _adopt(self, found: ArchivedEpisode) -> Room:
         """A room for an episode that began in another process."""
         head = found.head
-        room = self._room(
-            head["episode"],
-            head.get("code") or self._new_code(),
-            head.get("owner", ""),
-            found.restored.episode,
-            found.recorder,
-            found.journal,
-        )
+        episode, code = found.restored.episode, head.get("code") or self._new_code()
+        if (until := head.get("open_until")) is not None and episode.rules.open_for is not None:
+            now = self._host.timers.time()
+            episode.opened_at(now + until / 1000 - self._wall() - episode.rules.open_for, now)
+        room = self._room(head, code, episode, found.recorder, found.journal)
         room.broadcaster.restore_chat(found.restored.said)
         if found.journal is None:
             room.suspend()
@@ -223,6 +242,7 @@ class Lobby:
         """The room of an id or a code; ProtocolError `episode/unknown` if there is none."""
         room = self._known(name) or self._found_elsewhere(name)
         if room is None:
+            self._unused.check(name)
             message = f"no episode has the id or code {name!r}"
             raise ProtocolError("episode/unknown", message, "episode")
         return room
@@ -260,24 +280,59 @@ class Lobby:
             raise ProtocolError("server/handover", message, "episode")
         return self._known(name)
 
-    def infos(self, only: str = "") -> list[messages.EpisodeInfo]:
-        """All rooms, those that wait for players first; or that of one id or code."""
-        if only:
-            room = self._known(only.strip())
-            return [info(room)] if room is not None else []
+    def infos(
+        self, request: messages.ListEpisodes, only: str, owner: str, *, operator: bool
+    ) -> messages.Episodes:
+        """All rooms, those that wait for players first; or that of one id or code (`only`). Labels
+        are told to who has opened the episode, and to operators."""
+        wanted = request.labels.items()
+        if request.closed:
+            closed = [
+                one.info
+                for one in self._unused
+                if (operator or one.owner == owner) and wanted <= one.info.labels.items()
+            ]
+            page = closed[request.skip : request.skip + MAX_LISTED]
+            return messages.Episodes(ref=request.ref, episodes=page, total=len(closed))
+        rooms = [self._known(only.strip())] if only else self._in_order()
+        found = [
+            (room, labels)
+            for room in rooms
+            if room is not None
+            and wanted <= (labels := labels_for(room, owner, operator=operator)).items()
+        ]
+        shown = found[request.skip : request.skip + MAX_LISTED]
+        return messages.Episodes(
+            ref=request.ref, episodes=[info(*each) for each in shown], total=len(found)
+        )
+
+    def _in_order(self) -> list[Room]:
         order = {Phase.WAITING: 0, Phase.RUNNING: 1, Phase.PAUSED: 1, Phase.ENDED: 2}
-        rooms = sorted(self.rooms.values(), key=lambda room: order[room.episode.phase])
-        return [info(room) for room in rooms[:500]]
+        return sorted(self.rooms.values(), key=lambda room: order[room.episode.phase])
 
     # Closing
+
+    def close(self, name: str, reason: str, owner: str, *, operator: bool) -> Room:
+        """End an episode; ProtocolError `episode/unknown` or `auth/episode` if it is not there, or
+        another's."""
+        room = self.find(name)
+        if not operator and room.owner != owner:
+            message = "you have not opened this episode; its host or an operator can close it"
+            raise ProtocolError("auth/episode", message, "episode")
+        room.abort(reason)
+        return room
 
     def _closed(self, room: Room) -> None:
         """An episode is over: keep its room for a while, for those who come back late."""
         self._live.discard(room)
         self._count()
+        if room.reserved:
+            self._unused.add(UnusedCode(info(room, room.labels), room.owner))
+            get_logger().info("episode closed unused", episode=room.id, code=room.code)
         loop = asyncio.get_running_loop()
         if room.journal is not None:
-            finish = partial(_finish, room.journal, used=room.episode.used)
+            kept = room.episode.used or room.reserved or bool(room.labels)
+            finish = partial(_finish, room.journal, kept=kept)
             closing = loop.run_in_executor(None, finish)
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
@@ -345,9 +400,16 @@ class Lobby:
             "absence": request.absence,
             "stand_in": request.stand_in,
             "grace": request.grace,
+            "open_for": request.open_for,
+            "chat": request.chat,
+            "phrases": tuple(request.phrases) or None,
         }
         changes = {key: value for key, value in asked.items() if value is not None}
-        return self._settings.rules().model_copy(update=changes)
+        rules = self._settings.rules().model_copy(update=changes)
+        if (rules.chat is Chat.PHRASES) != bool(rules.phrases):
+            message = "phrases go with the chat 'phrases', and that with at least one of them"
+            raise ProtocolError("message/invalid-field", message, "phrases")
+        return rules
 
     def _task(self, request: messages.Create, rules: Rules, seed: int) -> Task:
         name = request.task or self._settings.task
@@ -381,25 +443,16 @@ def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
     return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
 
 
-def info(room: Room) -> messages.EpisodeInfo:
-    """A room as the lobby lists it."""
-    rules = room.episode.rules
-    return messages.EpisodeInfo(
-        episode=room.id,
-        code=room.code,
-        task=room.world.task.name,
-        clock=rules.clock.value,
-        phase=room.broadcaster.phase,
-        step=room.episode.step,
-        max_steps=rules.max_steps,
-        seats=room.broadcaster.seats(),
-        spectators=room.spectators,
-    )
+def _check_players(treatments: Iterable[str], players: Collection[str]) -> None:
+    for player in treatments:
+        if player not in players:
+            message = f"no seat {player!r}; there are {', '.join(players)}"
+            raise ProtocolError("seat/unknown", message, "treatments")
 
 
-def _finish(journal: Journal, *, used: bool) -> str:
-    """Close a recording, or delete it where nobody ever took part."""
-    if used:
+def _finish(journal: Journal, *, kept: bool) -> str:
+    """Close a recording, or delete it where nobody ever took part, or was expected to."""
+    if kept:
         return journal.close()
     journal.discard()
     return ""

@@ -14,6 +14,7 @@ from robotouille.episode import (
     Noted,
     Paused,
     QuotaReached,
+    Reason,
     Rejected,
     Restarted,
     Resumed,
@@ -32,6 +33,12 @@ from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerQueue
 
 __all__ = ["Publisher"]
+
+ABANDONED = (
+    "The game is over: {}. What you have done is kept, and there is nothing more for you to do "
+    "here. Tell whoever invited you, or join another game with another code."
+)
+"""What the partner of somebody who has left is told."""
 
 
 class Publisher:
@@ -89,6 +96,8 @@ class Publisher:
                     substitute.warm()
             case Ended():
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()
+                if event.outcome.reason is Reason.ABANDONED:
+                    self._broadcaster.publish_notice(ABANDONED.format(event.outcome.detail))
                 self._broadcaster.send_all(self._broadcaster.ended(event.outcome))
             case Noted():
                 pass  # It is for the recording.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 from robotouille.episode import (
     Departure,
@@ -74,9 +75,11 @@ class Room:
         "_write_ahead",
         "broadcaster",
         "code",
+        "created",
         "episode",
         "id",
         "journal",
+        "labels",
         "owner",
         "recording",
         "world",
@@ -92,10 +95,14 @@ class Room:
         broadcaster: Broadcaster,
         host: RoomHost,
         owner: str = "",
+        labels: Mapping[str, str] = MappingProxyType({}),
+        created: str = "",
     ) -> None:
         self.id = episode_id
         self.code = code
         self.owner = owner
+        self.labels = labels
+        self.created = created
         self.episode = episode
         self.world = episode.world
         self.journal = journal
@@ -138,6 +145,17 @@ class Room:
     def problem(self) -> str:
         """What the operator should know; empty if all is well."""
         return self.journal.problem if self.journal is not None else ""
+
+    @property
+    def reserved(self) -> bool:
+        """Whether it is kept open for somebody who has not come yet."""
+        return self.episode.rules.open_for is not None and not self.episode.used
+
+    @property
+    def closes_in(self) -> float | None:
+        """Seconds until it is closed if nobody comes, where it is kept open for somebody."""
+        until = self.episode.pauses.until.get(PauseReason.DESERTED) if self.reserved else None
+        return None if until is None else round(max(0.0, until - self._now()), 3)
 
     # Coming and going
 

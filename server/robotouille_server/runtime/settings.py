@@ -136,6 +136,11 @@ class ServerSettings(BaseSettings):
     max_episodes_per_owner: Annotated[int, Field(ge=1)] = Field(
         50, description="Episodes at a time that one token may have opened."
     )
+    max_reserved_per_owner: Annotated[int, Field(ge=1)] = Field(
+        1000,
+        description="… that wait for their first player, for as long as `open_for` says: they do "
+        "not count among the others.",
+    )
     max_spectators: Annotated[int, Field(ge=0)] = Field(200, description="Spectators an episode.")
     hello_seconds: Annotated[float, Field(gt=0)] = Field(
         10.0, description="Seconds in which a new connection must say hello."

@@ -37,8 +37,9 @@ if TYPE_CHECKING:
     from robotouille.episode.lifecycle import Phase
     from robotouille.episode.pauses import PauseReason
     from robotouille.episode.recovered_episode import RecoveredEpisode
-    from robotouille.episode.rules import Absence, Clock, Rules
+    from robotouille.episode.rules import Absence, Chat, Clock, Rules
     from robotouille.episode.seats import ActionAnswer, Seat
+    from robotouille.episode.treatments import SeatTreatment
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -49,6 +50,7 @@ else:
         "robotouille.episode.pauses",
         "robotouille.episode.events",
         "robotouille.episode.seats",
+        "robotouille.episode.treatments",
         "robotouille.episode.episode",
         "robotouille.episode.recovered_episode",
     )
@@ -57,6 +59,7 @@ __all__ = [
     "Absence",
     "ActionAnswer",
     "Announced",
+    "Chat",
     "Clock",
     "Controller",
     "Departure",
@@ -83,6 +86,7 @@ __all__ = [
     "Said",
     "Seat",
     "SeatTally",
+    "SeatTreatment",
     "Started",
     "Stepped",
 ]

@@ -6,8 +6,9 @@ same course alone or beside a hundred others, in real or in simulated time.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 
 from robotouille.episode.episode_state import EpisodeState, Undone, nothing_undone
 from robotouille.episode.events import (
@@ -34,6 +35,7 @@ from robotouille.episode.seats import (
     by_holder,
     joint_action,
 )
+from robotouille.episode.treatments import HeldActions, SeatTreatment
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of
@@ -57,16 +59,24 @@ class Episode(EpisodeState):
     Args:
         now: Seconds, here and in all methods, on one clock that the caller reads.
         undone: What chance takes back after each step.
+        treatments: What a study does to seats, by player.
     """
 
-    __slots__ = ("_arrivals", "_presence", "_reported", "pauses", "step_began")
+    __slots__ = ("_arrivals", "_held", "_presence", "_reported", "pauses", "step_began")
 
     def __init__(
-        self, world: World, rules: Rules, now: float = 0.0, *, undone: Undone = nothing_undone
+        self,
+        world: World,
+        rules: Rules,
+        now: float = 0.0,
+        *,
+        undone: Undone = nothing_undone,
+        treatments: Mapping[str, SeatTreatment] | None = None,
     ) -> None:
-        super().__init__(world, rules, undone)
+        super().__init__(world, rules, undone, treatments or {})
         self.step_began = now
-        self._presence = Presence(self.seats, rules)
+        self._held = HeldActions()
+        self._presence = Presence(self.seats, rules, opened=now)
         self.pauses = self._presence.pauses
         self._reported: tuple[PauseReason, ...] = ()
         self._arrivals = 0
@@ -125,7 +135,7 @@ class Episode(EpisodeState):
         seats = self.check_free(players)
         for seat in seats:
             seat.take(name, kind, session, participant, now)
-        self.used = True
+        self.used = self._presence.used = True
         for seat in seats:
             self._emit_roster(seat, now)
         self._update_presence(now)
@@ -150,6 +160,7 @@ class Episode(EpisodeState):
         name = seats[0].name
         for seat in seats:
             seat.vacate()
+            self._held.drop(seat.player)
             seat.away = now
         for seat in seats:
             self._emit_roster(seat, now, why)
@@ -211,6 +222,7 @@ class Episode(EpisodeState):
 
     def _end(self, reason: Reason, now: float, detail: str = "") -> None:
         super()._end(reason, now, detail)
+        self._held.clear()
         self.pauses.until.clear()
 
     # Pauses
@@ -233,6 +245,12 @@ class Episode(EpisodeState):
             self.pauses.until[PauseReason.RESTART] = now + patience
         if not self.pauses.outer:
             self._presence.grant_grace(now, begun=self.in_progress)
+
+    def opened_at(self, opened: float, now: float) -> None:
+        """It was opened at another time than it seems, in another process: how long it is open."""
+        self._presence.opened = opened
+        if not self.in_progress and not self.ended and not self.pauses.outer:
+            self._presence.grant_grace(now, begun=False)
 
     def _update_presence(self, now: float) -> None:
         """Somebody came or went."""
@@ -273,7 +291,8 @@ class Episode(EpisodeState):
         """A seat's action for the next step; None decides to do nothing.
 
         An action whose preconditions do not hold is rejected at once and may be replaced, and so
-        is a text that says no action. While time stands still an action waits.
+        is a text that says no action. While time stands still an action waits. Where the seat's
+        actions are held back, all of this is when it counts.
 
         Args:
             action: An action, or the text that says one, as `World.parse` reads it.
@@ -291,13 +310,33 @@ class Episode(EpisodeState):
                 `rate/words`, where no more reasoning is recorded of the seat: it may act without.
         """
         seat = self.seat(player)
-        if not self._hears(seat, seq, reasoning, now):
+        if self._hears(seat, seq, reasoning, now):
+            request = seat, seq, action, think_ms, self._known(basis), reasoning, anticipates
+            self._when_it_counts(seat, partial(self._take_action, *request), now)
+
+    def _when_it_counts(self, seat: Seat, take: Callable[[float], None], now: float) -> None:
+        """Take what a seat has asked for now, or later where its actions are held back."""
+        if not seat.treatment.delay_ms:
+            take(now)
             return
-        text, basis = "", self._known(basis)
+        self._held.hold(seat.player, now + seat.treatment.delay_ms / 1000, take)
+
+    def _take_action(
+        self,
+        seat: Seat,
+        seq: int,
+        action: GroundAction | str | None,
+        think_ms: int,
+        basis: int | None,
+        reasoning: str,
+        anticipates: bool,
+        now: float,
+    ) -> None:
+        text = ""
         if isinstance(action, str):
             text = action
             try:
-                action = self.world.parse(self.state, player, text, valid=False)
+                action = self.world.parse(self.state, seat.player, text, valid=False)
             except UnknownNameError as error:
                 unmet = only_words(str(error))
                 self._reject(seat, seq, text, unmet, now, reasoning, ACTION_UNKNOWN, basis=basis)
@@ -339,8 +378,12 @@ class Episode(EpisodeState):
         seat = self.seat(player)
         if self._hears(seat, seq, reasoning, now):
             unmet = only_words(why.message)
-            told = self._known(basis)
-            self._reject(seat, seq, request, unmet, now, reasoning, why.code, basis=told)
+            told, code = self._known(basis), why.code
+            self._when_it_counts(
+                seat,
+                lambda at: self._reject(seat, seq, request, unmet, at, reasoning, code, basis=told),
+                now,
+            )
 
     def _known(self, basis: int | None) -> int | None:
         """The step that a choice was made on; None if there was no such step yet."""
@@ -432,18 +475,23 @@ class Episode(EpisodeState):
         if self.phase is Phase.ENDED:
             return None
         clock = self._clock.due() if self.phase is Phase.RUNNING else None
-        if self._presence.complete and not self.pauses.until:
+        held = self._held.due()
+        if held is None and self._presence.complete and not self.pauses.until:
             return clock
         absence = self._presence.due(begun=self.in_progress)
-        return min((time for time in (clock, absence) if time is not None), default=None)
+        return min((time for time in (clock, held, absence) if time is not None), default=None)
 
     def tick(self, now: float) -> None:
         """Let time pass: take the steps that are due, give up what has been waited for enough."""
         if self.pauses.until or not self._presence.complete:
             self._tick_absence(now)
+        if not self.scheduled:
+            self._held.release(now)
         if self.phase is Phase.RUNNING:
             for at in self._clock.on_tick(now, self):
+                self._held.release(at)
                 self._take_step(at)
+        self._held.release(now)
 
     def _tick_absence(self, now: float) -> None:
         """Give up what has been waited for long enough."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 from robotouille.episode.clocks import clock_for
 from robotouille.episode.events import (
@@ -31,8 +32,9 @@ from robotouille.episode.quota import (
     size_of_note,
     take_or_refuse,
 )
-from robotouille.episode.rules import Absence, Rules
+from robotouille.episode.rules import Absence, Chat, Rules
 from robotouille.episode.seats import ActionAnswer, Seat, names_of, tally
+from robotouille.episode.treatments import NO_TREATMENT, SeatTreatment
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
@@ -60,6 +62,7 @@ class EpisodeState:
 
     Args:
         undone: What chance takes back after each step.
+        treatments: What a study does to seats, by player.
     """
 
     __slots__ = (
@@ -82,7 +85,13 @@ class EpisodeState:
         "world",
     )
 
-    def __init__(self, world: World, rules: Rules, undone: Undone = nothing_undone) -> None:
+    def __init__(
+        self,
+        world: World,
+        rules: Rules,
+        undone: Undone = nothing_undone,
+        treatments: Mapping[str, SeatTreatment] = MappingProxyType({}),
+    ) -> None:
         self.world = world
         self._undone = undone
         self.rules = rules
@@ -90,7 +99,10 @@ class EpisodeState:
         self.step = 0
         self.phase = Phase.WAITING
         self.outcome: Outcome | None = None
-        self.seats = {p: Seat(p, tally=SeatTally(p)) for p in world.players}
+        self.seats = {
+            p: Seat(p, tally=SeatTally(p), treatment=treatments.get(p, NO_TREATMENT))
+            for p in world.players
+        }
         self.said = 0
         self.audience_quota = Quota(MAX_AUDIENCE_BYTES)
         self.used = False
@@ -257,10 +269,12 @@ class EpisodeState:
             player: Whose seat that one has; empty for a spectator.
 
         Raises:
-            ProtocolError: `episode/over`, `seat/unknown`, or `rate/words` where no more text is
-                recorded of the seat, or of spectators.
+            ProtocolError: `episode/over`, `seat/unknown`, `chat/off` or `chat/phrase` where this
+                may not be said here, or `rate/words` where no more text is recorded of the seat,
+                or of spectators.
         """
         self._check_open()
+        self._check_chat(text)
         quota = self.seat(player).quota if player else self.audience_quota
         size = NOTE_BYTES + len(name.encode()) + len(text.encode())
         self._take_quota(quota, size, player, now, "you can say no more here")
@@ -268,6 +282,14 @@ class EpisodeState:
             self.seat(player).tally.said += 1
         self.said += 1
         self._emit(Said(name, player, text, self._elapsed(now), self.said))
+
+    def _check_chat(self, text: str) -> None:
+        if self.rules.chat is Chat.OFF:
+            raise ProtocolError("chat/off", "nothing is said in this episode", "text")
+        if self.rules.chat is Chat.PHRASES and text not in self.rules.phrases:
+            listed = ", ".join(map(repr, self.rules.phrases))
+            message = f"only these may be said in this episode: {listed}"
+            raise ProtocolError("chat/phrase", message, "text")
 
     def note(self, player: str, topic: str, text: str, now: float, *, more: bool = False) -> None:
         """A text of a seat's own for the recording, which nobody is told.

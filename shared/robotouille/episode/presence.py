@@ -17,12 +17,15 @@ LOBBY_SECONDS = 600.0
 class Presence:
     """The absence policy of an episode. `begun` says whether the game has begun.
 
-    `pauses` are the reasons for which time stands still at present.
+    `pauses` are the reasons for which time stands still at present. `opened` is when the episode
+    was opened, `used` whether anybody has ever taken a seat.
     """
 
-    def __init__(self, seats: Mapping[str, Seat], rules: Rules) -> None:
+    def __init__(self, seats: Mapping[str, Seat], rules: Rules, opened: float) -> None:
         self.pauses = PauseReasons()
         self.complete = False
+        self.used = False
+        self.opened = opened
         self._seats = seats
         self._rules = rules
         self._expected: set[str] = set()
@@ -32,13 +35,21 @@ class Presence:
         here = [seat.present for seat in self._seats.values()]
         self.complete = all(here)
         grace = self._rules.grace
-        patience = grace if begun else max(grace, LOBBY_SECONDS)
-        self._set(PauseReason.DESERTED, not any(here), now + patience)
+        until = now + grace if begun else self._open_until(now)
+        self._set(PauseReason.DESERTED, not any(here), until)
         pausing = begun and self._rules.absence is Absence.PAUSE
         self._set(PauseReason.ABSENCE, pausing and not self.complete, now + grace)
         self._expected = {p for p in self._expected if not self._seats[p].present}
         if not self._expected and PauseReason.RESTART in self.pauses:
             self.lift(PauseReason.RESTART, now, begun=begun)
+
+    def _open_until(self, now: float) -> float:
+        """For how long an episode that has not begun waits for somebody to come."""
+        usual, open_for = now + max(self._rules.grace, LOBBY_SECONDS), self._rules.open_for
+        if open_for is None:
+            return usual
+        closes = self.opened + open_for
+        return max(closes, usual) if self.used else closes
 
     def _set(self, why: PauseReason, applies: bool, until: float) -> None:
         if not applies:
@@ -100,6 +111,6 @@ class Presence:
     def missing(self) -> str:
         """Whom we miss, in words."""
         if PauseReason.DESERTED in self.pauses:
-            return "everybody left"
+            return "everybody left" if self.used else "nobody came"
         missing = names_of(seat for seat in self._seats.values() if not seat.present)
         return f"{missing} did not come back"

@@ -75,6 +75,7 @@ class RecoveredEpisode(Episode):
             paused: An operator had paused the game: it stays so.
         """
         begun = self.in_progress
+        self._presence.used = self.used
         self._started = now - elapsed
         self._clock.start(now)
         self._emit(Restarted(elapsed))

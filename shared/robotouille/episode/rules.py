@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 from pydantic_core import PydanticCustomError
 
 from robotouille.absence import Absence
 
 __all__ = [
     "MOVE_BUDGET",
+    "MAX_PHRASES",
+    "PRINTABLE",
     "Absence",
+    "Chat",
     "Clock",
     "Grace",
     "MaxSteps",
     "MoveBudget",
+    "OpenFor",
+    "Phrase",
     "Rules",
     "StandIn",
     "StepRate",
@@ -43,6 +55,11 @@ MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]
 StandIn = Literal["planner", "random"]
+OpenFor = Annotated[float, Field(ge=1, le=90 * 86_400)]
+MAX_PHRASES = 32
+PRINTABLE = r"^[^\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]*$"
+"""Text without control characters, line ends and marks that turn its direction."""
+Phrase = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
 
 
 class Clock(StrEnum):
@@ -51,6 +68,14 @@ class Clock(StrEnum):
     TURN = "turn"
     LOCKSTEP = "lockstep"
     REALTIME = "realtime"
+
+
+class Chat(StrEnum):
+    """What may be said in an episode: anything, one of its phrases, or nothing."""
+
+    FREE = "free"
+    PHRASES = "phrases"
+    OFF = "off"
 
 
 class Rules(BaseModel):
@@ -69,6 +94,10 @@ class Rules(BaseModel):
     nothing, then is free for others; with `pause` the game stands still, then is abandoned; with
     `bot` the bot `stand_in` plays it until its participant returns, however late; with `end` the
     seat does nothing, then the game is abandoned.
+
+    `open_for`: seconds from its opening for which an episode waits for the first participant (None:
+    ten minutes, and again after a restart). `chat`: what may be said; `phrases` are all there is to
+    say where that is `phrases`. What nobody has set of these is not written.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -81,6 +110,18 @@ class Rules(BaseModel):
     grace: Grace = 30.0
     absence: Absence = Absence.WAIT
     stand_in: StandIn = "planner"
+    open_for: OpenFor | None = None
+    chat: Chat = Chat.FREE
+    phrases: Annotated[tuple[Phrase, ...], Field(max_length=MAX_PHRASES)] = ()
+
+    @model_serializer(mode="wrap")
+    def _write(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The rules as before there were these fields, where they say nothing new."""
+        row: dict[str, Any] = written(self)
+        for name in ("open_for", "chat", "phrases"):
+            if getattr(self, name) == type(self).model_fields[name].default:
+                del row[name]
+        return row
 
     @property
     def period(self) -> float:

@@ -17,6 +17,7 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
+from robotouille.episode.treatments import NO_TREATMENT, SeatTreatment
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
@@ -63,7 +64,7 @@ class Seat:
     `session` is who holds the seat, `participant` its pseudonym, `generation` that of the resume
     token which was used last. `asked_at` is when it was last asked to move, `away` since when it
     is absent, `answer` what became of the last of its actions that was decided, `quota` how much of
-    what is written in its name is recorded.
+    what is written in its name is recorded, `treatment` what a study does to it.
     """
 
     player: str
@@ -81,6 +82,18 @@ class Seat:
     answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
     quota: Quota = field(default_factory=lambda: Quota(SEAT_QUOTA_BYTES))
+    treatment: SeatTreatment = NO_TREATMENT
+
+    @property
+    def shown_kind(self) -> str:
+        """The kind of participant that others see."""
+        return (self.treatment.shown_as or self.kind) if self.taken else ""
+
+    @property
+    def shown_controller(self) -> Controller:
+        """Who moves it, as others see it."""
+        itself = self.present and self.controller == self.kind
+        return Controller(self.shown_kind) if itself else self.controller
 
     @property
     def taken(self) -> bool:

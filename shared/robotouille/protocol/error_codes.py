@@ -67,6 +67,9 @@ class ErrorCode(StrEnum):
     SEAT_MUTED = "seat/muted"
     SEAT_LOST = "seat/lost"
 
+    CHAT_OFF = "chat/off"
+    CHAT_PHRASE = "chat/phrase"
+
     ACTION_INVALID = "action/invalid"
     ACTION_UNKNOWN = "action/unknown"
     ACTION_STALE = "action/stale"

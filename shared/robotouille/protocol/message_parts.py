@@ -11,7 +11,7 @@ from typing_extensions import TypedDict
 from robotouille.episode.events import Controller, Reason
 from robotouille.episode.lifecycle import Phase
 from robotouille.episode.pauses import PauseReason
-from robotouille.episode.rules import Absence, Clock
+from robotouille.episode.rules import PRINTABLE, Absence, Chat, Clock
 from robotouille.world.unmet import Unmet, UnmetKind
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "Identifier",
     "Kind",
     "Known",
+    "Labels",
     "Message",
     "NamedAction",
     "OutcomeRow",
@@ -43,6 +44,10 @@ Position = Annotated[int, Field(ge=0, le=2**53)]
 Ref = Annotated[int, Field(ge=0, le=2**31 - 1)]
 Kind = Literal["human", "bot", "model"]
 View = Literal["state", "text", "both"]
+LabelName = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
+LabelValue = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
+Labels = Annotated[dict[LabelName, LabelValue], Field(max_length=16)]
+"""What an episode belongs to, in words of a study: its condition, pair, round."""
 
 E = TypeVar("E", bound=StrEnum)
 ByValue = Annotated[E, Field(strict=False)]
@@ -146,6 +151,9 @@ class RulesRow(TypedDict, total=False):
     grace: float
     absence: Known[Absence]
     stand_in: str
+    open_for: float
+    chat: Known[Chat]
+    phrases: list[str]
 
 
 @with_config(OPEN)
@@ -171,7 +179,11 @@ class OutcomeRow(TypedDict, total=False):
 
 
 class EpisodeInfo(FromServer):
-    """An episode as the lobby lists it."""
+    """An episode as the lobby lists it.
+
+    `closes` are the seconds until it is closed if nobody comes, where that was asked for. `reason`
+    and `detail` say how it ended, if it has; `created` is when it was opened (UTC).
+    """
 
     episode: Identifier
     code: Identifier
@@ -182,6 +194,11 @@ class EpisodeInfo(FromServer):
     max_steps: int
     seats: list[SeatInfo]
     spectators: int = 0
+    labels: dict[str, str] = {}
+    created: str = ""
+    closes: float | None = None
+    reason: str = ""
+    detail: str = ""
 
 
 class SeatAnswer(FromServer):

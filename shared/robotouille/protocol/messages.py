@@ -24,15 +24,20 @@ from robotouille.domain.task import Timing
 from robotouille.episode.lifecycle import Phase
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.episode.rules import (
+    MAX_PHRASES,
     Absence,
+    Chat,
     Clock,
     Grace,
     MaxSteps,
     MoveBudget,
+    OpenFor,
+    Phrase,
     StandIn,
     StepRate,
     Thinking,
 )
+from robotouille.episode.treatments import SeatTreatment
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.message_parts import (
     ByValue,
@@ -41,6 +46,7 @@ from robotouille.protocol.message_parts import (
     Identifier,
     Kind,
     Known,
+    Labels,
     Message,
     NamedAction,
     OutcomeRow,
@@ -65,6 +71,8 @@ __all__ = [
     "Act",
     "Bye",
     "ClientMessage",
+    "Close",
+    "Closed",
     "Create",
     "Created",
     "Delta",
@@ -131,10 +139,15 @@ class Hello(Message):
 
 
 class ListEpisodes(Message):
-    """Ask for the episodes that can be joined or watched."""
+    """Ask for the episodes that can be joined or watched: those that have all of some `labels`,
+    from number `skip` on. With `closed`, for those instead that were closed because nobody came.
+    """
 
     type: Literal["list"] = "list"
     ref: Ref | None = None
+    labels: Labels = {}
+    skip: Position = 0
+    closed: bool = False
 
 
 class Create(Message):
@@ -142,6 +155,12 @@ class Create(Message):
 
     A `move_budget` of 0 is no limit. `absence` says what happens while a participant is away for
     up to `grace` seconds, and `stand_in` which bot plays for it where that is `bot`.
+
+    An episode that nobody has come to is closed after `open_for` seconds, across restarts. `labels`
+    are recorded, and shown to hosts and operators. `chat` says what may be said: with `phrases`,
+    only one of these. `treatments` are what a study does to seats, by player: others see the kind
+    `shown_as` there, and each action is held back by `delay_ms`. With `tokens` the answer has a
+    role token for each seat.
     """
 
     type: Literal["create"] = "create"
@@ -158,6 +177,22 @@ class Create(Message):
     absence: ByValue[Absence] | None = None
     stand_in: StandIn | None = None
     grace: Grace | None = None
+    open_for: OpenFor | None = None
+    labels: Labels = {}
+    chat: ByValue[Chat] | None = None
+    phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = []
+    treatments: Annotated[dict[Identifier, SeatTreatment], Field(max_length=16)] = {}
+    tokens: bool = False
+
+
+class Close(Message):
+    """Close an episode that one has opened, or, as an operator, any. Who is in it is told the
+    `reason`."""
+
+    type: Literal["close"] = "close"
+    ref: Ref | None = None
+    episode: Identifier
+    reason: Annotated[str, Field(min_length=1, max_length=200)] | None = None
 
 
 class Join(Message):
@@ -271,20 +306,31 @@ class Welcome(FromServer):
 
 
 class Episodes(FromServer):
-    """The answer to `list`."""
+    """The answer to `list`. Of all that there are, `total`, these are at most 500."""
 
     type: Literal["episodes"] = "episodes"
     ref: Ref | None = None
     episodes: list[EpisodeInfo]
+    total: int = 0
 
 
 class Created(FromServer):
-    """The answer to `create`: the episode's id and the code to pass on."""
+    """The answer to `create`: the episode's id and the code to pass on, and, if that was asked
+    for, a role token for each seat."""
 
     type: Literal["created"] = "created"
     ref: Ref | None = None
     episode: Identifier
     code: Identifier
+    tokens: dict[str, str] = {}
+
+
+class Closed(FromServer):
+    """The answer to `close`."""
+
+    type: Literal["closed"] = "closed"
+    ref: Ref | None = None
+    episode: Identifier
 
 
 class Joined(FromServer):
@@ -499,13 +545,14 @@ class Bye(FromServer):
 
 
 ClientMessage = Annotated[
-    Hello | ListEpisodes | Create | Join | Leave | Act | Say | Note | Resync,
+    Hello | ListEpisodes | Create | Close | Join | Leave | Act | Say | Note | Resync,
     Field(discriminator="type"),
 ]
 ServerMessage = Annotated[
     Welcome
     | Episodes
     | Created
+    | Closed
     | Joined
     | Moved
     | Snapshot
@@ -522,9 +569,9 @@ ServerMessage = Annotated[
     Field(discriminator="type"),
 ]
 
-CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Join, Leave, Act, Say, Note, Resync)
+CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Close, Join, Leave, Act, Say, Note, Resync)
 SERVER_MESSAGES = (
-    Welcome, Episodes, Created, Joined, Moved, Snapshot, Delta, Observation, Rejected, Said,
+    Welcome, Episodes, Created, Closed, Joined, Moved, Snapshot, Delta, Observation, Rejected, Said,
     Notice, Roster, Ended, Left, Error, Bye,
 )  # fmt: skip
 

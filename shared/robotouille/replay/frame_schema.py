@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from robotouille.episode.treatments import SeatTreatment
 from robotouille.errors import RecordingError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, Step, World
@@ -83,6 +84,9 @@ class Header(Frame):
     tables: Tables
     code: str = ""
     owner: str = ""
+    labels: dict[str, str] = {}
+    treatments: dict[str, SeatTreatment] = {}
+    open_until: int | None = None
 
 
 class StateFrame(Frame):

@@ -6,7 +6,7 @@ the original byte for byte.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +30,7 @@ from robotouille.episode.events import (
     Stepped,
 )
 from robotouille.episode.rules import Rules
+from robotouille.episode.treatments import SeatTreatment
 from robotouille.protocol.states import StateWriter, unmet_rows, why_row
 from robotouille.release import VERSION
 from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
@@ -54,6 +55,9 @@ def header(
     created: str = "",
     code: str = "",
     owner: str = "",
+    labels: Mapping[str, str] | None = None,
+    treatments: Mapping[str, SeatTreatment] | None = None,
+    open_until: int | None = None,
 ) -> dict[str, Any]:
     """The first frame: everything that play starts from.
 
@@ -63,7 +67,14 @@ def header(
         created: An ISO 8601 time.
         code: What one joins with.
         owner: The pseudonym of who opened the episode.
+        labels: What the episode belongs to, in words of a study.
+        treatments: What the study does to seats, by player.
+        open_until: When it is closed if nobody has come, in milliseconds since 1970 (UTC).
     """
+    treated = {
+        player: treatment.model_dump(exclude_defaults=True)
+        for player, treatment in (treatments or {}).items()
+    }
     return {
         "kind": "header",
         "software": VERSION,
@@ -75,6 +86,9 @@ def header(
         "rules": rules.model_dump(mode="json"),
         "code": code,
         "owner": owner,
+        **({"labels": dict(labels)} if labels else {}),
+        **({"treatments": treated} if treated else {}),
+        **({"open_until": open_until} if open_until is not None else {}),
     }
 
 

@@ -21,6 +21,7 @@ from robotouille.episode import (
     RecoveredEpisode,
     Rules,
     Seat,
+    SeatTreatment,
 )
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
@@ -85,7 +86,8 @@ def restoring(
     """The same frame by frame, for those who have something else to do in between."""
     recording.world = world_of(recording.task)
     comparison = Comparison(recording)
-    episode = RecoveredEpisode(recording.world, _rules(recording), now)
+    treatments = _treatments(recording)
+    episode = RecoveredEpisode(recording.world, _rules(recording), now, treatments=treatments)
     replayer = _Replayer(episode)
     for frame, _, written in recording.anew():
         comparison.add(written)
@@ -124,6 +126,12 @@ def _rules(recording: Recording) -> Rules:
         first = error.errors(include_url=False)[0]
         field = ".".join(map(str, first["loc"]))
         raise RecordingError(f"{recording.source}: rules.{field}: {first['msg']}") from None
+
+
+def _treatments(recording: Recording) -> dict[str, SeatTreatment]:
+    """What was done to seats; the frame's schema has checked it."""
+    rows = recording.header.get("treatments", {})
+    return {player: SeatTreatment.model_validate(row) for player, row in rows.items()}
 
 
 class _Replayer:
