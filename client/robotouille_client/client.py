@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
@@ -142,14 +142,28 @@ class Client:
 
     # Requests
 
-    async def episodes(self) -> list[messages.EpisodeInfo]:
+    async def episodes(
+        self, labels: Mapping[str, str] | None = None, *, closed: bool = False
+    ) -> list[messages.EpisodeInfo]:
         """The episodes on the server that can be joined or watched.
+
+        Args:
+            labels: Only those that have all of these; hosts see those of their own episodes.
+            closed: Those instead that were closed because nobody came.
 
         Raises:
             ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
             ProtocolError: The server refuses; `code` says why.
         """
-        return (await self._ask(messages.ListEpisodes(), messages.Episodes)).episodes
+        found: dict[str, messages.EpisodeInfo] = {}
+        request = messages.ListEpisodes(labels=dict(labels or {}), closed=closed)
+        while True:
+            page = await self._ask(request, messages.Episodes)
+            found.update((one.episode, one) for one in page.episodes)
+            skip = request.skip + len(page.episodes)
+            if not page.episodes or skip >= page.total:
+                return list(found.values())
+            request = request.model_copy(update={"skip": skip})
 
     async def create(self, task: str | None = None, **options: Any) -> messages.Created:
         """Open an episode, without entering it: `join` takes the id or code in the answer.
@@ -165,6 +179,19 @@ class Client:
             ValueError: The message has no such field, or it cannot have this value.
         """
         return await self._ask(messages.Create(task=task, **options), messages.Created)
+
+    async def close_episode(self, episode: str, reason: str | None = None) -> messages.Closed:
+        """Close an episode, by id or code, that one has opened; an operator closes any.
+
+        Args:
+            reason: What those in it are told.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses: `episode/unknown`, `auth/episode` and others.
+            ValueError: An argument is none that the message can have.
+        """
+        return await self._ask(messages.Close(episode=episode, reason=reason), messages.Closed)
 
     async def join(
         self,

@@ -38,6 +38,10 @@ class _Commands(LazyGroup):
             "robotouille_client.cli.generate:generate",
             "Make new instances of a task from a seed, each proven solvable.",
         ),
+        "episodes": LazyCommand(
+            "robotouille_client.cli.episodes:episodes",
+            "Open, list and close the episodes of a study on a server, from and to CSV.",
+        ),
         "replay": LazyCommand(
             "robotouille_client.cli.replay:replay",
             "Look at, verify, measure, watch and export recordings.",

@@ -16,6 +16,7 @@ from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
+from robotouille_server.rooms.listing import MAX_LISTED, info, labels_for
 from robotouille_server.rooms.recordings import (
     ArchivedEpisode,
     Inspection,
@@ -26,7 +27,6 @@ from robotouille_server.rooms.recordings import (
 )
 from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
-from robotouille_server.rooms.listing import MAX_LISTED, info, labels_for
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
 from robotouille_server.rooms.unused_codes import UnusedCode, UnusedCodes

@@ -18,8 +18,8 @@ from pydantic_core import PydanticCustomError
 from robotouille.absence import Absence
 
 __all__ = [
-    "MOVE_BUDGET",
     "MAX_PHRASES",
+    "MOVE_BUDGET",
     "PRINTABLE",
     "Absence",
     "Chat",
