@@ -1,0 +1,84 @@
+"""`robotouille episodes`: tables in and out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from robotouille_client.cli.episode_table import (
+    TableError,
+    closed_codes,
+    read_requests,
+    seconds,
+    write_table,
+)
+from robotouille_client.cli.main import app
+
+TABLE = """task,clock,seats,label.condition,label.pair,shown_as.robot2,delay_ms.robot1,chat,phrases
+multi_agent/01,realtime,2,bot,p1,human,250,phrases,Yes|No
+multi_agent/01,,,human,p2,,,,
+"""
+
+
+def table(folder: Path, text: str) -> Path:
+    path = folder / "table.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_row_says_what_to_open(tmp_path: Path) -> None:
+    rows, (first, second) = read_requests(table(tmp_path, TABLE), open_for=3600.0)
+    assert first.labels == {"condition": "bot", "pair": "p1"}
+    assert first.treatments["robot2"].shown_as == "human"
+    assert first.treatments["robot1"].delay_ms == 250
+    assert (first.seats, first.clock, first.phrases) == (2, "realtime", ["Yes", "No"])
+    assert (second.seats, second.clock, second.open_for) == (None, None, 3600.0)
+    assert rows[1]["label.pair"] == "p2"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("clock\nturn\n", "no column 'task'"),
+        ("", "no column 'task'"),
+        ("task,label\nx,y\n", "'label' is not known"),
+        ("task,colour\nx,red\n", "'colour' is not known"),
+        ("task,task\nx,y\n", "two columns 'task'"),
+        ("task,seats\nx,two\n", "line 2: seats: 'two' is no number"),
+        ("task,seats\nx,2\nx,99\n", "line 3: seats:"),
+        ("task,clock\nx\n", "fewer values"),
+        ("task\nx,y\n", "more values"),
+        ("task,open_for\nx,soon\n", "line 2: 'soon' is no duration"),
+        ("task,label.a\nx,\x07\n", "line 2: labels.a"),
+        ("task\n" + "x\n" * 10_001, "more than 10,000 rows"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_named(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(TableError) as refused:
+        read_requests(table(tmp_path, text))
+    assert words in str(refused.value)
+
+
+def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["episodes", "open", str(tmp_path / "none.csv")])
+    assert done.exit_code == 1
+    assert "cannot be read" in done.output
+    (tmp_path / "binary.csv").write_bytes(b"task\n\xff\xfe\n")
+    with pytest.raises(TableError, match="not UTF-8"):
+        read_requests(tmp_path / "binary.csv")
+
+
+@pytest.mark.parametrize(("text", "expected"), [("90", 90), ("1.5h", 5400), ("30d", 2_592_000)])
+def test_durations(text: str, expected: float) -> None:
+    assert seconds(text) == expected
+
+
+def test_what_was_written_names_what_to_close(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    write_table([{"code": "A", "token.robot1": "x"}, {"code": "B"}], path, secret=True)
+    assert path.stat().st_mode & 0o077 == 0
+    assert closed_codes(path) == ["A", "B"]
+    with pytest.raises(TableError, match="no column 'code'"):
+        closed_codes(table(tmp_path, "task\nx\n"))

@@ -1,0 +1,141 @@
+"""What a study does to seats: delays, and the kind that others see; what may be said."""
+
+from __future__ import annotations
+
+import pytest
+
+from robotouille import ProtocolError
+from robotouille.episode import (
+    Chat,
+    Clock,
+    Controller,
+    Episode,
+    Reason,
+    Rejected,
+    Rules,
+    SeatTreatment,
+)
+from tests.support.episodes import TWO, outcome, steps
+
+SLOW = {"robot2": SeatTreatment(delay_ms=250, shown_as="human")}
+
+
+def began(clock: Clock, **rules: object) -> Episode:
+    episode = Episode(TWO, Rules(clock=clock, step_rate=10.0, **rules), treatments=SLOW)  # type: ignore[arg-type]
+    for player in TWO.players:
+        episode.join(player, player, "bot", 0.0, session=player)
+    episode.events()
+    return episode
+
+
+def act(episode: Episode, player: str, seq: int, now: float) -> str:
+    action = episode.state.actions(player)[0]
+    episode.submit(player, seq, action, now)
+    return action.sentence
+
+
+def test_in_real_time_a_delayed_action_counts_in_a_later_step() -> None:
+    episode = began(Clock.REALTIME)
+    episode.submit("robot1", 1, None, 0.05)
+    act(episode, "robot2", 1, 0.05)
+    episode.tick(0.5)
+    taken = steps(episode)
+    assert [step.step for step in taken if step.idle] == [1]
+    assert [step.step for step in taken if step.moves] == [3]  # It counts from 0.3 s on.
+
+
+def test_a_late_tick_takes_it_in_no_earlier_step() -> None:
+    on_time, late = began(Clock.REALTIME), began(Clock.REALTIME)
+    for episode in (on_time, late):
+        act(episode, "robot2", 1, 0.0)
+    for tenth in range(1, 8):
+        on_time.tick(tenth / 10)
+    late.tick(0.7)
+    assert on_time.state == late.state
+
+
+def test_in_lockstep_the_step_waits_for_it() -> None:
+    episode = began(Clock.LOCKSTEP)
+    act(episode, "robot1", 1, 1.0)
+    act(episode, "robot2", 1, 1.0)
+    assert episode.step == 0
+    assert episode.waits_for == ("robot2",)
+    assert episode.due() == 1.25
+    episode.tick(1.25)
+    assert episode.step == 1
+
+
+def test_it_is_checked_when_it_counts_and_the_same_number_acts_once() -> None:
+    episode = began(Clock.LOCKSTEP)
+    for _ in range(2):
+        episode.submit("robot2", 1, "dance", 0.0)
+    assert not episode.events()
+    episode.tick(0.25)
+    (rejected,) = (event for event in episode.events() if isinstance(event, Rejected))
+    assert rejected.code == "action/unknown"
+    assert episode.due() is None
+
+
+def test_who_leaves_takes_it_away() -> None:
+    episode = began(Clock.LOCKSTEP)
+    act(episode, "robot2", 1, 0.0)
+    episode.leave("robot2", 0.1)
+    episode.join("robot2", "carol", "human", 0.2, session="carol")
+    episode.tick(0.3)
+    assert episode.seat("robot2").pending is None
+
+
+def test_others_see_the_kind_that_the_study_says() -> None:
+    episode = began(Clock.LOCKSTEP)
+    one, two = episode.seats.values()
+    assert (one.shown_kind, one.shown_controller) == ("bot", Controller.BOT)
+    assert (two.kind, two.controller) == ("bot", Controller.BOT)
+    assert (two.shown_kind, two.shown_controller) == ("human", Controller.HUMAN)
+    episode.set_present("robot2", False, 1.0)
+    assert two.shown_controller is Controller.ABSENT
+    episode.leave("robot2", 2.0)
+    assert (two.shown_kind, two.shown_controller) == ("", Controller.FREE)
+
+
+@pytest.mark.parametrize(
+    ("chat", "phrases", "text", "code"),
+    [
+        (Chat.OFF, (), "hello", "chat/off"),
+        (Chat.PHRASES, ("Yes", "No"), "yes", "chat/phrase"),
+        (Chat.PHRASES, ("Yes", "No"), "Yes", ""),
+        (Chat.FREE, (), "hello", ""),
+    ],
+)
+def test_what_may_be_said(chat: Chat, phrases: tuple[str, ...], text: str, code: str) -> None:
+    episode = began(Clock.LOCKSTEP, chat=chat, phrases=phrases)
+    for player in ("robot1", ""):
+        if code:
+            with pytest.raises(ProtocolError) as refused:
+                episode.say("ada", player, text, 1.0)
+            assert refused.value.code == code
+        else:
+            episode.say("ada", player, text, 1.0)
+    assert episode.said == (0 if code else 2)
+
+
+def test_an_episode_that_nobody_comes_to_is_closed_in_time() -> None:
+    episode = Episode(TWO, Rules(open_for=90_000.0), 5.0)
+    assert episode.due() == 90_005.0
+    episode.tick(90_004.9)
+    assert not episode.ended
+    episode.tick(90_005.0)
+    assert outcome(episode) == (Reason.ABANDONED, "nobody came")
+
+
+def test_who_has_come_and_gone_again_is_waited_for_as_ever() -> None:
+    episode = Episode(TWO, Rules(open_for=60.0))
+    episode.join("robot1", "ada", "human", 50.0, session="a")
+    episode.tick(70.0)
+    episode.leave("robot1", 100.0)
+    assert episode.due() == 700.0
+
+
+def test_rules_that_say_nothing_new_are_written_as_before() -> None:
+    assert not {"open_for", "chat", "phrases"} & set(Rules().model_dump(mode="json"))
+    rules = Rules(open_for=60.0, chat=Chat.PHRASES, phrases=("Yes",))
+    assert Rules.model_validate(rules.model_dump(mode="json")) == rules
