@@ -224,6 +224,24 @@ class Client:
             raise AssertionError("joined without a game")
         return self.game
 
+    async def rendering(self) -> messages.Rendering:
+        """What the task of the episode that one is in looks like; nothing for a shipped one.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses, or is of a version without this request.
+        """
+        return await self._ask(messages.GetRendering(), messages.Rendering)
+
+    async def picture(self, digest: str) -> messages.Picture:
+        """A picture of `rendering`.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: The server refuses.
+        """
+        return await self._ask(messages.GetPicture(digest=digest), messages.Picture)
+
     async def leave(self) -> None:
         """Leave the episode; one's seats become free.
 

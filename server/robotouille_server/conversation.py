@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from base64 import b64encode
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.rooms.sessions import Sessions
+from robotouille_server.rooms.task_folder import Look
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
@@ -44,6 +46,8 @@ COSTS: dict[type[messages.Message], float] = {
     messages.Join: 5,
     messages.Resync: 5,
     messages.ListEpisodes: 3,
+    messages.GetRendering: 3,
+    messages.GetPicture: 2,
 }
 """What a message takes of a connection's budget, where that is not one. Each KiB of it, and of
 the snapshots and lists that it is answered with, is one more. After each of these everybody else
@@ -485,6 +489,32 @@ class Conversation:
     def _note(self, session: Session, message: messages.Note) -> None:
         self._room(session).note(session, message)
 
+    def _get_rendering(self, session: Session, message: messages.GetRendering) -> None:
+        look = self._look(session)
+        if look is None:
+            self.peer.answer(messages.Rendering(ref=message.ref))
+            return
+        self.peer.answer(
+            messages.Rendering(
+                ref=message.ref,
+                rendering=dict(look.rendering),
+                bindings=dict(look.bindings),
+                pictures=dict(look.pictures),
+            )
+        )
+
+    def _get_picture(self, session: Session, message: messages.GetPicture) -> None:
+        look = self._look(session)
+        if look is None or message.digest not in look.pictures.values():
+            text = "this episode has no such picture"
+            raise ProtocolError("message/invalid-field", text, "digest")
+        data = b64encode(self._services.lobby.tasks.picture(message.digest)).decode()
+        self.peer.answer(messages.Picture(ref=message.ref, digest=message.digest, data=data))
+
+    def _look(self, session: Session) -> Look | None:
+        """What the task looks like that a session plays or watches; None for a shipped one."""
+        return self._services.lobby.tasks.look(self._room(session).episode.world.task.name)
+
     def _resync(self, session: Session, message: messages.Resync) -> None:
         self._room(session).ask_snapshot(session)
 
@@ -508,6 +538,8 @@ HANDLERS: dict[type[messages.Message], Callable[[Conversation, Session, Any], No
     messages.Act: Conversation._act,
     messages.Say: Conversation._say,
     messages.Note: Conversation._note,
+    messages.GetRendering: Conversation._get_rendering,
+    messages.GetPicture: Conversation._get_picture,
     messages.Resync: Conversation._resync,
     messages.Hello: Conversation._hello_again,
 }

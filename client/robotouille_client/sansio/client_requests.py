@@ -25,7 +25,15 @@ ANSWER_SECONDS = 15.0
 AGAIN_SECONDS = 0.5
 """After which a request is sent again that the server asked us to repeat."""
 
-Request = messages.ListEpisodes | messages.Create | messages.Close | messages.Join | messages.Leave
+Request = (
+    messages.ListEpisodes
+    | messages.Create
+    | messages.Close
+    | messages.Join
+    | messages.GetRendering
+    | messages.GetPicture
+    | messages.Leave
+)
 
 
 @dataclass(frozen=True, slots=True)

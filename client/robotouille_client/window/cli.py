@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -19,6 +20,7 @@ from robotouille_client.console import TokenOption, explain, fail, server_url
 if TYPE_CHECKING:
     from robotouille_client.client import Client
     from robotouille_client.game import Game
+    from robotouille_client.window.pictures.kitchen_look import KitchenLook
 
 __all__ = ["main"]
 
@@ -69,6 +71,7 @@ async def _show(
     screenshot: Path | None,
     screenshot_step: int | None,
     linger: float | None,
+    look: KitchenLook | None,
 ) -> None:
     import asyncio
 
@@ -78,7 +81,7 @@ async def _show(
     loop = asyncio.get_running_loop()
     source = RemoteSource(game, loop.time, connected)
     caption = f"Robotouille {game.code}"
-    window = Window(size, caption=caption, headless=headless, clock=loop.time)
+    window = Window(size, caption=caption, headless=headless, look=look, clock=loop.time)
     showing = asyncio.create_task(window.run(source, linger=linger))
     try:
         while not showing.done():
@@ -109,6 +112,7 @@ async def _run(
 
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+    from robotouille_client.window.sources.remote_look import fetch_look
 
     if code is None:
         async with connect(url, name=name, kind="human", token=token) as client:
@@ -122,7 +126,9 @@ async def _run(
             tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)
             keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))
             try:
-                await _show(game, client.connected.is_set, **show)  # type: ignore[arg-type]
+                with TemporaryDirectory(prefix="robotouille-") as folder:
+                    look = await fetch_look(client, Path(folder))
+                    await _show(game, client.connected.is_set, look=look, **show)  # type: ignore[arg-type]
             finally:
                 keeping.cancel()
 

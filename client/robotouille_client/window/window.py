@@ -17,6 +17,7 @@ from robotouille_client.window.chat_line import ChatLine
 from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
@@ -35,7 +36,8 @@ class Window:
     """One pygame window.
 
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
-    itself, e.g. pause a recording. `clock` and `sleep` are injected for tests.
+    itself, e.g. pause a recording. `look` is that of a kitchen which is not installed. `clock` and
+    `sleep` are injected for tests.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class Window:
         headless: bool = False,
         screenshots: Path | None = None,
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
+        look: KitchenLook | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -60,7 +63,8 @@ class Window:
         self._extra_keys = extra_keys or {}
         self._clock = clock
         self._sleep = sleep
-        self._painter = Painter()
+        self._look = look
+        self._painter = Painter(look.rendering, look.pictures) if look else Painter()
         self._chat = ChatLine()
         self._controls: Controls | None = None
         self._help = False
@@ -262,7 +266,7 @@ class Window:
 
     def _controls_of(self, view: View) -> Controls:
         if self._controls is None or self._controls.world is not view.world:
-            self._controls = Controls(view.world)
+            self._controls = Controls(view.world, self._look.bindings if self._look else None)
         return self._controls
 
     def _save_screenshot(self) -> None:

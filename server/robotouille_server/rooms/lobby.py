@@ -29,6 +29,7 @@ from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
+from robotouille_server.rooms.task_folder import TaskFolder, read_task_folder
 from robotouille_server.rooms.unused_codes import UnusedCode, UnusedCodes
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
@@ -70,6 +71,7 @@ class Lobby:
         self._timestamp = timestamp
         self._wall = wall
         self._unused = UnusedCodes()
+        self.tasks = read_task_folder(settings.tasks) if settings.tasks else TaskFolder()
         self._storage = storage
         self._worker = worker
         self.dropped = 0
@@ -418,6 +420,9 @@ class Lobby:
         if request.task is not None and request.seats is None:
             seats = None
         try:
+            own = self.tasks.load(name, seats, timing, seed)
+            if own is not None:
+                return own
             if request.task is None:
                 return load_task(name, seats=seats, timing=timing, seed=seed)
             return _shipped(name, seats, timing, seed)

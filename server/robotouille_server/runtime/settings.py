@@ -62,6 +62,11 @@ class ServerSettings(BaseSettings):
     task: str = Field(
         "multi_agent/01_lettuce_burger", description="Task (name or problem file) to open first."
     )
+    tasks: Path | None = Field(
+        None,
+        description="Folder of your own problem files, which clients open by name; with what they "
+        "look like.",
+    )
     seats: Annotated[int, Field(ge=1, le=16)] | None = Field(
         None, description="Number of seats, where the task leaves a choice."
     )

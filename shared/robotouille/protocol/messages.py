@@ -80,6 +80,8 @@ __all__ = [
     "EpisodeInfo",
     "Episodes",
     "Error",
+    "GetPicture",
+    "GetRendering",
     "Hello",
     "Join",
     "Joined",
@@ -95,7 +97,9 @@ __all__ = [
     "Observation",
     "OutcomeRow",
     "Pause",
+    "Picture",
     "Rejected",
+    "Rendering",
     "Resync",
     "Roster",
     "RulesRow",
@@ -278,6 +282,21 @@ class Note(Message):
     seat: Identifier | None = None
 
 
+class GetRendering(Message):
+    """Ask what the task of the episode that one is in looks like."""
+
+    type: Literal["get_rendering"] = "get_rendering"
+    ref: Ref | None = None
+
+
+class GetPicture(Message):
+    """Ask for a picture of `rendering`, by its digest."""
+
+    type: Literal["get_picture"] = "get_picture"
+    ref: Ref | None = None
+    digest: Identifier
+
+
 class Resync(Message):
     """Ask for a snapshot, after a gap or a state hash that differs."""
 
@@ -323,6 +342,26 @@ class Created(FromServer):
     episode: Identifier
     code: Identifier
     tokens: dict[str, str] = {}
+
+
+class Rendering(FromServer):
+    """The answer to `get_rendering`: all null for a shipped task, else its rendering and input
+    file, and the digests of the pictures that are not shipped, by their names in the rendering."""
+
+    type: Literal["rendering"] = "rendering"
+    ref: Ref | None = None
+    rendering: dict[str, Any] | None = None
+    bindings: dict[str, Any] | None = None
+    pictures: dict[str, str] = {}
+
+
+class Picture(FromServer):
+    """The answer to `get_picture`: a PNG file, in Base64."""
+
+    type: Literal["picture"] = "picture"
+    ref: Ref | None = None
+    digest: Identifier
+    data: str
 
 
 class Closed(FromServer):
@@ -545,7 +584,18 @@ class Bye(FromServer):
 
 
 ClientMessage = Annotated[
-    Hello | ListEpisodes | Create | Close | Join | Leave | Act | Say | Note | Resync,
+    Hello
+    | ListEpisodes
+    | Create
+    | Close
+    | Join
+    | Leave
+    | Act
+    | Say
+    | Note
+    | GetRendering
+    | GetPicture
+    | Resync,
     Field(discriminator="type"),
 ]
 ServerMessage = Annotated[
@@ -553,6 +603,8 @@ ServerMessage = Annotated[
     | Episodes
     | Created
     | Closed
+    | Rendering
+    | Picture
     | Joined
     | Moved
     | Snapshot
@@ -569,10 +621,23 @@ ServerMessage = Annotated[
     Field(discriminator="type"),
 ]
 
-CLIENT_MESSAGES = (Hello, ListEpisodes, Create, Close, Join, Leave, Act, Say, Note, Resync)
+CLIENT_MESSAGES = (
+    Hello,
+    ListEpisodes,
+    Create,
+    Close,
+    Join,
+    Leave,
+    Act,
+    Say,
+    Note,
+    GetRendering,
+    GetPicture,
+    Resync,
+)
 SERVER_MESSAGES = (
-    Welcome, Episodes, Created, Closed, Joined, Moved, Snapshot, Delta, Observation, Rejected, Said,
-    Notice, Roster, Ended, Left, Error, Bye,
+    Welcome, Episodes, Created, Closed, Rendering, Picture, Joined, Moved, Snapshot, Delta,
+    Observation, Rejected, Said, Notice, Roster, Ended, Left, Error, Bye,
 )  # fmt: skip
 
 client_messages: TypeAdapter[ClientMessage] = TypeAdapter(ClientMessage)

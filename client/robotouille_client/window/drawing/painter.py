@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pygame
 
 from robotouille.domain.rendering import RenderingFile, rendering_of
@@ -27,10 +29,17 @@ class Painter:
 
     Views are expected in the order of their steps; any other order is painted too, but then
     walks of several steps are not seen.
+
+    Args:
+        rendering: In place of the one that belongs to the domain.
+        pictures: A folder in which they are looked for first.
     """
 
-    def __init__(self, rendering: RenderingFile | None = None) -> None:
+    def __init__(
+        self, rendering: RenderingFile | None = None, pictures: Path | None = None
+    ) -> None:
         self._rendering = rendering
+        self._pictures = () if pictures is None else (pictures,)
         self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
@@ -78,7 +87,9 @@ class Painter:
         self._world = world
         self._stages = []
         self._art = self._rendering or rendering_of(world.task)
-        self._sprites = Sprites(self._art.folders(world.task.folder), self._text)
+        self._sprites = Sprites(
+            (*self._pictures, *self._art.folders(world.task.folder)), self._text
+        )
         self._kitchen = KitchenLayer(world, self._art, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
