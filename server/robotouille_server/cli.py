@@ -131,10 +131,16 @@ def run(settings: BaseSettings) -> None:
 def _check_task(settings: ServerSettings) -> None:
     """Whether there is the task of new episodes: nobody is to be let in before that is known."""
     from robotouille import load_task
+    from robotouille_server.rooms.task_folder import read_task_folder
 
     timing = settings.timing_for(settings.mode)
+    own = None
+    if settings.tasks is not None:
+        folder = read_task_folder(settings.tasks)
+        own = folder.load(settings.task, settings.seats, timing, settings.seed)
     try:
-        load_task(settings.task, seats=settings.seats, timing=timing, seed=settings.seed)
+        if own is None:
+            load_task(settings.task, seats=settings.seats, timing=timing, seed=settings.seed)
     except RobotouilleError as error:
         raise RobotouilleError(f"--task: {error}") from None
 

@@ -22,6 +22,7 @@ from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
+from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["Look", "TaskFolder", "TaskFolderError", "read_task_folder"]
 
@@ -165,8 +166,12 @@ class _Reading:
             found = next(
                 (f / file for f in rendering.folders(task.folder) if (f / file).is_file()), None
             )
-            if found is not None and not found.is_relative_to(data_folder("assets")):
-                pictures[file] = self._picture(found)
+            if found is None or found.is_relative_to(data_folder("assets")):
+                continue
+            if found.suffix == ".svg":
+                get_logger().warning("not sent: a picture that is no PNG", file=str(found))
+                continue
+            pictures[file] = self._picture(found)
         return Look(
             rendering.model_dump(mode="json", by_alias=True, exclude_defaults=True),
             bindings_of(task).model_dump(mode="json", by_alias=True, exclude_defaults=True),

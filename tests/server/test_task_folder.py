@@ -1,0 +1,183 @@
+"""A folder of one's own tasks: what is served of it, what is refused, what a window draws."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+
+from robotouille.domain.png import MAX_PICTURE_BYTES, MAX_SIDE, PictureError, plain_png
+from robotouille.replay.recording import read_recording
+from robotouille.resources import data_folder
+from robotouille_client import connect
+from robotouille_server.rooms.task_folder import TaskFolderError, read_task_folder
+from tests.support.servers import crash, raw, serving
+from tests.support.virtual_time import run
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def png(colour: tuple[int, int, int], side: int = 8, more: bytes = b"") -> bytes:
+    """A square of one colour."""
+    rows = (b"\0" + bytes(colour) * side) * side
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
+    body = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + head + more + body
+
+
+@pytest.fixture
+def bistro(tmp_path: Path) -> Path:
+    """The shipped diner under another name, with pictures of its own."""
+    folder = tmp_path / "tasks"
+    pictures = folder / "bistro"
+    pictures.mkdir(parents=True)
+    places = {
+        "bistro.json": data_folder("domains") / "diner.json",
+        "bistro.input.json": data_folder("domains") / "diner.input.json",
+        "bistro.rendering.json": data_folder("renderings") / "diner.json",
+        "crepes.json": data_folder("problems") / "examples/pancakes.json",
+    }
+    for name, path in places.items():
+        text = path.read_text(encoding="utf-8").replace('"diner"', '"bistro"')
+        value = json.loads(text.replace(".svg", ".png") if "rendering" in name else text)
+        value.pop("input_json", None)
+        value.pop("rendering_json", None)
+        (folder / name).write_text(json.dumps(value), encoding="utf-8")
+    for number, path in enumerate(sorted((data_folder("assets") / "diner").iterdir())):
+        (pictures / f"{path.stem}.png").write_bytes(png((250, 10 * number, 7)))
+    return folder
+
+
+def test_a_new_kitchen_is_opened_by_name_and_drawn_with_its_pictures(
+    tmp_path: Path, bistro: Path
+) -> None:
+    pygame = pytest.importorskip("pygame")
+    from robotouille_client.window.drawing.painter import Painter
+    from robotouille_client.window.sources.remote import RemoteSource
+    from robotouille_client.window.sources.remote_look import fetch_look
+
+    def painted(painter: Painter, source: RemoteSource) -> set[tuple[int, ...]]:
+        surface = pygame.Surface((640, 360))
+        painter.paint(surface, source.view())
+        return {tuple(surface.get_at((x, y)))[:3] for x in range(640) for y in range(360)}
+
+    async def main() -> None:
+        pygame.font.init()
+        cache = tmp_path / "cache"
+        cache.mkdir()
+        async with (
+            serving(tmp_path / "recordings", tasks=bistro) as server,
+            connect(server.url, name="ada") as ada,
+        ):
+            game = await ada.join((await ada.create("crepes", max_steps=3)).code)
+            look = await fetch_look(ada, cache)
+            assert look is not None
+            assert {path.suffix for path in cache.iterdir()} == {".png"}
+            bistro.rename(tmp_path / "elsewhere")  # The client is on another machine.
+            source = RemoteSource(game, lambda: 0.0)
+            own = {(250, 10 * number, 7) for number in range(10)}
+            assert painted(Painter(look.rendering, look.pictures), source) & own
+            assert not painted(Painter(), source) & own
+            for _ in range(3):
+                await game.act(None)
+        (file,) = (tmp_path / "recordings").glob("*.rbt")
+        recording = read_recording(file)
+        assert recording.task.name == "crepes"
+        assert recording.verify().ok
+
+    run(main())
+
+
+def test_after_a_restart_the_kitchen_still_has_its_look(tmp_path: Path, bistro: Path) -> None:
+    async def main() -> None:
+        recordings = tmp_path / "recordings"
+        join = {"type": "join", "role": "spectator"}
+        async with serving(recordings, tasks=bistro) as first, raw(first) as ada:
+            create = {"type": "create", "task": "crepes", "open_for": 9000.0}
+            code = (await ada.ask(create, "created"))["code"]
+            await crash(first)
+        async with serving(recordings, seed=2, tasks=bistro) as second, raw(second) as ada:
+            await ada.ask({**join, "episode": code}, "joined")
+            told = await ada.ask({"type": "get_rendering", "ref": 7}, "rendering")
+            assert told["pictures"]
+            digest = next(iter(told["pictures"].values()))
+            picture = await ada.ask({"type": "get_picture", "digest": digest}, "picture")
+            assert picture["digest"] == digest
+            refused = await ada.ask({"type": "get_picture", "digest": "0" * 64}, "picture")
+            assert refused["code"] == "message/invalid-field"
+
+    run(main())
+
+
+def test_of_a_shipped_task_nothing_is_sent(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
+            await ada.join((await ada.create("synchronous/01")).code)
+            assert (await ada.rendering()).rendering is None
+
+    run(main())
+
+
+def test_links_that_lead_outside_are_refused(bistro: Path) -> None:
+    (bistro / "secret.json").symlink_to("/etc/passwd")
+    (bistro / "inside.json").symlink_to(bistro / "crepes.json")
+    with pytest.raises(TaskFolderError, match=r"secret\.json: is a link that leads out") as refused:
+        read_task_folder(bistro)
+    assert "inside" not in str(refused.value)
+
+
+def test_every_broken_file_is_named(bistro: Path) -> None:
+    (bistro / "broken.json").write_text("{")
+    (bistro / "poor.json").write_text('{"width": 3, "height": 3, "goal": 7}')
+    with pytest.raises(TaskFolderError) as refused:
+        read_task_folder(bistro)
+    assert "broken.json" in str(refused.value)
+    assert "poor.json" in str(refused.value)
+
+
+def test_a_broken_picture_is_named(bistro: Path) -> None:
+    picture = next((bistro / "bistro").iterdir())
+    picture.write_bytes(picture.read_bytes()[:40])
+    with pytest.raises(TaskFolderError, match=f"bistro/{picture.name}: is a torn PNG"):
+        read_task_folder(bistro)
+
+
+def test_too_many_files_are_not_gone_through(bistro: Path) -> None:
+    for number in range(2_001):
+        os.close(os.open(bistro / f"{number}.txt", os.O_CREAT))
+    with pytest.raises(TaskFolderError, match="more than 2,000 files"):
+        read_task_folder(bistro)
+
+
+def test_no_folder_and_none_with_tasks(tmp_path: Path) -> None:
+    with pytest.raises(TaskFolderError, match="no such folder"):
+        read_task_folder(tmp_path / "none")
+    with pytest.raises(TaskFolderError, match="no problem file"):
+        read_task_folder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"GIF89a", "is no PNG"),
+        (png((1, 2, 3))[:-4], "torn"),
+        (png((1, 2, 3)).replace(b"IDAT", b"IDAX"), "torn"),
+        (b"\x89PNG\r\n\x1a\n" + chunk(b"IEND", b""), "without its beginning"),
+        (png((1, 2, 3), side=MAX_SIDE + 1), "pixels large"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(MAX_PICTURE_BYTES), "at most"),
+    ],
+)
+def test_what_is_no_picture_is_refused(content: bytes, words: str) -> None:
+    with pytest.raises(PictureError, match=words):
+        plain_png(content)
+
+
+def test_of_a_picture_only_what_is_drawn_is_kept() -> None:
+    text = chunk(b"zTXt", b"secret\0\0" + zlib.compress(bytes(100_000)))
+    assert plain_png(png((1, 2, 3), more=text)) == png((1, 2, 3))
