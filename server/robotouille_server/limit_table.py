@@ -11,13 +11,15 @@ from typing import Any
 from pydantic import BaseModel
 
 from robotouille.domain.files import MAX_NESTING
+from robotouille.domain.png import MAX_PICTURE_BYTES, MAX_SIDE
 from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
     MAX_SEAT_BYTES,
     NEWCOMER_BYTES,
     SEAT_QUOTA_BYTES,
 )
-from robotouille.episode.rules import MOVE_BUDGET
+from robotouille.episode.rules import MAX_PHRASES, MOVE_BUDGET
+from robotouille.episode.treatments import MAX_DELAY_MS
 from robotouille.protocol import messages
 from robotouille.protocol.codec import (
     MAX_CLIENT_BYTES,
@@ -51,6 +53,8 @@ from robotouille_server.rooms.recordings import archive
 from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
 from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from robotouille_server.rooms.seats.slow_seats import WAITING_SECONDS
+from robotouille_server.rooms.task_folder import MAX_FILES
+from robotouille_server.rooms.unused_codes import MAX_CODES
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
 from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.descriptors import RESERVED
@@ -150,7 +154,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "rate/limited",
             value=f"{MAX_REFUSED}",
         ),
-        Limit("cost of `create`", "counts as so many", value=_cost(messages.Create)),
+        Limit("… of them `create` and `close`", "read later; nothing is dropped",
+              setting="messages_per_second"),
         Limit("cost of `join` and `resync`", "counts as so many", value=_cost(messages.Join)),
         Limit("cost of `list`", "counts as so many", value=_cost(messages.ListEpisodes)),
         Limit("cost of a KiB of a message, a snapshot or a list", "counts as so many",
@@ -274,6 +279,22 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "rate/episodes",
             setting="max_episodes_per_owner",
         ),
+        Limit(
+            "… that are kept open for somebody who has not come (`open_for`)",
+            "`create` is refused",
+            "rate/episodes",
+            setting="max_reserved_per_owner",
+        ),
+        Limit("time for which an episode is kept open", "refused", INVALID, value="90 days"),
+        Limit("labels, phrases of an episode", "refused", INVALID,
+              value=f"16, {MAX_PHRASES}"),
+        Limit("delay of a seat's actions", "refused", INVALID, value=f"{MAX_DELAY_MS / 1000:g} s"),
+        Limit("codes closed unused that a process remembers", "the oldest are unknown",
+              "episode/unknown", value=f"{MAX_CODES:,}"),
+        Limit("files in the folder of own tasks", "the server does not start",
+              value=f"{MAX_FILES:,}"),
+        Limit("a picture of an own task", "the server does not start",
+              value=f"{MAX_PICTURE_BYTES // 1024} KiB, {MAX_SIDE:,} pixels a side"),
         Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
         Limit(
             "times a seat is taken or come back to",

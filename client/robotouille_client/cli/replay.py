@@ -70,6 +70,8 @@ def info(
         "seed": head["seed"],
         "created": head["created"],
         "software": head["software"],
+        "labels": head.get("labels", {}),
+        "treated": head.get("treatments", {}),
         "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
         "steps": recording.length,
         "rejected": {player: dict(counts) for player, counts in rejections(recording).items()},
@@ -82,11 +84,22 @@ def info(
         return
     end = recording.outcome
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
+    rows["labels"] = ", ".join(f"{k}={v}" for k, v in rows["labels"].items()) or "-"
+    rows["treated"] = _treated(rows["treated"])
     rows["rejected"] = _rejected(rows["rejected"])
     rows["staleness"] = _staleness(rows["staleness"])
     rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
     for key, value in [*rows.items(), *course_text(recording)]:
         tell(printable(f"{key:9} {value}"))
+
+
+def _treated(treatments: dict[str, dict[str, Any]]) -> str:
+    """What a study did to seats; a dash for nothing."""
+    told = [
+        f"{player}: {', '.join(f'{name} {value}' for name, value in treatment.items())}"
+        for player, treatment in treatments.items()
+    ]
+    return "; ".join(told) or "-"
 
 
 def _rejected(counts: dict[str, dict[str, int]]) -> str:

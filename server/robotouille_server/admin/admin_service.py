@@ -341,9 +341,12 @@ def _rank(found: tuple[Room, str]) -> tuple[bool, int]:
 
 
 def _matches(room: Room, words: list[str]) -> bool:
-    """Whether a room's code, task, id or names contain all words."""
+    """Whether a room's code, task, id, names or labels contain all words."""
     names = [seat.name for seat in room.episode.seats.values()]
-    text = " ".join([room.code, shown_code(room.code), room.world.task.name, room.id, *names])
+    labels = [f"{name}={value}" for name, value in room.labels.items()]
+    text = " ".join(
+        [room.code, shown_code(room.code), room.world.task.name, room.id, *names, *labels]
+    )
     return all(word in text.lower() for word in words)
 
 

@@ -71,7 +71,7 @@ function seatChip() {
     root,
     update(seat) {
       setAttribute(root, "data-who", seat.controller || "free");
-      setAttribute(root, "title", `${seat.player}: ${controllerWords(seat)}, ${seat.applied} done, ${seat.rejected} rejected`);
+      setAttribute(root, "title", `${seat.player}: ${controllerWords(seat)}${seat.shown_as ? ` (shown as ${seat.shown_as})` : ""}, ${seat.applied} done, ${seat.rejected} rejected`);
       setText(name, seat.name || seat.player);
       setText(more, [controllerWords(seat), latency(seat)].filter(Boolean).join(" · "));
     },
@@ -85,6 +85,7 @@ function card(row, watch) {
   const traffic = h("span");
   const recording = h("span");
   const spectators = h("span");
+  const labels = h("span", { class: "labels" });
   let now = row;
   const hold = button("pause", "Pause", () => pauseOrResume(now));
   const look = button("eye", "Watch", () => watch(now.episode), "primary");
@@ -92,7 +93,7 @@ function card(row, watch) {
     h("div", { class: "what" }, h("div", { class: "chips" }, parts.heading.code, parts.phase.root), parts.heading.title, parts.heading.about),
     parts.progress.root,
     seats,
-    h("div", { class: "figures" }, traffic, spectators, recording),
+    h("div", { class: "figures" }, traffic, spectators, recording, labels),
     h("div", { class: "actions" }, hold, look),
   );
   return {
@@ -104,6 +105,7 @@ function card(row, watch) {
       setText(traffic, `${number(next.rates.received)} in · ${number(next.rates.sent)} out msg/s`);
       setText(spectators, next.spectators ? `${next.spectators} watching` : "");
       setText(recording, recordingWords(next));
+      setText(labels, Object.entries(next.labels).map(([name, value]) => `${name}=${value}`).join(" · "));
       setAttribute(recording, "class", next.problem ? "bad" : "");
       hold.hidden = next.phase === "over";
       setHold(hold, next);
