@@ -131,7 +131,7 @@ def run(settings: BaseSettings) -> None:
 def _check_task(settings: ServerSettings) -> None:
     """Whether there is the task of new episodes: nobody is to be let in before that is known."""
     from robotouille import load_task
-    from robotouille_server.rooms.task_folder import read_task_folder
+    from robotouille_server.runtime.task_folder import read_task_folder
 
     timing = settings.timing_for(settings.mode)
     own = None

@@ -29,10 +29,10 @@ from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.room import Room
 from robotouille_server.rooms.session import JoinedRoom, Session
 from robotouille_server.rooms.sessions import Sessions
-from robotouille_server.rooms.task_folder import Look
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import Look
 from robotouille_server.runtime.timer_queue import LATE
 from robotouille_server.runtime.token_bucket import TokenBucket
 from robotouille_server.runtime.workers import ElsewhereError

@@ -18,8 +18,7 @@ from robotouille.episode.quota import (
     NEWCOMER_BYTES,
     SEAT_QUOTA_BYTES,
 )
-from robotouille.episode.rules import MAX_PHRASES, MOVE_BUDGET
-from robotouille.episode.treatments import MAX_DELAY_MS
+from robotouille.episode.rules import MAX_DELAY_MS, MAX_PHRASES, MOVE_BUDGET
 from robotouille.protocol import messages
 from robotouille.protocol.codec import (
     MAX_CLIENT_BYTES,
@@ -48,17 +47,17 @@ from robotouille_server.auth.revocation import KEPT_SECONDS
 from robotouille_server.auth.revocation import MAX_ENTRIES as MAX_REVOKED
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.rooms.listing import MAX_CODES
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.rooms.recordings import archive
 from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
 from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from robotouille_server.rooms.seats.slow_seats import WAITING_SECONDS
-from robotouille_server.rooms.task_folder import MAX_FILES
-from robotouille_server.rooms.unused_codes import MAX_CODES
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
 from robotouille_server.runtime.audit_log import KEPT_FILES, MAX_AUDIT_BYTES
 from robotouille_server.runtime.descriptors import RESERVED
 from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import MAX_FILES
 from robotouille_server.transport.admission import (
     HANDSHAKES_AT_ONCE,
     LOOP_BUDGET,

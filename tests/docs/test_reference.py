@@ -153,13 +153,17 @@ def test_numbers_of_the_protocol_are_those_of_the_code() -> None:
     page = " ".join(read("protocol.md").split())
     defaults, kib = ServerSettings(), 1024
     rate = defaults.messages_per_second
-    create, listing = (conversation.COSTS[m] for m in (messages.Create, messages.ListEpisodes))
+    listing, look, picture = (
+        conversation.COSTS[m]
+        for m in (messages.ListEpisodes, messages.GetRendering, messages.GetPicture)
+    )
+    assert listing == look
     assert f"at most {codec.MAX_CLIENT_BYTES // kib} KiB" in page
     assert f"{rate:g} messages a second, in bursts of {2 * rate:g}" in page
     joining, resync = (conversation.COSTS[m] for m in (messages.Join, messages.Resync))
     assert joining == resync
-    counts = f"`create` counts as {create}, `join` and `resync` as {joining}, `list` as {listing}"
-    assert counts in page
+    counts = f"`join` and `resync` count as {joining}, `list` and `get_rendering` as {listing}"
+    assert f"{counts}, `get_picture` as {picture}" in page
     assert f"({conversation.MAX_HELLO_BYTES // kib} KiB before `hello` is answered)" in page
     assert f"{codec.MAX_ITEMS} values in all and {codec.MAX_FIELDS} fields in one object" in page
     assert f"parts of messages: {FRAMES_A_SECOND:g} a second, in bursts of {FRAMES_BURST:g}" in page

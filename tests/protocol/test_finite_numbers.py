@@ -44,7 +44,7 @@ def test_there_are_such_fields() -> None:
     assert {"Welcome.grace", "Snapshot.left", "Pause.left"} == {
         f"{model.__name__}.{name}" for model, name in SENT
     }
-    assert {name for _, name in TAKEN} == {"step_rate", "move_budget", "grace"}
+    assert {name for _, name in TAKEN} == {"step_rate", "move_budget", "grace", "open_for"}
 
 
 @pytest.mark.parametrize(("model", "name"), SENT)

@@ -14,7 +14,7 @@ from robotouille.domain.png import MAX_PICTURE_BYTES, MAX_SIDE, PictureError, pl
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import connect
-from robotouille_server.rooms.task_folder import TaskFolderError, read_task_folder
+from robotouille_server.runtime.task_folder import TaskFolderError, read_task_folder
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
 

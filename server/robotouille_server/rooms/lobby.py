@@ -16,7 +16,13 @@ from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.listing import MAX_LISTED, info, labels_for
+from robotouille_server.rooms.listing import (
+    MAX_LISTED,
+    UnusedCode,
+    UnusedCodes,
+    info,
+    labels_for,
+)
 from robotouille_server.rooms.recordings import (
     ArchivedEpisode,
     Inspection,
@@ -29,11 +35,10 @@ from robotouille_server.rooms.room import Room, RoomHost
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
-from robotouille_server.rooms.task_folder import TaskFolder, read_task_folder
-from robotouille_server.rooms.unused_codes import UnusedCode, UnusedCodes
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.settings import ServerSettings
+from robotouille_server.runtime.task_folder import TaskFolder, read_task_folder
 from robotouille_server.runtime.timer_queue import TimerQueue
 from robotouille_server.runtime.workers import CODE_LETTERS, WorkerSlot, plain_code
 

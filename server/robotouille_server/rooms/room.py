@@ -20,10 +20,10 @@ from robotouille.episode import (
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_server.rooms.action_requests import ActionRequests
 from robotouille_server.rooms.broadcaster import Broadcaster
 from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings import Journal
+from robotouille_server.rooms.seats.action_requests import ActionRequests
 from robotouille_server.rooms.seats.display_names import DisplayNames
 from robotouille_server.rooms.seats.seat_turnover import SeatTurnover
 from robotouille_server.rooms.session import Session

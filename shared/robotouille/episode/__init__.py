@@ -37,9 +37,8 @@ if TYPE_CHECKING:
     from robotouille.episode.lifecycle import Phase
     from robotouille.episode.pauses import PauseReason
     from robotouille.episode.recovered_episode import RecoveredEpisode
-    from robotouille.episode.rules import Absence, Chat, Clock, Rules
+    from robotouille.episode.rules import Absence, Chat, Clock, Rules, SeatTreatment
     from robotouille.episode.seats import ActionAnswer, Seat
-    from robotouille.episode.treatments import SeatTreatment
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -50,7 +49,6 @@ else:
         "robotouille.episode.pauses",
         "robotouille.episode.events",
         "robotouille.episode.seats",
-        "robotouille.episode.treatments",
         "robotouille.episode.episode",
         "robotouille.episode.recovered_episode",
     )

@@ -27,15 +27,15 @@ from robotouille.episode.lifecycle import Phase, PhaseEvent
 from robotouille.episode.pauses import PauseReason
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import size_of_rejection
-from robotouille.episode.rules import Absence, Rules
+from robotouille.episode.rules import Absence, Rules, SeatTreatment
 from robotouille.episode.seats import (
     ActionAnswer,
+    HeldActions,
     PendingAction,
     Seat,
     by_holder,
     joint_action,
 )
-from robotouille.episode.treatments import HeldActions, SeatTreatment
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet, UnmetKind, only_words, texts_of

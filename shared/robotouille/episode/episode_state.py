@@ -32,9 +32,8 @@ from robotouille.episode.quota import (
     size_of_note,
     take_or_refuse,
 )
-from robotouille.episode.rules import Absence, Chat, Rules
+from robotouille.episode.rules import NO_TREATMENT, Absence, Chat, Rules, SeatTreatment
 from robotouille.episode.seats import ActionAnswer, Seat, names_of, tally
-from robotouille.episode.treatments import NO_TREATMENT, SeatTreatment
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom

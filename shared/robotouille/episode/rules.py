@@ -18,8 +18,10 @@ from pydantic_core import PydanticCustomError
 from robotouille.absence import Absence
 
 __all__ = [
+    "MAX_DELAY_MS",
     "MAX_PHRASES",
     "MOVE_BUDGET",
+    "NO_TREATMENT",
     "PRINTABLE",
     "Absence",
     "Chat",
@@ -30,6 +32,8 @@ __all__ = [
     "OpenFor",
     "Phrase",
     "Rules",
+    "SeatTreatment",
+    "ShownKind",
     "StandIn",
     "StepRate",
     "Thinking",
@@ -57,6 +61,8 @@ Thinking = Literal["wall", "declared"]
 StandIn = Literal["planner", "random"]
 OpenFor = Annotated[float, Field(ge=1, le=90 * 86_400)]
 MAX_PHRASES = 32
+MAX_DELAY_MS = 10_000
+ShownKind = Literal["human", "bot", "model"]
 PRINTABLE = r"^[^\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]*$"
 """Text without control characters, line ends and marks that turn its direction."""
 Phrase = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
@@ -76,6 +82,23 @@ class Chat(StrEnum):
     FREE = "free"
     PHRASES = "phrases"
     OFF = "off"
+
+
+class SeatTreatment(BaseModel):
+    """What a study does to a seat.
+
+    Others see a participant of the kind `shown_as`, whatever plays. Each action of the seat is
+    held back by `delay_ms` milliseconds before it counts, as if it had come so much later: it is
+    checked only then.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    shown_as: ShownKind | None = None
+    delay_ms: Annotated[int, Field(ge=0, le=MAX_DELAY_MS)] = 0
+
+
+NO_TREATMENT = SeatTreatment()
 
 
 class Rules(BaseModel):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+import heapq
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from typing import NamedTuple
 
 from robotouille.episode.events import (
@@ -17,12 +19,13 @@ from robotouille.episode.events import (
 )
 from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
-from robotouille.episode.treatments import NO_TREATMENT, SeatTreatment
+from robotouille.episode.rules import NO_TREATMENT, SeatTreatment
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
 __all__ = [
     "ActionAnswer",
+    "HeldActions",
     "PendingAction",
     "Seat",
     "by_holder",
@@ -205,6 +208,38 @@ class Seat:
         if pending.seq > 0:
             self.answer = ActionAnswer(pending.seq, step + 1)
         return pending
+
+
+class HeldActions:
+    """Actions that have come and do not count yet. Times are in seconds, as the episode's."""
+
+    __slots__ = ("_held", "_order")
+
+    def __init__(self) -> None:
+        self._held: list[tuple[float, int, str, Callable[[float], None]]] = []
+        self._order = count()
+
+    def hold(self, player: str, until: float, take: Callable[[float], None]) -> None:
+        """Keep an action of a player; `take` is called with the time when it counts."""
+        heapq.heappush(self._held, (until, next(self._order), player, take))
+
+    def due(self) -> float | None:
+        """When the next one counts."""
+        return self._held[0][0] if self._held else None
+
+    def release(self, now: float) -> None:
+        """Let those count whose time has come, in its order."""
+        while self._held and self._held[0][0] <= now:
+            heapq.heappop(self._held)[3](now)
+
+    def drop(self, player: str) -> None:
+        """Forget those of a player who has left."""
+        self._held = [held for held in self._held if held[2] != player]
+        heapq.heapify(self._held)
+
+    def clear(self) -> None:
+        """Forget all: the game is over."""
+        self._held.clear()
 
 
 def by_holder(seats: Iterable[Seat]) -> list[list[str]]:

@@ -33,11 +33,11 @@ from robotouille.episode.rules import (
     MoveBudget,
     OpenFor,
     Phrase,
+    SeatTreatment,
     StandIn,
     StepRate,
     Thinking,
 )
-from robotouille.episode.treatments import SeatTreatment
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.protocol.message_parts import (
     ByValue,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from robotouille.episode.treatments import SeatTreatment
+from robotouille.episode.rules import SeatTreatment
 from robotouille.errors import RecordingError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, Step, World

@@ -29,8 +29,7 @@ from robotouille.episode.events import (
     Started,
     Stepped,
 )
-from robotouille.episode.rules import Rules
-from robotouille.episode.treatments import SeatTreatment
+from robotouille.episode.rules import Rules, SeatTreatment
 from robotouille.protocol.states import StateWriter, unmet_rows, why_row
 from robotouille.release import VERSION
 from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
