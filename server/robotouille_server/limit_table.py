@@ -284,7 +284,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
             "rate/episodes",
             setting="max_reserved_per_owner",
         ),
-        Limit("time for which an episode is kept open", "refused", INVALID, value="90 days"),
+        Limit("time for which an episode is kept open", "refused", INVALID, value="1 minute to 90 days"),
         Limit("labels, phrases of an episode", "refused", INVALID,
               value=f"16, {MAX_PHRASES}"),
         Limit("delay of a seat's actions", "refused", INVALID, value=f"{MAX_DELAY_MS / 1000:g} s"),

@@ -24,13 +24,16 @@ EXAMPLES: list[messages.ClientMessage] = [
     messages.Act(seq=1, action=None),
     messages.Say(text="x"),
     messages.Note(topic="x", text="x"),
+    messages.GetRendering(),
+    messages.GetPicture(digest="0" * 64),
+    messages.Close(episode="x"),
     messages.Resync(),
 ]
 REFUSED: dict[Role, set[str]] = {
     Role.OPERATOR: set(),
     Role.HOST: set(),
-    Role.PLAYER: {"list", "create"},
-    Role.SPECTATOR: {"list", "create", "act", "say", "note", "join as player"},
+    Role.PLAYER: {"list", "create", "close"},
+    Role.SPECTATOR: {"list", "create", "close", "act", "say", "note", "join as player"},
 }
 
 

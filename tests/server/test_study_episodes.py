@@ -39,7 +39,8 @@ def test_a_code_outlives_a_restart_and_is_closed_when_its_time_is_over(tmp_path:
         wall = Wall()
         async with serving(tmp_path, wall=wall) as first, opened(first) as lab:
             await host(lab, minted(first, Role.HOST, seconds=10 * DAY))
-            code = (await lab.ask(CREATE, "created"))["code"]
+            study = {"chat": "off", "treatments": {"robot2": {"delay_ms": 40}}}
+            code = (await lab.ask({**CREATE, **study}, "created"))["code"]
             await asyncio.sleep(3600.0)
             await crash(first)
         wall.now += DAY / 2
@@ -48,6 +49,9 @@ def test_a_code_outlives_a_restart_and_is_closed_when_its_time_is_over(tmp_path:
             (listed,) = (await lab.ask({"type": "list"}, "episodes"))["episodes"]
             assert listed["code"] == code
             assert listed["labels"] == LABELS
+            episode = second.lobby.find(code).episode
+            assert episode.rules.chat == "off"
+            assert episode.seat("robot2").treatment.delay_ms == 40
             assert listed["closes"] == pytest.approx(DAY / 2, abs=20.0)
             await asyncio.sleep(DAY / 2 + 300.0)
             late = await lab.ask({"type": "join", "episode": code}, "joined")
@@ -93,7 +97,7 @@ def test_labels_are_told_to_who_opened_it_and_to_operators(tmp_path: Path) -> No
         ("labels", {"a": ""}),
         ("labels", {f"a{n}": "b" for n in range(17)}),
         ("open_for", 91 * DAY),
-        ("open_for", 0.0),
+        ("open_for", 59.0),
         ("phrases", ["Hello"]),
         ("chat", "phrases"),
         ("treatments", {"robot9": {"shown_as": "bot"}}),

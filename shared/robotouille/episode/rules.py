@@ -59,7 +59,7 @@ MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]
 StandIn = Literal["planner", "random"]
-OpenFor = Annotated[float, Field(ge=1, le=90 * 86_400)]
+OpenFor = Annotated[float, Field(ge=60, le=90 * 86_400)]
 MAX_PHRASES = 32
 MAX_DELAY_MS = 10_000
 ShownKind = Literal["human", "bot", "model"]
