@@ -106,6 +106,8 @@ def test_one_token_has_a_share_of_the_games(tmp_path: Path) -> None:
             with pytest.raises(RobotouilleError, match="leave one"):
                 await games.join(ada, code, None, "spectator")
             assert len(games) == MAX_GAMES_OF_ONE
+            await games.close_all()
+            await games.join(ada, code, None, "spectator")
 
     run(main())
 
