@@ -144,7 +144,7 @@ def jobs(
         kind = budget or ("own" if instance.best(count) is not None else "published")
         pack.budget(instance, kind, seats=count)
         for agent in agents:
-            _check_playable(agent, instance, count)
+            _check_playable(agent, instance, count, real_time)
             for seed in seeds:
                 yield Job(
                     agent=agent,
@@ -164,12 +164,20 @@ def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
     return "stochastic" if by_chance else ""
 
 
-def _check_playable(agent: AgentSpec, instance: PackInstance, seats: int) -> None:
+def _check_playable(
+    agent: AgentSpec, instance: PackInstance, seats: int, real_time: RealTime | None
+) -> None:
     """Raises RobotouilleError for what could only break off."""
-    if agent.kind == "scripted" and instance.best(seats) is None:
+    helped = agent.kind == "model" and real_time is not None and real_time.helper == "script"
+    if (agent.kind == "scripted" or helped) and instance.best(seats) is None:
+        what, instead = (
+            ("--helper script", "take --helper planner")
+            if helped
+            else ("`scripted`", "leave it out of --agents")
+        )
         raise RobotouilleError(
-            f"no plan of {instance.id} is known that `scripted` could carry out: leave it out of "
-            "--agents, or let `robotouille pack prove` find plans first"
+            f"no plan of {instance.id} is known that {what} could carry out: {instead}, "
+            "or let `robotouille pack prove` find plans first"
         )
     if agent.strategy.casefold().startswith("reflexion") and seats > 1:
         raise RobotouilleError(

@@ -28,6 +28,7 @@ from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
     Job,
+    RealTime,
     RunFolder,
     RunPlan,
     Workers,
@@ -289,3 +290,6 @@ def test_what_could_only_break_off_is_not_begun() -> None:
     bare = replace(pack(), instances=tuple(replace(i, plans=()) for i in pack().instances[:1]))
     with pytest.raises(RobotouilleError, match="pack prove"):
         tuple(jobs(bare, [agent("scripted")], bare.instances, budget="published"))
+    moving = RealTime(charge="tokens:20", helper="script")
+    with pytest.raises(RobotouilleError, match="that --helper script could"):
+        tuple(jobs(bare, [MODEL], bare.instances, budget="published", real_time=moving))
