@@ -144,3 +144,11 @@ def test_a_call_that_is_cancelled_changes_nothing(tmp_path: Path) -> None:
             assert await free_seats(server.url) == ["robot1", "robot2"]
 
     run(main())
+
+
+async def test_nothing_is_kept_of_tokens_that_have_no_game() -> None:
+    games = OpenGames("ws://127.0.0.1:9")
+    for number in range(3):
+        with pytest.raises(RobotouilleError):
+            await games.join(Caller(f"token-{number}", alone=False), "CODE", None, "player")
+    assert not games._places
