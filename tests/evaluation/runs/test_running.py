@@ -291,11 +291,9 @@ def test_what_could_only_break_off_is_not_begun() -> None:
     bare = replace(pack(), instances=tuple(replace(i, plans=()) for i in pack().instances[:1]))
     with pytest.raises(RobotouilleError, match="pack prove"):
         tuple(jobs(bare, [agent("scripted")], bare.instances, budget="published"))
-<<<<<<< HEAD
     moving = RealTime(charge="tokens:20", helper="script")
     with pytest.raises(RobotouilleError, match="that --helper script could"):
         tuple(jobs(bare, [MODEL], bare.instances, budget="published", real_time=moving))
-=======
 
 
 @pytest.mark.parametrize(
@@ -318,4 +316,3 @@ def test_a_plan_that_was_edited_says_what_is_wrong_with_it(
     with pytest.raises(FileError, match=f"run.json: {place}: ") as caught:
         folder.plan()
     assert len(str(caught.value).splitlines()) == 1
->>>>>>> w-attack13
