@@ -115,16 +115,24 @@ class State:
     def holds(self, predicate: str, *arguments: str) -> bool:
         """Whether a fact is true, e.g. `state.holds("iscut", "lettuce1")`.
 
-        One with a name that the world does not know is not.
+        One about an object that does not exist (yet) is not.
 
         Raises:
-            WrongArgumentError: Something that cannot be a name, such as a list, is given for one.
+            UnknownNameError: The domain has no such predicate.
+            WrongArgumentError: There are too many or too few objects, or something that cannot be
+                a name, such as a list, is given for one.
         """
-        try:
-            return self.world.table.holds((predicate, *arguments), self.facts)
-        except TypeError:
+        if not all(isinstance(name, str) for name in (predicate, *arguments)):
             found = ", ".join(map(repr, (predicate, *arguments)))
-            raise WrongArgumentError(f"expected names, found {found}") from None
+            raise WrongArgumentError(f"expected names, found {found}")
+        types = self.world.table.types.get(predicate)
+        if types is None:
+            known = did_you_mean(predicate, self.world.table.types)
+            raise UnknownNameError(f"no predicate {predicate!r}{known}")
+        if len(types) != len(arguments):
+            told = f"({', '.join(arguments)})"
+            raise WrongArgumentError(f"{predicate} takes {len(types)} names, found {told}")
+        return self.world.table.holds((predicate, *arguments), self.facts)
 
     def atoms(self) -> list[Atom]:
         """Every true fact as `(predicate, argument, …)`, sorted."""
