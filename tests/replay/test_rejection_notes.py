@@ -78,7 +78,7 @@ def test_they_are_counted_in_the_outcome_and_the_export() -> None:
     recording = Recording(recorded(ended=True)[1])
     assert recording.outcome is not None
     (seat,) = recording.outcome["seats"]
-    assert (seat["applied"], seat["rejected"]) == (1, 7)
+    assert (seat["acted"], seat["rejected"]) == (1, 7)
     assert (seat["invalid"], seat["malformed"]) == (3, 4)
     assert rejections(recording) == {"robot1": {"invalid": 3, "malformed": 4}}
     rows = [json.loads(line) for line in json_lines(recording)]

@@ -15,7 +15,8 @@ __all__ = ["rejection_kind", "rejections"]
 
 def rejection_kind(note: Mapping[str, Any]) -> RejectionKind:
     """What a `rejected` note rejects; notes of earlier versions say it by their reasons alone."""
-    return RejectionKind.of(note.get("code", ACTION_INVALID), from_words(*note["reasons"]))
+    reasons, heard = from_words(*note["reasons"]), note.get("heard", True)
+    return RejectionKind.of(note.get("code", ACTION_INVALID), reasons, heard=heard)
 
 
 def rejections(recording: FrameSource) -> dict[str, Counter[RejectionKind]]:
