@@ -66,7 +66,7 @@ def test_every_request_is_answered_once_recorded_and_counted(tmp_path: Path) -> 
             await ada.send(act(7, f"({first['actions'][0].lower()})."))
             outcome = (await ada.expect("ended"))["outcome"]
             (seat,) = outcome["seats"]
-            assert (seat["applied"], seat["rejected"]) == (1, 6)
+            assert (seat["acted"], seat["rejected"]) == (1, 6)
             assert (seat["invalid"], seat["malformed"]) == (2, 4)
 
     run(main())

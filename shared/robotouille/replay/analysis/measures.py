@@ -46,6 +46,11 @@ class SeatMeasures:
     rejected: Mapping[str, int] = field(default_factory=dict)
 
     @property
+    def activities(self) -> dict[str, int]:
+        """How many steps were what (`robotouille.episode.Activity`); they sum to the steps."""
+        return {each.value: getattr(self, each.value) for each in Activity}
+
+    @property
     def invalid(self) -> int:
         """Known actions that were not valid when they were asked for."""
         return self.rejected.get("invalid", 0)
