@@ -52,12 +52,12 @@ def test_the_first_that_holds_counts(
 
 def test_every_step_counts_once() -> None:
     tally = SeatTally(ADA)
-    number = 0
-    for controller, applied, busy, refused, turn in product(
-        Controller, (None, False, True), *[(False, True)] * 3
-    ):
-        tally.count(judged(controller, applied=applied, busy=busy, refused=refused, others_turn=turn))
-        number += 1
+    flags = [(False, True)] * 3
+    every = product(Controller, (None, False, True), *flags)
+    for number, (controller, applied, busy, refused, turn) in enumerate(every, 1):
+        tally.count(
+            judged(controller, applied=applied, busy=busy, refused=refused, others_turn=turn)
+        )
         assert tally.steps == number
 
 

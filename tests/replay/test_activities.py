@@ -57,7 +57,11 @@ def reference(stream: bytes) -> dict[str, Counter[str]]:
         if frame["kind"] != "step":
             continue
         number = frame["step"]
-        done = {m["player"] for i, m in enumerate(frame["moves"]) if str(i) not in frame.get("unmet", {})}
+        done = {
+            m["player"]
+            for i, m in enumerate(frame["moves"])
+            if str(i) not in frame.get("unmet", {})
+        }
         lost = {m["player"] for m in frame["moves"]} - done
         for seat, player in enumerate(players):
             by_turns = head["rules"]["clock"] == "turn"
@@ -146,9 +150,7 @@ class Game:
 
 HAPPENINGS = ("act", "act again", "tick", "wait", "nonsense", "unheard", "substitute", "lose")
 RARE = ("return", "leave", "join", "pause", "resume", "restart")
-EVENTS = st.tuples(
-    st.sampled_from(HAPPENINGS * 2 + RARE), st.integers(0, 1), st.integers(0, 1000)
-)
+EVENTS = st.tuples(st.sampled_from(HAPPENINGS * 2 + RARE), st.integers(0, 1), st.integers(0, 1000))
 
 
 @thorough(60)

@@ -60,8 +60,8 @@ class Seat:
     """A player of the world and who plays it.
 
     `session` is who holds the seat, `participant` its pseudonym, `generation` that of the resume
-    token which was used last. `away` is since when it is absent, `answer` what became of the last of
-    its actions that was decided, `quota` how much of what is written in its name is recorded,
+    token which was used last. `away` is since when it is absent, `answer` what became of the last
+    of its actions that was decided, `quota` how much of what is written in its name is recorded,
     `refused` whether something that it asked for since the last step was refused.
 
     `asked_at` is since when it could act, and has not; `left_at` is when its participant was lost.

@@ -34,8 +34,8 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     for frame in recording.each_frame():
         if frame["kind"] == "notes":
             for note in frame["notes"]:
-                told = {"rejection": rejection_kind(note)} if note["note"] == "rejected" else {}
-                yield _line({"kind": "note", "note": note, **told})
+                kind = {"rejection": rejection_kind(note)} if note["note"] == "rejected" else {}
+                yield _line({"kind": "note", "note": note, **kind})
         elif frame["kind"] == "step":
             state = next(states)[1]
             row = _step(recording, frame, before, state, texts)

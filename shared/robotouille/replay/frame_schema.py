@@ -40,6 +40,9 @@ class FrameSource(Protocol):
         ...
 
 
+CODE = r"^(action/(invalid|unknown|stale)|episode/waiting|rate/limited|message/[a-z-]+)$"
+"""Codes of what is rejected."""
+
 Index = Annotated[int, Field(ge=0)]
 Row = Annotated[list[int], Field(min_length=1)]
 ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
@@ -133,7 +136,7 @@ class RejectedNote(Frame):
     action: str
     reasons: list[str]
     why: list[RecordedWhy] = []
-    code: str = "action/invalid"
+    code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
     text: str = ""
     basis: Index | None = None
     reasoning: str = ""

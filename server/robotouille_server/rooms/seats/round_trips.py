@@ -1,4 +1,4 @@
-"""The round trips of participants, for the recordings: beside the games, and no more than needed."""
+"""The round trips of participants, for recordings: measured beside the games."""
 
 from __future__ import annotations
 

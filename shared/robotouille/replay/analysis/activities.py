@@ -52,9 +52,7 @@ def activities(recording: FrameSource) -> Iterator[tuple[int, StepActivity]]:
             refused.clear()
 
 
-def _note(
-    note: Mapping[str, Any], controllers: dict[str, Controller], refused: set[str]
-) -> None:
+def _note(note: Mapping[str, Any], controllers: dict[str, Controller], refused: set[str]) -> None:
     """Who moves the seats from a note on, and whom something was refused."""
     if note["note"] == "roster" and note["player"] in controllers:
         controllers[note["player"]] = controller_after(note)
