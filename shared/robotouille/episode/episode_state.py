@@ -241,8 +241,9 @@ class EpisodeState:
                 seat, reasons = self.seats[move.player], attempt.reasons
                 seat.answer = ActionAnswer(move.seq, self.step, () if attempt.applied else reasons)
                 seat.tally.rejected += not attempt.applied
-        count_step(self.seats.values(), before, moves, result.attempts, turn)
-        self._ask_anew(before, moves, time)
+        busy = [player for player, _ in before.timers.busy]
+        count_step(self.seats.values(), busy, moves, result.attempts, turn)
+        self._ask_anew(busy, moves, time)
         turn = self.on_turn
         step, after = self.step, self.state
         self._emit(
@@ -250,14 +251,14 @@ class EpisodeState:
         )
         return result.goal_reached or (bool(undone) and after.goal_reached)
 
-    def _ask_anew(self, before: State, moves: tuple[Move, ...], time: float) -> None:
+    def _ask_anew(self, busy: Collection[str], moves: tuple[Move, ...], time: float) -> None:
         """A step was taken: from now on counts the time that these take for their next move. Where
         steps follow the wall clock that is whoever has moved, or could not; else all are asked."""
         ran = self._stopwatch.read(time)
         moved = {move.player for move in moves}
         for seat in self.seats.values():
             player = seat.player
-            if not self.scheduled or player in moved or before.busy_steps(player):
+            if not self.scheduled or player in moved or player in busy:
                 seat.asked_at = ran
 
     # Texts

@@ -273,7 +273,7 @@ def _applies(state: State, moves: Collection[Move]) -> bool:
 
 def count_step(
     seats: Iterable[Seat],
-    before: State,
+    busy: Collection[str],
     moves: Sequence[Move],
     attempts: Sequence[Attempt],
     turn: str | None,
@@ -281,20 +281,13 @@ def count_step(
     """Count what the seats did in a step.
 
     Args:
-        before: The state in which it was taken.
+        busy: The players who could not act.
         turn: Whose turn it was, with the turn clock.
     """
-    applied = {}
-    for move, attempt in zip(moves, attempts, strict=True):
-        applied[move.player] = attempt.applied
+    applied = {move.player: attempts[i].applied for i, move in enumerate(moves)}
     for seat in seats:
         player = seat.player
-        done = activity(
-            seat.controller,
-            applied=applied.get(player),
-            busy=before.busy_steps(player) > 0,
-            refused=seat.refused,
-            others_turn=turn is not None and turn != player,
-        )
-        seat.tally.count(done)
+        others_turn = turn is not None and turn != player
+        told = applied.get(player), player in busy, seat.refused, others_turn
+        seat.tally.count(activity(seat.controller, *told))
         seat.refused = False

@@ -29,13 +29,13 @@ class Activity(StrEnum):
     """It could act, and did nothing."""
 
 
+STAND_IN = Controller.STAND_IN
+NOBODY = (Controller.ABSENT, Controller.FREE)
+"""Looked up once: a step asks for each of its seats."""
+
+
 def activity(
-    controller: Controller,
-    *,
-    applied: bool | None,
-    busy: bool,
-    refused: bool,
-    others_turn: bool,
+    controller: Controller, applied: bool | None, busy: bool, refused: bool, others_turn: bool
 ) -> Activity:
     """What a seat did with a step.
 
@@ -47,9 +47,9 @@ def activity(
             because it asked for something else instead.
         others_turn: With the turn clock, another's turn.
     """
-    if controller is Controller.STAND_IN:
+    if controller is STAND_IN:
         return Activity.SUBSTITUTED
-    if controller in (Controller.ABSENT, Controller.FREE):
+    if controller in NOBODY:
         return Activity.AWAY
     if applied:
         return Activity.ACTED
@@ -87,7 +87,8 @@ class SeatTally:
 
     def count(self, what: Activity) -> None:
         """One more step."""
-        setattr(self, what.value, getattr(self, what.value) + 1)
+        name = what.value
+        setattr(self, name, getattr(self, name) + 1)
 
     @property
     def steps(self) -> int:

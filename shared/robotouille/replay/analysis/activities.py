@@ -73,14 +73,14 @@ def _judged(
 ) -> StepActivity:
     lost = frame.get("unmet", {})
     applied = {move["player"]: str(i) not in lost for i, move in enumerate(frame["moves"])}
-    done = {
+    did = {
         player: activity(
             controller,
-            applied=applied.get(player),
-            busy=busy.get(player, 0) > 0,
-            refused=player in refused,
-            others_turn=turn is not None and turn != player,
+            applied.get(player),
+            busy.get(player, 0) > 0,
+            player in refused,
+            turn is not None and turn != player,
         )
         for player, controller in controllers.items()
     }
-    return StepActivity(done, busy)
+    return StepActivity(did, busy)
