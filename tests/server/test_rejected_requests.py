@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from robotouille.replay.notes import rejections
 from robotouille.replay.recording import read_recording
-from robotouille.replay.rejection_notes import rejections
 from robotouille.world.sentences import MAX_SENTENCE
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run

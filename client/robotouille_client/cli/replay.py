@@ -22,8 +22,8 @@ from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotie
 from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
 from robotouille.replay.model_calls import call_texts
+from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
-from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.timeline import course, course_text, note_lines
 from robotouille_client.console import explain, fail
 

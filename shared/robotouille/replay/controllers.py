@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from robotouille.replay.notes import controller_after
 from robotouille.replay.recording import Recording
-from robotouille.replay.roster_notes import controller_after
 
 __all__ = ["Seating", "Span", "controllers", "seatings", "spans"]
 

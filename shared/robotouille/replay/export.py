@@ -9,8 +9,8 @@ from typing import Any
 from robotouille.errors import RecordingError
 from robotouille.replay.analysis.activities import activities
 from robotouille.replay.controllers import controllers
+from robotouille.replay.notes import rejection_kind
 from robotouille.replay.recording import Recording
-from robotouille.replay.rejection_notes import rejection_kind
 from robotouille.world.world import State
 
 __all__ = ["json_lines"]

@@ -24,9 +24,8 @@ from robotouille.episode import (
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
+from robotouille.replay.notes import controller_after, rejection_kind
 from robotouille.replay.recording import Comparison, Recording
-from robotouille.replay.rejection_notes import rejection_kind
-from robotouille.replay.roster_notes import controller_after
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 

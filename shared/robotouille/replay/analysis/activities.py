@@ -11,8 +11,7 @@ from robotouille.episode.lifecycle import Controller
 from robotouille.episode.rules import Clock
 from robotouille.episode.tallies import Activity, activity
 from robotouille.replay.frame_schema import FrameSource
-from robotouille.replay.rejection_notes import rejection_kind
-from robotouille.replay.roster_notes import controller_after
+from robotouille.replay.notes import controller_after, rejection_kind
 
 __all__ = ["StepActivity", "activities"]
 

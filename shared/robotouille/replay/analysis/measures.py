@@ -11,7 +11,7 @@ from robotouille.episode.events import RejectionKind
 from robotouille.episode.tallies import Activity
 from robotouille.replay.analysis.activities import activities
 from robotouille.replay.frame_schema import FrameSource
-from robotouille.replay.rejection_notes import rejections
+from robotouille.replay.notes import rejections
 
 __all__ = ["Measures", "SeatMeasures", "measures"]
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from robotouille import ProtocolError, World
-from robotouille.episode import Episode, Rules
+from robotouille import ProtocolError, RecordingError, World
+from robotouille.episode import Controller, Episode, Rules
 from robotouille.replay.container import magic, pack_frame
 from robotouille.replay.export import json_lines
+from robotouille.replay.notes import controller_after, rejections
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
-from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.restore import restore
 
 WORLD = World("synchronous/01")
@@ -111,3 +111,24 @@ def test_recordings_of_earlier_versions_are_read_verified_and_continued(ended: b
     going = Recording(old.stream + found.missing + Recorder(WORLD).record(found.episode.events()))
     assert going.verify().ok
     assert rejections(going) == {"robot1": {"invalid": 2, "malformed": 1}}
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        ({"controller": "stand-in", "present": False}, Controller.STAND_IN),
+        ({"controller": "", "present": False, "taken": False}, Controller.FREE),
+        ({"present": True}, Controller.MODEL),
+        ({"present": False}, Controller.ABSENT),
+        ({"present": False, "name": ""}, Controller.FREE),
+    ],
+)
+def test_who_moves_a_seat_also_in_notes_that_do_not_say_it(
+    told: dict[str, Any], expected: Controller
+) -> None:
+    assert controller_after({"name": "ada", "kind": "model", **told}) is expected
+
+
+def test_who_cannot_move_a_seat() -> None:
+    with pytest.raises(RecordingError, match="ghost"):
+        controller_after({"name": "ada", "kind": "model", "present": True, "controller": "ghost"})
