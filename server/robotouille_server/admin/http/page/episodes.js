@@ -79,7 +79,7 @@ function seatChip() {
     root,
     update(seat) {
       setAttribute(root, "data-who", seat.controller || "free");
-      setAttribute(root, "title", `${seat.player}: ${controllerWords(seat)}, ${seat.acted} done, ${seat.rejected} rejected`);
+      setAttribute(root, "title", [`${seat.player}: ${controllerWords(seat)}`, stepWords(seat), `${seat.rejected} rejected`].filter(Boolean).join(" · "));
       setText(name, seat.name || seat.player);
       setText(more, [controllerWords(seat), latency(seat)].filter(Boolean).join(" · "));
     },
