@@ -87,7 +87,7 @@ class SeatTally:
 
     def count(self, what: Activity) -> None:
         """One more step."""
-        name = what.value
+        name = what._value_  # As `value`, in half the time.
         setattr(self, name, getattr(self, name) + 1)
 
     @property
