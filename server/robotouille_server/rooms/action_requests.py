@@ -15,6 +15,8 @@ from robotouille_server.runtime.metrics import Metrics
 
 __all__ = ["ActionRequests", "in_words", "requested_action"]
 
+RECORDED = ("action/stale", "episode/waiting", "rate/limited")
+"""Why a request is not looked at, where that is recorded: its text fits into the seat's quota."""
 MAX_UNREADABLE = 300
 """Characters of a message that cannot be read, in the recording."""
 
@@ -46,9 +48,12 @@ class ActionRequests:
     def refuse(
         self, session: Session, request: messages.Act, why: ProtocolError, now: float
     ) -> None:
-        """Reject a request that is not looked at. It is recorded, unless the episode is over or it
-        is about another's seat: then it is answered at once."""
+        """Reject a request that is not looked at. It is recorded, unless the episode is over, it is
+        about another's seat, or no more of its words are recorded: then it is answered at once."""
         self._metrics.errors.labels(why.code).inc()
+        if why.code not in RECORDED:
+            self._answer(session, request, why)
+            return
         try:
             player, seq = session.own_seat(request.seat), request.seq
             self._write_ahead.check()
