@@ -18,6 +18,7 @@ from robotouille.episode import (
     Restarted,
     Resumed,
     RosterChanged,
+    RoundTripMeasured,
     Said,
     Started,
     Stepped,
@@ -90,7 +91,7 @@ class Publisher:
             case Ended():
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()
                 self._broadcaster.send_all(self._broadcaster.ended(event.outcome))
-            case Noted():
+            case Noted() | RoundTripMeasured():
                 pass  # It is for the recording.
             case Moderated():
                 pass  # Whom it concerns is told by what follows from it.
