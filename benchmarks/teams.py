@@ -44,7 +44,7 @@ def over_network(name: str, clock: Clock) -> dict[str, Any]:
     """The outcome of such a game of bots that are processes of their own, on a server."""
     flags = ["--mode", clock.value, "--timing", "benchmark", "--max-steps", str(LIMIT)]
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        compiled = {"ROBOTOUILLE_COMPILE": "1"}
+        compiled = {"ROBOTOUILLE_COMPILE": os.environ["ROBOTOUILLE_COMPILE"]}
         room = process(Path(folder), *flags, "--task", name, **compiled)
         _, url, code = stack.enter_context(room)
         options = ["planner", "--url", url, "--episode", code, "--json"]

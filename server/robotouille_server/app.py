@@ -478,7 +478,7 @@ async def serve(
         randomness: For ids and codes; the operating system's if None.
         timestamp: The time that recordings are named by, as `20250131T120000Z`.
         storage: Where recordings are kept; the settings' folder if None.
-        wall: Seconds since 1970, for tokens and the audit log.
+        wall: Seconds since 1970, for tokens, the audit log and recordings.
         worker: Which of several processes this is; the only one if None.
         bot_worker: Makes the worker in which substitute bots decide, once there is one: a process
             of its own.

@@ -176,7 +176,7 @@ class Conversation:
         ref = None
         try:
             affordable = self._charge(payload)
-            message = peer.codec.decode_client(payload)
+            message = self._decode(payload)
             ref = None if type(message) is messages.Act else getattr(message, "ref", None)
             self._handle(message, affordable)
         except FloodError:
@@ -189,6 +189,16 @@ class Conversation:
             failure = ProtocolError("server/internal", "the server failed to handle this")
             self._answer_error(failure, ref)
         peer.throttle()
+
+    def _decode(self, payload: bytes | str) -> messages.ClientMessage:
+        """A message; one of a player that cannot be read is recorded."""
+        try:
+            return self.peer.codec.decode_client(payload)
+        except ProtocolError as error:
+            session = self.session
+            if session is not None and session.room is not None:
+                session.room.record_unreadable(session, payload, error)
+            raise
 
     def _charge(self, payload: bytes | str) -> bool:
         """Take a message off the budget, and what the last one was answered with; whether there
@@ -252,6 +262,9 @@ class Conversation:
         code, reason = "rate/limited", self._limit
         if not isinstance(message, messages.Act):
             raise ProtocolError(code, reason)
+        if self.session is not None and self.session.room is not None:
+            self.session.room.refuse(self.session, message, ProtocolError(code, reason))
+            return
         self._services.metrics.errors.labels(code).inc()
         self._reject(message, message.basis or 0, code, reason)
 

@@ -190,3 +190,16 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(robotouille.batch, "_get", absent)
     with pytest.raises(MissingExtraError, match=r"robotouille\[gpu\]"):
         robotouille.batch.__getattr__("JaxBatch")
+
+
+def test_arrays_of_another_shape_are_not_taken_for_it() -> None:
+    """Kernels look at no bounds: rows of another world would end the process."""
+    team, alone = BatchWorld(World("multi_agent/01"), 3), BatchWorld(World("synchronous/01"), 3)
+    for shape in ((2, 3), (6,), (1, 3, 2)):
+        with pytest.raises(WrongArgumentError, match=r"shape \(3, 2\)"):
+            team.step(np.zeros(shape, dtype=np.int64))
+    alone.step(np.full(3, -1))
+    for rows in (alone.rows, team.rows[:2], team.rows.astype(np.int32), None):
+        with pytest.raises(WrongArgumentError, match="expected rows of int64"):
+            team.rows = rows  # type: ignore[assignment]
+    team.rows = team.rows.copy()

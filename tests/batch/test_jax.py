@@ -46,6 +46,24 @@ def test_it_is_used_as_the_other_engine() -> None:
         batch.step(np.zeros(3, dtype=np.int64))
 
 
+def test_masks_of_all_players_and_single_actions() -> None:
+    from robotouille.batch import JaxBatch
+
+    batch = JaxBatch(World("multi_agent/01"), 4, seed=3)
+    for _ in range(5):
+        masks = [np.asarray(batch.masks(player)) for player in batch.players]
+        assert np.array_equal(batch.joint_masks(), np.concatenate(masks, axis=1))
+        assert batch.valid(batch.random_actions()).all()
+        numbers = np.full((4, 2), [5, 7])
+        expected = np.stack([masks[0][:, 5], masks[1][:, 7]], axis=1)
+        assert np.array_equal(batch.valid(numbers), expected)
+        batch.step(batch.random_actions())
+    assert not batch.valid(np.full((4, 2), -1)).any()
+    for wrong in (np.full((4, 2), 10**6), [[10**6, 0]] * 4, np.zeros((4, 3), dtype=np.int64)):
+        with pytest.raises(WrongArgumentError):
+            batch.valid(wrong)
+
+
 def test_the_example_of_the_page() -> None:
     (source,) = blocks("batch.md", "py")
     exec(compile(source, "batch.md", "exec"), {})

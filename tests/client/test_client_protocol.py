@@ -445,3 +445,23 @@ def test_a_game_in_words_begins_when_each_seat_was_told(server: ScriptedServer) 
     assert client.events() == []
     client.receive(server.observation(seat="robot2"), 0.0)
     assert [event.ref for event in client.events()] == [ref]
+
+
+def test_who_came_by_a_token_alone_and_was_forgotten_asks_for_the_same_view(
+    server: ScriptedServer,
+) -> None:
+    tellings = {
+        "state": [server.snapshot()],
+        "text": [server.observation()],
+        "both": [server.snapshot(), server.observation()],
+    }
+    for view, telling in tellings.items():
+        client = new(resume="a token")
+        client.connection_made(0.0)
+        sent(client)
+        for message in (server.welcome(resumed=True), server.joined(), *telling):
+            client.receive(message, 0.0)
+        come_back(client, server, resumed=False, now=1.0)
+        (join,) = sent(client)
+        assert isinstance(join, messages.Join)
+        assert (join.seats, join.seat, join.view) == ([], "robot1", view)

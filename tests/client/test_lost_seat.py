@@ -102,7 +102,7 @@ def test_an_action_reported_as_lost_does_not_act(tmp_path: Path) -> None:
             assert (result.applied, result.code) == (False, "seat/lost")
             await asyncio.sleep(3)
             seat = server.lobby.find(game.code).episode.seat(game.seat)
-            assert (seat.taken, seat.tally.applied, seat.tally.rejected) == (True, 0, 0)
+            assert (seat.taken, seat.tally.acted, seat.tally.rejected) == (True, 0, 0)
             assert (await game.act(game.actions[0])).applied
 
     run(main())

@@ -34,7 +34,7 @@ def test_the_bot_of_the_page_plays(tmp_path: Path) -> None:
     assert f"Curious-bot plays robot1 in {code}" in done.stderr
     outcome = json.loads(done.stdout)
     assert outcome["reason"] in ("goal", "step_limit")
-    assert outcome["seats"][0]["applied"] >= 8
+    assert outcome["seats"][0]["acted"] >= 8
 
 
 @pytest.mark.process

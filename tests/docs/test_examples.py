@@ -92,7 +92,7 @@ def test_the_json_bot_plays(mode: str, seats: int) -> None:
     for outcome in run(game()):
         assert outcome["reason"] == "step_limit"
         assert outcome["steps"] == 30
-        assert all(seat["applied"] > 5 for seat in outcome["seats"])
+        assert all(seat["acted"] > 5 for seat in outcome["seats"])
 
 
 NEW_DISH = ("diner.json", "pancakes.json", "diner.input.json", "diner.rendering.json")

@@ -100,7 +100,7 @@ def test_it_comes_back(
     assert came_back == 4, "both, each time, with a resume token"
     for outcome in outcomes:
         assert (outcome["reason"], outcome["steps"]) == ("step_limit", STEPS)
-        assert all(seat["applied"] > 10 for seat in outcome["seats"])
+        assert all(seat["acted"] > 10 for seat in outcome["seats"])
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert recording.verify().ok

@@ -7,6 +7,7 @@ import math
 import pickle
 import warnings
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -299,3 +300,11 @@ def test_it_is_shown_as_a_picture(monkeypatch: pytest.MonkeyPatch) -> None:
     assert picture.dtype == np.uint8
     assert picture.shape == (540, 960, 3)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+
+
+@pytest.mark.parametrize("action", [1.7, float("nan"), "1", [1]], ids=str)
+def test_what_is_no_number_of_an_action_is_not_made_one(action: Any) -> None:
+    env = RobotouilleEnv("synchronous/01")
+    env.reset(seed=0)
+    with pytest.raises(WrongArgumentError, match="expected the number of an action"):
+        env.step(action)

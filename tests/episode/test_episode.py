@@ -237,8 +237,8 @@ class TestEnds:
         episode, _ = play_through("multi_agent/04@3", Rules(max_steps=80), random_choice(4))
         assert episode.outcome is not None
         for tally in episode.outcome.seats:
-            assert tally.applied + tally.idle <= 80
-            assert tally.applied > 0
+            assert tally.steps == 80
+            assert tally.acted > 0
         assert [t.player for t in episode.outcome.seats] == list(episode.world.players)
 
 

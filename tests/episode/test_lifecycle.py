@@ -140,9 +140,9 @@ def sit(seat: Seat) -> None:
 
 SEAT_ACTIONS: dict[SeatEvent, Callable[[Seat], None]] = {
     SeatEvent.TAKE: sit,
-    SeatEvent.LOSE: Seat.lose_connection,
-    SeatEvent.RETURN: Seat.come_back,
-    SeatEvent.VACATE: Seat.vacate,
+    SeatEvent.LOSE: lambda seat: seat.lose_connection(1.0),
+    SeatEvent.RETURN: lambda seat: seat.come_back(2.0),
+    SeatEvent.VACATE: lambda seat: seat.vacate(3.0),
 }
 WAYS: dict[SeatState, tuple[SeatEvent, ...]] = {
     SeatState.FREE: (),

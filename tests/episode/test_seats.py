@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robotouille.episode import ActionAnswer, Controller, Departure, SeatTally
 from robotouille.episode.lifecycle import SeatState
-from robotouille.episode.seats import PendingAction, Seat, joint_action, tally
+from robotouille.episode.seats import PendingAction, Seat, joint_action
 from tests.support.episodes import TWO
 
 ADA, BOB = TWO.players
@@ -49,22 +49,13 @@ def test_nothing_is_a_decision_of_a_participant_and_none_of_a_stand_in() -> None
     assert [one.answer for one in seats] == [ActionAnswer(3, 6), ActionAnswer(0, 0)]
 
 
-def test_a_tally_counts_who_could_have_acted() -> None:
-    seats = [seat(ADA), seat(BOB)]
-    tally(seats, {ADA: True, BOB: False}, turn=None)
-    tally(seats, {}, turn=None)
-    tally(seats, {}, turn=BOB)
-    assert seats[0].tally == SeatTally(ADA, applied=1, rejected=0, idle=1)
-    assert seats[1].tally == SeatTally(BOB, applied=0, rejected=1, idle=2)
-
-
 def test_a_step_waits_only_for_those_who_decide() -> None:
     sat = seat(ADA)
     assert not sat.decided(STATE)
     sat.pending = pending(ADA, 1, 1)
     assert sat.decided(STATE)
     sat.pending = None
-    sat.lose_connection()
+    sat.lose_connection(1.0)
     assert sat.decided(STATE)
     sat.controller = Controller.STAND_IN
     assert not sat.decided(STATE)
@@ -73,7 +64,7 @@ def test_a_step_waits_only_for_those_who_decide() -> None:
 def test_the_next_participant_finds_nothing_of_the_last_one() -> None:
     sat = seat(ADA, pending(ADA, 7, 1))
     sat.seq, sat.generation, sat.answer = 7, 3, ActionAnswer(6, 2)
-    sat.vacate()
+    sat.vacate(1.0)
     assert (sat.name, sat.session, sat.generation, sat.pending) == ("", "", 0, None)
     change = sat.roster_change(1.5, Departure.LOST)
     assert (change.taken, change.present, change.why) == (False, False, Departure.LOST)

@@ -81,7 +81,7 @@ def test_every_clock_is_played_at_the_rate_that_was_asked_for(tmp_path: Path) ->
             assert 0.04 < felt.percentile(0) < felt.largest < 0.16
             assert measured.counts["steps"] == pytest.approx(measured.counts["steps due"], rel=0.06)
             assert not any(name.startswith("rejected") for name in measured.counts)
-            applied = sum(s.tally.applied for r in rooms for s in r.episode.seats.values())
+            applied = sum(s.tally.acted for r in rooms for s in r.episode.seats.values())
             assert applied == pytest.approx(6 * 44 * 5, rel=0.15)
 
     run(load())

@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import pytest
+
 from robotouille_client.mcp_server.open_games import OpenGames
 from robotouille_client.mcp_server.server import mcp_server
+from robotouille_client.mcp_server.transports import http
 from robotouille_client.mcp_server.transports.http import (
     PATH,
     HttpService,
@@ -37,3 +40,33 @@ async def test_a_service_that_is_stopped_answers_those_who_wait(tmp_path: Path) 
             await serving_http
         (room,) = server.lobby.rooms.values()
         assert not room.members
+
+
+HEAD = b"POST /mcp HTTP/1.1\r\nhost: 127.0.0.1\r\ncontent-length: 50\r\n\r\n{"
+
+
+@pytest.mark.parametrize(
+    ("sent", "answer"),
+    [(b"", b""), (b"POST /mcp HT", b""), (HEAD, b"HTTP/1.1 408")],
+    ids=["silent", "half a head", "half a body"],
+)
+async def test_those_who_do_not_say_what_they_want_are_cut_off(
+    monkeypatch: pytest.MonkeyPatch, sent: bytes, answer: bytes
+) -> None:
+    monkeypatch.setattr(http, "REQUEST_SECONDS", 0.05)
+    games = OpenGames("ws://127.0.0.1:9")
+    app = http_app(mcp_server(lambda: games), games, idle_seconds=600)
+    with listening_socket("127.0.0.1", 0) as listening:
+        service = HttpService(app, games)
+        serving_http = asyncio.create_task(service.serve(sockets=[listening]))
+        reader, writer = await asyncio.open_connection(*listening.getsockname())
+        writer.write(sent)
+        try:
+            told = await asyncio.wait_for(reader.read(), 10)
+        except ConnectionResetError:
+            told = b""
+        assert told.startswith(answer)
+        assert bool(told) == bool(answer)
+        writer.close()
+        service.should_exit = True
+        await serving_http

@@ -106,6 +106,8 @@ def test_one_token_has_a_share_of_the_games(tmp_path: Path) -> None:
             with pytest.raises(RobotouilleError, match="leave one"):
                 await games.join(ada, code, None, "spectator")
             assert len(games) == MAX_GAMES_OF_ONE
+            await games.close_all()
+            await games.join(ada, code, None, "spectator")
 
     run(main())
 
@@ -142,3 +144,11 @@ def test_a_call_that_is_cancelled_changes_nothing(tmp_path: Path) -> None:
             assert await free_seats(server.url) == ["robot1", "robot2"]
 
     run(main())
+
+
+async def test_nothing_is_kept_of_tokens_that_have_no_game() -> None:
+    games = OpenGames("ws://127.0.0.1:9")
+    for number in range(3):
+        with pytest.raises(RobotouilleError):
+            await games.join(Caller(f"token-{number}", alone=False), "CODE", None, "player")
+    assert not games._places

@@ -6,6 +6,7 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+from robotouille.episode import Activity
 from robotouille_client import connect
 from robotouille_server import Server
 from tests.support.operator import Disk, table, viewing
@@ -175,6 +176,10 @@ def test_one_episode_can_be_watched_in_words(tmp_path: Path) -> None:
             assert ("seat", "robot2", "bob is here (human)") in lines
             assert ("note", "", "all seats are taken, the game begins") in lines
             assert ("act", "robot1", action.sentence) in lines
+            for seat, played in zip(seen["seats"], room.episode.seats.values(), strict=True):
+                counts = [seat[each.value] for each in Activity]
+                assert counts == [getattr(played.tally, each.value) for each in Activity]
+                assert sum(counts) == seen["step"] >= 6
 
     run(main())
 

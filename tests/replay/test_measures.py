@@ -34,7 +34,7 @@ def test_an_episode_that_reached_its_goal() -> None:
     assert found.seconds == 10.0
     seat = found.seats["robot1"]
     assert (seat.name, seat.kind) == ("ada", "model")
-    assert (seat.applied, seat.lost, seat.invalid, seat.malformed) == (8, 0, 1, 1)
+    assert (seat.acted, seat.lost, seat.invalid, seat.malformed) == (8, 0, 1, 1)
     assert (seat.said, seat.idle, seat.rejected) == (1, 0, {"invalid": 1, "malformed": 1})
     assert seat.thinking > 0
 
@@ -42,7 +42,7 @@ def test_an_episode_that_reached_its_goal() -> None:
 def test_an_episode_that_still_goes_on() -> None:
     found = recorded(to_the_goal=False).measures()
     assert (found.success, found.reason, found.steps) == (False, "", 5)
-    assert found.seats["robot1"].applied == 5
+    assert found.seats["robot1"].acted == 5
 
 
 def test_a_seat_that_nobody_took() -> None:

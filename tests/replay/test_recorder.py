@@ -6,7 +6,18 @@ import msgpack
 import pytest
 
 from robotouille import World
-from robotouille.episode import Absence, Clock, Episode, PauseReason, Rejected, Rules
+from robotouille.episode import (
+    Absence,
+    Clock,
+    Episode,
+    Paused,
+    PauseReason,
+    Rejected,
+    Restarted,
+    Resumed,
+    Rules,
+    Started,
+)
 from robotouille.replay.container import magic, read_frames
 from robotouille.replay.recorder import HASH_EVERY, MAX_NOTES, SNAPSHOT_EVERY, Recorder
 from robotouille.replay.recording import Recording
@@ -62,3 +73,16 @@ def test_notes_hold_plain_texts(absence: Absence) -> None:
         assert {type(value) for value in note.values()} <= {str, int, bool, list}
     why = [note.get("why") for note in Recording(stream).notes() if note.get("why")]
     assert why == ["left"]
+
+
+def test_what_time_it_was_is_written_where_time_begins_to_run() -> None:
+    """By the clock that the recorder was given, and by none without one."""
+    events = [Started(0.0), Paused((PauseReason.OPERATOR,), 1.0), Resumed(2.0), Restarted(3.0)]
+    seconds = iter([1_800_000_000.0, 1_800_000_002.0005, 1_800_000_009.25])
+    for wall, expected in (
+        (lambda: next(seconds), [1_800_000_000_000, None, 1_800_000_002_000, 1_800_000_009_250]),
+        (None, [None] * 4),
+    ):
+        written = Recorder(TWO, wall=wall).record(events)
+        (frame,) = read_frames(magic(2) + written)
+        assert [note.get("utc_ms") for note in frame["notes"]] == expected

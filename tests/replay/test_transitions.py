@@ -118,3 +118,21 @@ def test_what_chance_took_back_is_in_the_next_state() -> None:
     assert [row.next_state for row in rows] == states[1:]
     assert rows[1].action is not None and rows[1].action.name == "pick-up-item"
     assert not any(atom[0] == "has_item" for atom in rows[1].next_state.atoms())
+
+
+def test_staleness_counts_from_the_state_that_was_looked_at() -> None:
+    episode, recorder = Episode(TEAM, Rules(clock=Clock.LOCKSTEP, max_steps=9)), Recorder(TEAM)
+    stream = recorder.begin(header(TEAM.task, episode.rules, episode="e"))
+    for player in TEAM.players:
+        episode.join(player, player.upper(), "model", 0.0)
+    for seq, basis in enumerate((0, 0, None), start=1):
+        for player in TEAM.players:
+            action = next(a for a in episode.state.actions(player) if a.name in ("move", "wait"))
+            mine = basis if player == "robot1" else None
+            episode.submit(player, seq, action, float(seq), basis=mine)
+    episode.abort(5.0, "enough")
+    recording = Recording(stream + recorder.record(episode.events()))
+    mine = [row for row in recording.transitions() if row.seat == "robot1"]
+    assert [row.staleness for row in mine] == [0, 1, None]
+    seats = recording.measures().seats
+    assert seats["robot1"].staleness == 0.5 and seats["robot2"].staleness is None

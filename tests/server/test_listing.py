@@ -33,4 +33,4 @@ def test_the_newest_codes_are_remembered(monkeypatch: pytest.MonkeyPatch) -> Non
     assert [one.info.code for one in codes] == ["BBBBB-BBBBB", "CCCCC-CCCCC"]
     codes.check("aaaaaaaaaa")
     with pytest.raises(ProtocolError, match="BBBBB-BBBBB is over before it began: nobody came"):
-        codes.check("bbbbb bbbbb")
+        codes.check("bbbbbbbbbb")

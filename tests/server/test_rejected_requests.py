@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from robotouille.replay.notes import rejections
 from robotouille.replay.recording import read_recording
-from robotouille.replay.rejection_notes import rejections
 from robotouille.world.sentences import MAX_SENTENCE
 from tests.support.servers import Raw, raw, serving
 from tests.support.virtual_time import run
@@ -66,7 +66,7 @@ def test_every_request_is_answered_once_recorded_and_counted(tmp_path: Path) -> 
             await ada.send(act(7, f"({first['actions'][0].lower()})."))
             outcome = (await ada.expect("ended"))["outcome"]
             (seat,) = outcome["seats"]
-            assert (seat["applied"], seat["rejected"]) == (1, 6)
+            assert (seat["acted"], seat["rejected"]) == (1, 6)
             assert (seat["invalid"], seat["malformed"]) == (2, 4)
 
     run(main())

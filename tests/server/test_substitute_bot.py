@@ -56,7 +56,7 @@ def test_it_acts_in_the_next_step_of_real_time(task: str, tmp_path: Path) -> Non
                 room = server.lobby.find(code)
                 while room.episode.step < 3:
                     await asyncio.sleep(0.1)
-            while not room.episode.seats["robot1"].tally.applied:
+            while room.episode.seats["robot1"].tally.substituted < 3:
                 await asyncio.sleep(0.1)
             room.abort("seen")
 

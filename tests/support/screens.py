@@ -97,7 +97,7 @@ def _painted(painter: Painter, game: Game, player: str) -> pygame.Surface:
         world=game.world, state=game.state, step=game.step, max_steps=game.clock.get("max_steps"),
         clock=f"real time, {rate:g} steps a second", me=player, code=game.code,
         seats=tuple(
-            SeatView(s.player, s.name, s.kind, s.present, s.applied, s.rejected)
+            SeatView(s.player, s.name, s.kind, s.present, s.acted, s.rejected)
             for s in game.seats
         ),
     )  # fmt: skip

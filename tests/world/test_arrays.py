@@ -106,6 +106,24 @@ def test_numbers_lead_to_actions_and_back(name: str) -> None:
                 assert world.ground_actions(player)[number].name == action.name
 
 
+def test_numbers_of_actions_about_empty_slots_lead_to_none() -> None:
+    world = World("asynchronous/07")
+    slots = world.encoding.slots.by_kind["water"]
+    actions = world.ground_actions("robot1")
+    about = {slot: [n for n, a in enumerate(actions) if slot in a.arguments] for slot in slots}
+    for there in (0, 2):
+        state = many_waters(world, there)
+        for place, slot in enumerate(slots):
+            found = [state.action("robot1", number) for number in about[slot]]
+            assert found and all((action is not None) == (place < there) for action in found)
+    world.make_room({"water": 9})
+    bit = world.table.bit["~exists", "water9"]
+    state = State(world, world.initial.facts | bit, world.initial.timers)
+    moved = {state.action("robot1", number) for number in about[slots[0]]}
+    assert all(action is not None and "water9" in action.arguments for action in moved)
+    assert {state.action("robot1", number) for number in about[slots[1]]} == {None}
+
+
 def test_numbers_that_there_are_not() -> None:
     world, other = World("synchronous/01"), World("multi_agent/01")
     count = len(world.ground_actions("robot1"))

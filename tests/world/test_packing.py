@@ -54,3 +54,49 @@ def test_changed_bytes_never_make_anything_else_than_a_state() -> None:
         except RobotouilleError:
             continue
         assert state.world is world
+
+
+HOSTILE_ROWS = {
+    "a player that is none": ((), (("nobody", 1),)),
+    "a player busy for ever": ((), (("robot1", -1),)),
+    "a player busy often": ((), (("robot1", 1),) * 2),
+    "a player busy for a name": ((), (("robot1", "table1"),)),
+    "an action that is none": ((("a" * 1_000_000, 0, (), ()),), ()),
+    "an object that is none": ((("cook", 0, ("nothing", "stove1"), (0,)),), ()),
+    "half a row": ((("cook", 0),), ()),
+    "an index that is none": ((("cook", "x", ("patty1", "stove1"), (0,)),), ()),
+    "arguments that are none": ((("cook", 0, ({}, "stove1"), (0,)),), ()),
+    "counters that are none": ((("cook", 0, ("patty1", "stove1"), ("x",)),), ()),
+    "no rows": (5, "x"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE_ROWS)
+def test_timers_that_no_state_has_are_refused_in_a_line(name: str) -> None:
+    world = World("synchronous/01")
+    version, mark, facts, *_ = msgpack.unpackb(world.pack(world.initial))
+    data = msgpack.packb([version, mark, facts, *HOSTILE_ROWS[name]])
+    with pytest.raises(RobotouilleError) as caught:
+        world.unpack(data)
+    assert len(str(caught.value)) < 300
+
+
+def test_few_bytes_do_not_make_a_world_grow_for_ever() -> None:
+    world = World("synchronous/01")
+    version, mark, _, *rows = msgpack.unpackb(world.pack(world.initial))
+    with pytest.raises(WrongWorldError, match="more than 500 created objects"):
+        world.unpack(msgpack.packb([version, mark, b"\xff" * 4_000, *rows]))
+    assert len(world.all_objects()) <= len(world.placed) + 2 * 501
+
+
+def test_facts_about_an_object_that_is_not_there_are_of_no_state() -> None:
+    world = World("asynchronous/10")
+    bits = [
+        world.table.bit[atom]
+        for atom in world.table.atoms
+        if "water1" in atom[1:] and not atom[0].startswith("~")
+    ]
+    assert bits
+    for bit in bits:
+        with pytest.raises(WrongWorldError, match="water1, which does not exist"):
+            world.restore(world.initial.facts | bit, ())

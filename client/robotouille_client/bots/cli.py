@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_che
 
 import typer
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.console import TokenOption, explain, fail, server_url
@@ -105,6 +105,9 @@ async def _take_seat(
             if seats:
                 await _require_waiting_world(client, code)
             game = await client.join(code, seat=seat, seats=seats, view=view)
+            if seats and game.clock.get("clock") == "realtime":
+                await _give_up(client, kept)
+                raise _real_time(code)
             own = ", ".join(game.own_seats)
             tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
             meanwhile = (
@@ -129,12 +132,26 @@ async def _take_seat(
 
 
 async def _require_waiting_world(client: Client, code: str) -> None:
-    """Raises RobotouilleError where the world would not wait for one who plays several seats."""
-    found = (e for e in await client.episodes() if code in (e.code, e.episode))
-    if any(episode.clock == "realtime" for episode in found):
-        raise RobotouilleError(
-            f"{code} is played in real time, where each seat takes a model of its own: no --seats"
-        )
+    """Raises RobotouilleError where the world would not wait for one who plays several seats.
+
+    Only a host may look before it joins; anybody else sees it then.
+    """
+    from robotouille.protocol.error_codes import ErrorCode
+
+    try:
+        episodes = await client.episodes()
+    except ProtocolError as error:
+        if error.code != ErrorCode.AUTH_ROLE:
+            raise
+        return
+    if any(e.clock == "realtime" for e in episodes if code in (e.code, e.episode)):
+        raise _real_time(code)
+
+
+def _real_time(code: str) -> RobotouilleError:
+    return RobotouilleError(
+        f"{code} is played in real time, where each seat takes a model of its own: no --seats"
+    )
 
 
 def _seats(kind: str, seat: str | None, seats: str | None, control: str | None) -> Seats:

@@ -22,8 +22,8 @@ from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotie
 from robotouille.program import printable, printable_json, tell
 from robotouille.replay.export import json_lines
 from robotouille.replay.model_calls import call_texts
+from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
-from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.timeline import course, course_text, note_lines
 from robotouille_client.console import explain, fail
 
@@ -61,7 +61,7 @@ def info(
 ) -> None:
     """Say what was played, by whom in which steps, when it stood still, and how it ended."""
     recording = _open(file, damaged=damaged)
-    head = recording.header
+    head, seats = recording.header, recording.measures().seats
     rows = {
         "task": head["task"]["name"],
         "goal": head["task"]["problem"].get("goal_description", ""),
@@ -74,8 +74,9 @@ def info(
         "treated": head.get("treatments", {}),
         "seats": {p: f"{name} ({kind})" for p, (name, kind) in recording.participants.items()},
         "steps": recording.length,
-        "rejected": {player: dict(counts) for player, counts in rejections(recording).items()},
-        "staleness": {p: seat.staleness for p, seat in recording.measures().seats.items()},
+        "rejected": {p: dict(sorted(kinds.items())) for p, kinds in rejections(recording).items()},
+        "activities": {player: seat.activities for player, seat in seats.items()},
+        "staleness": {player: seat.staleness for player, seat in seats.items()},
         "outcome": recording.outcome,
     }
     if json_output:
@@ -86,11 +87,12 @@ def info(
     rows["seats"] = ", ".join(f"{player}: {who}" for player, who in rows["seats"].items())
     rows["labels"] = ", ".join(f"{k}={v}" for k, v in rows["labels"].items()) or "-"
     rows["treated"] = _treated(rows["treated"])
-    rows["rejected"] = _rejected(rows["rejected"])
+    rows["rejected"] = _counts(rows["rejected"])
+    rows["activities"] = _counts(rows["activities"])
     rows["staleness"] = _staleness(rows["staleness"])
     rows["outcome"] = f"{end['reason']} after {end['seconds']} s" if end else _no_end(file)
     for key, value in [*rows.items(), *course_text(recording)]:
-        tell(printable(f"{key:9} {value}"))
+        tell(printable(f"{key:10} {value}"))
 
 
 def _treated(treatments: dict[str, dict[str, Any]]) -> str:
@@ -102,13 +104,12 @@ def _treated(treatments: dict[str, dict[str, Any]]) -> str:
     return "; ".join(told) or "-"
 
 
-def _rejected(counts: dict[str, dict[str, int]]) -> str:
-    """What of each player was rejected how often; a dash for nothing of anybody."""
-    told = [
-        f"{player}: {', '.join(f'{number} {what}' for what, number in sorted(kinds.items()))}"
-        for player, kinds in counts.items()
-        if kinds
-    ]
+def _counts(of_each: dict[str, dict[str, int]]) -> str:
+    """What of each player was how often; a dash for nothing of anybody."""
+    told = []
+    for player, counts in of_each.items():
+        if words := ", ".join(f"{number} {what}" for what, number in counts.items() if number):
+            told.append(f"{player}: {words}")
     return "; ".join(told) or "-"
 
 

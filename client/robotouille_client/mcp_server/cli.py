@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib.util
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated
@@ -82,6 +81,8 @@ def command(
 
 
 def _serve_stdio(make_games: Callable[[], OpenGames]) -> None:
+    import asyncio
+
     from robotouille_client.mcp_server.transports.stdio import serve
 
     asyncio.run(serve(make_games()))

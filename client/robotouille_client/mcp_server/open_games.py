@@ -111,8 +111,14 @@ class OpenGames:
         try:
             yield
         except BaseException:
-            self._places[caller.owner] -= 1
+            self._free_place(caller.owner)
             raise
+
+    def _free_place(self, owner: str) -> None:
+        """One game less; an owner without any is forgotten, since anybody can make up tokens."""
+        self._places[owner] -= 1
+        if not self._places[owner]:
+            del self._places[owner]
 
     @contextmanager
     def using(self, caller: Caller, handle: str | None) -> Iterator[OpenGame]:
@@ -155,7 +161,7 @@ class OpenGames:
     async def close(self, opened: OpenGame) -> None:
         """Leave a game; its handle is worth nothing from now on."""
         if self._games.pop(opened.handle, None) is not None:
-            self._places[opened.owner] -= 1
+            self._free_place(opened.owner)
             await opened.close()
 
     async def end_session(self, mcp_session: str) -> None:

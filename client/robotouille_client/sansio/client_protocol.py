@@ -356,7 +356,9 @@ class ClientProtocol(Generic[G]):
         if game is None or game.ended:
             return None
         role: Literal["player", "spectator"] = "player" if game.seat else "spectator"
-        view: messages.View = "state" if game.has_state else "text"
+        view: messages.View = "text"
+        if game.has_state:
+            view = "state" if game.observation is None else "both"
         return messages.Join(
             episode=game.episode, role=role, view=view, **seats_asked(game.own_seats)
         )

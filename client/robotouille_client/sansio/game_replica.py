@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robotouille.domain.task import Task
+from robotouille.episode.lifecycle import Controller
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
@@ -39,6 +40,8 @@ PRESENT = -1
 """As the basis of an action: the step that is known when it is sent."""
 
 MAX_EVENTS = 10_000
+NOT_THEIRS = (Controller.ABSENT, Controller.STAND_IN)
+"""Who moves a seat while what it does is not its participant's."""
 
 
 class GameReplica:
@@ -384,15 +387,15 @@ class GameReplica:
         self._caught_up(now)
 
     def _tally(self, did: tuple[tuple[str, GroundAction, bool], ...]) -> None:
-        """Count what each seat has done since the roster last came."""
+        """Count what each seat's participant has done since the roster last came."""
         done = {player: applied for player, _, applied in did}
         self.seats = tuple(
             seat.model_copy(
-                update={"applied": seat.applied + 1}
+                update={"acted": seat.acted + 1}
                 if done[seat.player]
                 else {"rejected": seat.rejected + 1}
             )
-            if seat.player in done
+            if seat.player in done and seat.controller not in NOT_THEIRS
             else seat
             for seat in self.seats
         )

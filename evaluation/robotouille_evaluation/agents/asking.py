@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Generator
+import asyncio
+from collections.abc import Awaitable, Callable, Generator, Iterable
 from typing import TypeVar
 
 from robotouille_evaluation.agents.proposal import ContextOverflow
 from robotouille_evaluation.models import Completion, ModelRequest
 
-__all__ = ["Complete", "answer_all"]
+__all__ = ["Complete", "all_of", "answer_all"]
 
 R = TypeVar("R")
 
@@ -30,3 +31,15 @@ async def answer_all(asking: Generator[ModelRequest, Completion, R], complete: C
     except StopIteration as stop:
         result: R = stop.value
         return result
+
+
+async def all_of(asking: Iterable[Awaitable[None]]) -> None:
+    """Ask at the same time. Where one fails the others are waited for: their answers are paid for,
+    and have to be kept and counted.
+
+    Raises what the first of them has raised, in their order.
+    """
+    ended = await asyncio.gather(*asking, return_exceptions=True)
+    for error in ended:
+        if error is not None:
+            raise error

@@ -114,7 +114,8 @@ class NetworkAgent:
         self._news: asyncio.Task[GameEvent] | None = None
 
     async def play(self) -> Mapping[str, Any]:
-        """Play to the end; the outcome, empty if the connection was lost for good."""
+        """Play to the end; the outcome, empty if the connection was lost for good. What a model is
+        still asked then is given up."""
         game = self._game
         try:
             while not game.ended:
@@ -154,6 +155,8 @@ class NetworkAgent:
         }
         if asked:
             await self._ask(asked)
+        if self._game.ended:
+            return
         for player in free:
             seat = self._seats[player]
             seat.acting = asyncio.ensure_future(self._act(player, seat))
@@ -166,7 +169,14 @@ class NetworkAgent:
             self._seats[player].basis = seen.step
             shown[player] = Observation(seen.text, seen.actions, player, heard=heard)
             heard = ()
-        await self._team.propose(shown, self._take)
+        asking = asyncio.ensure_future(self._team.propose(shown, self._take))
+        try:
+            while not (asking.done() or self._game.ended):
+                await self._wait(asking)
+            if asking.done():
+                asking.result()
+        finally:
+            await give_up(asking)
 
     def _take(self, player: str, proposal: Proposal) -> None:
         seat = self._seats[player]
@@ -179,12 +189,14 @@ class NetworkAgent:
         seat.reasoning = proposal.reasoning[:MAX_REASONING]
         seat.done = proposal.done
 
-    async def _wait(self) -> None:
-        """Until something happens in the game, or it is known what became of an action."""
+    async def _wait(self, *asking: asyncio.Future[None]) -> None:
+        """Until something happens in the game, the team is asked no more, or it is known what
+        became of an action."""
         if self._news is None:
             self._news = asyncio.ensure_future(self._game.next_event())
         acting = [seat.acting for seat in self._seats.values() if seat.acting is not None]
-        await asyncio.wait([self._news, *acting], return_when=asyncio.FIRST_COMPLETED)
+        awaited: list[asyncio.Future[Any]] = [self._news, *acting, *asking]
+        await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
         for seat in self._seats.values():
             if seat.acting is not None and seat.acting.done():
                 seat.acting.result()

@@ -19,7 +19,7 @@ from robotouille_evaluation.cli.results import agreement, compare, report
 if TYPE_CHECKING:
     from robotouille_evaluation.cli.models import ModelChoice
     from robotouille_evaluation.packs.pack import Pack, PackInstance
-    from robotouille_evaluation.runs import AgentSpec, Job, RunFolder
+    from robotouille_evaluation.runs import AgentSpec, Job, RealTime, RunFolder
 
 __all__ = ["agent_spec", "benchmark"]
 
@@ -149,16 +149,17 @@ def run(
     from robotouille_evaluation.runs import RealTime, RunFolder, Workers, jobs
 
     RunFolder(out).require_new()
-    real_time = None
-    if clock == "realtime":
-        real_time = RealTime(
-            step_rate=step_rate,
-            charge=charge,
-            late=Late(late),
-            helper=helper,
-            digest_tokens=digest_tokens,
-            slack=slack,
-        )
+    moving = RealTime(
+        step_rate=step_rate,
+        charge=charge,
+        late=Late(late),
+        helper=helper,
+        digest_tokens=digest_tokens,
+        slack=slack,
+    )
+    real_time = moving if clock == "realtime" else None
+    if real_time is None:
+        _require_usual(moving)
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
     if variant == "delay-free":
@@ -232,6 +233,14 @@ def _asked_otherwise(job: Job, timeout: float | None, attempts: int | None) -> J
 
 def _words(text: str) -> tuple[str, ...]:
     return tuple(word for word in (part.strip() for part in text.split(",")) if word)
+
+
+def _require_usual(moving: RealTime) -> None:
+    """Raises RobotouilleError where the world waits, and it was said how it goes on."""
+    usual = type(moving)(charge="tokens:20").model_dump()
+    asked = [name for name, value in moving.model_dump().items() if value != usual[name]]
+    if asked:
+        raise RobotouilleError(f"--{asked[0].replace('_', '-')} is for --clock realtime")
 
 
 def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:

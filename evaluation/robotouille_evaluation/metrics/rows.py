@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from robotouille.errors import Fault, FileError
 
 __all__ = [
+    "MAX_NUMBER",
     "BudgetRow",
     "Category",
     "Counts",

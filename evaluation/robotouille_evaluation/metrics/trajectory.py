@@ -183,9 +183,10 @@ class _Course:
         self.states.append(result.state)
 
     def rejected(self, note: Mapping[str, Any]) -> None:
-        """A request in vain: one that was superseded was valid, and is no answer of its own."""
+        """A request in vain: one that was superseded was valid, and is no answer of its own; and
+        nobody has looked at one that was not heard."""
         kind = rejection_kind(note)
-        if kind is RejectionKind.SUPERSEDED:
+        if kind is RejectionKind.SUPERSEDED or not note.get("heard", True):
             return
         text = note.get("text") or note["action"]
         if kind is RejectionKind.MALFORMED:

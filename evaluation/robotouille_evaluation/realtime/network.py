@@ -62,8 +62,8 @@ class RealTimeAgent:
     """Plays a seat with a strategy; `told` hears of each exchange with the model.
 
     Where thinking is declared and nothing happens meanwhile (no helper, late answers are applied),
-    an action is sent with its `think_ms`. Else the seat passes, or its helper acts, in the steps
-    that the thought has cost, and the answer counts after them.
+    an action is sent with its `think_ms`. Otherwise the seat passes, or its helper acts, in the
+    steps that the thought has cost, and the answer counts after them.
     """
 
     def __init__(
@@ -166,10 +166,11 @@ class RealTimeAgent:
         self._thought = asyncio.ensure_future(proposing)
 
     def _charge(self, proposal: Proposal) -> None:
-        """What a thought has cost: later on, or with the action that it led to."""
+        """What a thought has cost: with the action that it led to, or else in steps that pass."""
         self._charged = True
         ms = self._options.charge.milliseconds(proposal.exchanges)
-        if self._options.helper is None and self._options.late is Late.APPLY:
+        simple = self._options.helper is None and self._options.late is Late.APPLY
+        if simple and proposal.actions:
             self._think_ms = ms
             return
         steps = ms / 1000 * float(self._game.clock["step_rate"])

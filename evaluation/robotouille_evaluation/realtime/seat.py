@@ -1,7 +1,8 @@
 """One seat in real time, without input or output: a slow model, and a fast helper.
 
-The shell says when a step has begun (`see`), asks the model when the seat wants to look (`look`),
-hands the answer over when its time has come (`answer`), and does what the seat chooses (`choose`).
+The shell tells what was done in a step (`observe`), asks the model when the seat wants to look
+(`wants_to_look`, `look`), hands the answer over when its time has come (`answer`), and does what
+the seat chooses (`choose`).
 """
 
 from __future__ import annotations

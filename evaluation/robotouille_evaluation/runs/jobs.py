@@ -7,12 +7,13 @@ import json
 from collections.abc import Iterable, Iterator
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from robotouille.episode.rules import StepRate
 from robotouille.errors import RobotouilleError, WrongArgumentError
 from robotouille_evaluation.agents.making import team_strategy
 from robotouille_evaluation.agents.teams.team import Control
+from robotouille_evaluation.metrics.rows import MAX_NUMBER
 from robotouille_evaluation.packs.pack import Pack, PackInstance
 from robotouille_evaluation.realtime import Charge, Late
 from robotouille_evaluation.runs.variants import Variant
@@ -54,7 +55,7 @@ class RealTime(BaseModel):
 class AgentSpec(BaseModel):
     """Who plays. `strategy` is that of a language model, or the id of a pack's experiment."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str
     kind: Literal["planner", "random", "scripted", "model"]
@@ -65,9 +66,9 @@ class AgentSpec(BaseModel):
     """Sent with each request."""
     prices: str = ""
     """Of a million tokens sent and received, e.g. `0.40/1.20`; unknown if empty."""
-    timeout: float | None = None
+    timeout: float | None = Field(default=None, gt=0)
     """Seconds for an attempt; the endpoint's usual ones if None."""
-    attempts: int | None = None
+    attempts: int | None = Field(default=None, ge=1)
     """How often the endpoint is asked at most; the usual number if None."""
 
 
@@ -83,7 +84,7 @@ class Job(BaseModel):
     agent: AgentSpec
     instance: str
     seats: int
-    seed: int
+    seed: int = Field(ge=-MAX_NUMBER, le=MAX_NUMBER)
     """Of the agent's chance."""
     budget: Literal["published", "own"]
     variant: Variant = ""
@@ -91,6 +92,14 @@ class Job(BaseModel):
     """None where the world waits for its players."""
     control: Control = "each"
     """How many models a team has, and how they are asked."""
+
+    @model_validator(mode="after")
+    def _is_playable(self) -> Job:
+        if self.control != "each" and (self.real_time is not None or self.agent.kind != "model"):
+            raise ValueError(
+                f"control {self.control!r} is for language models in a world that waits"
+            )
+        return self
 
     @property
     def id(self) -> str:
@@ -144,7 +153,7 @@ def jobs(
         kind = budget or ("own" if instance.best(count) is not None else "published")
         pack.budget(instance, kind, seats=count)
         for agent in agents:
-            _check_playable(agent, instance, count)
+            _check_playable(agent, instance, count, real_time)
             for seed in seeds:
                 yield Job(
                     agent=agent,
@@ -164,12 +173,20 @@ def _own_variant(pack: Pack, agent: AgentSpec) -> Variant:
     return "stochastic" if by_chance else ""
 
 
-def _check_playable(agent: AgentSpec, instance: PackInstance, seats: int) -> None:
+def _check_playable(
+    agent: AgentSpec, instance: PackInstance, seats: int, real_time: RealTime | None
+) -> None:
     """Raises RobotouilleError for what could only break off."""
-    if agent.kind == "scripted" and instance.best(seats) is None:
+    helped = agent.kind == "model" and real_time is not None and real_time.helper == "script"
+    if (agent.kind == "scripted" or helped) and instance.best(seats) is None:
+        what, instead = (
+            ("--helper script", "take --helper planner")
+            if helped
+            else ("`scripted`", "leave it out of --agents")
+        )
         raise RobotouilleError(
-            f"no plan of {instance.id} is known that `scripted` could carry out: leave it out of "
-            "--agents, or let `robotouille pack prove` find plans first"
+            f"no plan of {instance.id} is known that {what} could carry out: {instead}, "
+            "or let `robotouille pack prove` find plans first"
         )
     if agent.strategy.casefold().startswith("reflexion") and seats > 1:
         raise RobotouilleError(

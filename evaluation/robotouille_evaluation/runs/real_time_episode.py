@@ -6,14 +6,13 @@ time has passed in the game. Nothing waits, and nothing is measured.
 
 from __future__ import annotations
 
-import asyncio
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from robotouille import State, World
 from robotouille.planning.policies import Policy
-from robotouille_evaluation.agents.asking import Complete, answer_all
+from robotouille_evaluation.agents.asking import Complete, all_of, answer_all
 from robotouille_evaluation.agents.proposal import Exchange, Proposal
 from robotouille_evaluation.agents.teams.chat import TeamChat
 from robotouille_evaluation.realtime import Charge, Look, RealTimeSeat
@@ -111,7 +110,7 @@ class _RealTimePlay:
             for player in free
             if decisions[player] is None and self._seats[player].wants_to_look(step)
         ]
-        await asyncio.gather(*(self._ask(player, looks[player]) for player in asked))
+        await all_of(self._ask(player, looks[player]) for player in asked)
         for player in asked:  # Whoever has thought in no time acts now.
             decisions[player] = self._choose(player, looks[player])
         for player in free:

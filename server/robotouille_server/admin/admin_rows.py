@@ -98,7 +98,12 @@ class RowBuilder:
             received_bytes=0 if session is None else session.received_bytes,
             recorded_bytes=0 if session is None else session.recorded_bytes,
             address=self._address(session),
-            applied=seat.tally.applied,
+            acted=seat.tally.acted,
+            busy=seat.tally.busy,
+            waiting=seat.tally.waiting,
+            idle=seat.tally.idle,
+            away=seat.tally.away,
+            substituted=seat.tally.substituted,
             rejected=seat.tally.rejected,
         )
 

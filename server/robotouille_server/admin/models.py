@@ -87,8 +87,15 @@ class SeatRow(ResponseModel):
     received_bytes: int = Field(description="What came from them since the server's start.")
     recorded_bytes: int = Field(description="Their chat and reasoning in the recording.")
     address: str | None = Field(description="Null unless the server keeps addresses.")
-    applied: int
-    rejected: int
+    acted: int = Field(description="Steps in which the participant's action was applied.")
+    busy: int = Field(description="Steps in which the player was walking or working.")
+    waiting: int = Field(
+        description="Steps for which something was asked for and not done, or that were another's."
+    )
+    idle: int = Field(description="Steps in which the participant could act, and did nothing.")
+    away: int = Field(description="Steps in which nobody moved the player.")
+    substituted: int = Field(description="Steps in which a stand-in was in control.")
+    rejected: int = Field(description="What the participant asked for, and was not done.")
 
 
 class PauseState(ResponseModel):

@@ -64,7 +64,8 @@ class Transcript:
             yield from self._acts(frame)
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
-                yield self._note(note)
+                if note["note"] != "round_trip":  # The seats show it.
+                    yield self._note(note)
         elif frame["kind"] == "footer":
             outcome = frame["outcome"]
             detail = f": {outcome['detail']}" if outcome.get("detail") else ""

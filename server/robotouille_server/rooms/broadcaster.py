@@ -226,9 +226,9 @@ class Broadcaster:
             self.send(session, texts[player])
 
     def publish_rejection(self, event: Rejected) -> None:
-        """To the seat whose action it was."""
+        """To the seat whose action it was; what could not be read was answered as an error."""
         session = self.holder(event.player)
-        if session is None:
+        if session is None or event.seq == 0:
             return
         only_words = all(unmet.kind is UnmetKind.OTHER for unmet in event.unmet)
         rejected = messages.Rejected(
@@ -392,7 +392,7 @@ class Broadcaster:
                 kind=seat.shown_kind,
                 present=seat.present,
                 controller=seat.shown_controller.value,
-                applied=seat.tally.applied,
+                acted=seat.tally.acted,
                 rejected=seat.tally.rejected,
             )
             for seat in self._episode.seats.values()

@@ -32,6 +32,7 @@ from robotouille_server.rooms.recordings import (
     file_name,
 )
 from robotouille_server.rooms.room import Room, RoomHost
+from robotouille_server.rooms.seats.round_trips import RoundTripWatch
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
@@ -49,8 +50,8 @@ LINGER_SECONDS = 120.0
 
 
 class Lobby:
-    """All rooms of a server. `random` names them; `timestamp` says when, for recordings, and `wall`
-    gives the seconds since 1970."""
+    """All rooms of a server. `random` names them; `timestamp` says when, for recordings, and
+    `wall` in seconds since 1970."""
 
     def __init__(
         self,
@@ -94,11 +95,11 @@ class Lobby:
             self._bot_scheduler,
         )
         self._inspection = Inspection(self._live)
+        self._round_trips = RoundTripWatch(self._live)
         self._recovery: Recovery[Room] | None = None
         if storage is not None:
-            self._recovery = Recovery(
-                storage, worker, settings.recovery_seconds, self._adopt, self._host.timers.time
-            )
+            now, seconds = self._host.timers.time, settings.recovery_seconds
+            self._recovery = Recovery(storage, worker, seconds, self._adopt, now, wall)
 
     # Opening
 
@@ -143,7 +144,7 @@ class Lobby:
             task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner,
             labels=request.labels, treatments=treatments, open_until=self._open_until(rules),
         )  # fmt: skip
-        recorder = Recorder(world)
+        recorder = Recorder(world, wall=self._wall)
         journal = None
         if self._storage is not None:
             name = file_name(created, task.name, episode_id)
@@ -189,6 +190,7 @@ class Lobby:
             self._live.add(room)
             if journal is not None:
                 self._inspection.begin()
+                self._round_trips.begin()
         self._count()
         room.flush()
         return room
@@ -370,6 +372,7 @@ class Lobby:
         """Look after nothing any more."""
         self._host.timers.clear()
         self._inspection.stop()
+        self._round_trips.stop()
         if self._recovery is not None:
             self._recovery.archive.stop()
         for timer in self._lingering.values():

@@ -19,6 +19,7 @@ from robotouille.episode import (
     Restarted,
     Resumed,
     RosterChanged,
+    RoundTripMeasured,
     Said,
     Started,
     Stepped,
@@ -99,7 +100,7 @@ class Publisher:
                 if event.outcome.reason is Reason.ABANDONED:
                     self._broadcaster.publish_notice(ABANDONED.format(event.outcome.detail))
                 self._broadcaster.send_all(self._broadcaster.ended(event.outcome))
-            case Noted():
+            case Noted() | RoundTripMeasured():
                 pass  # It is for the recording.
             case Moderated():
                 pass  # Whom it concerns is told by what follows from it.

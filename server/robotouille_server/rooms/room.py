@@ -25,6 +25,7 @@ from robotouille_server.rooms.publisher import Publisher
 from robotouille_server.rooms.recordings import Journal
 from robotouille_server.rooms.seats.action_requests import ActionRequests
 from robotouille_server.rooms.seats.display_names import DisplayNames
+from robotouille_server.rooms.seats.round_trips import RoundTrips
 from robotouille_server.rooms.seats.seat_turnover import SeatTurnover
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
@@ -70,6 +71,7 @@ class Room:
         "_open",
         "_publisher",
         "_retry",
+        "_round_trips",
         "_timer",
         "_turnover",
         "_write_ahead",
@@ -116,6 +118,7 @@ class Room:
         self._turnover = SeatTurnover(self.world.players, self._now())
         self._timer: TimerHandle | None = None
         self._retry: asyncio.TimerHandle | None = None
+        self._round_trips = RoundTrips()
         self._publisher = Publisher(
             episode,
             broadcaster,
@@ -320,6 +323,16 @@ class Room:
         self._actions.submit(session, request, self._now())
         self.flush()
 
+    def refuse(self, session: Session, request: messages.Act, why: ProtocolError) -> None:
+        """Answer a request to act that is not looked at, and record it."""
+        self._actions.refuse(session, request, why, self._now())
+        self.flush()
+
+    def record_unreadable(self, session: Session, message: bytes | str, why: ProtocolError) -> None:
+        """Record what a player has sent and nobody can read; it is answered elsewhere."""
+        self._actions.record_unreadable(session, message, why, self._now())
+        self.flush()
+
     def say(self, session: Session, text: str) -> None:
         self._write_ahead.check()
         if self.mutes(session):
@@ -349,6 +362,24 @@ class Room:
     def _substitute(self, player: str, action: GroundAction | None) -> None:
         self.episode.substitute(player, action, self._now())
         self.flush()
+
+    def record_round_trips(self) -> bool:
+        """Record how long messages take to the players and back, where that has changed; whether
+        there was anything."""
+        if not self.episode.running or self._write_ahead.failing:
+            return False
+        measured = [
+            (player, session.peer.latency)
+            for session in self.members
+            for player in session.players
+            if session.peer is not None and session.peer.latency > 0
+        ]
+        changed = [one for one in measured if self._round_trips.changed(*one)]
+        for player, seconds in changed:
+            self.episode.note_round_trip(player, seconds, self._now())
+        if changed:
+            self.flush()
+        return bool(changed)
 
     # What an operator does
 

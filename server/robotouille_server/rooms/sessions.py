@@ -6,9 +6,9 @@ import asyncio
 import random
 
 from robotouille.episode import Phase
-from robotouille.episode.participant_names import proper_name
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
+from robotouille.protocol.participant_names import proper_name
 from robotouille_server.auth import (
     ResumeGrant,
     Revocations,

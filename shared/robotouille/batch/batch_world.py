@@ -95,7 +95,7 @@ class BatchWorld:
         self._starts = np.cumsum([0, *self.action_counts])
         self.encoding = self._rules.encoding
         self.vector_size = self.encoding.size
-        self.rows = np.tile(self._initial, (copies, 1))
+        self._rows = np.tile(self._initial, (copies, 1))
         self.overflowed: Bools = np.zeros(copies, dtype=np.bool_)
         self._random = np.random.default_rng(seed)
         bounds = [copies * i // threads for i in range(threads + 1)]
@@ -108,6 +108,22 @@ class BatchWorld:
             for count in self.action_counts
         ]
         self._pool = ThreadPoolExecutor(threads) if len(self._ranges) > 1 else None
+
+    @property
+    def rows(self) -> Ints:
+        """The states, a row for each copy; kernels trust what is in them.
+
+        Raises:
+            WrongArgumentError: What is assigned is no array of this shape.
+        """
+        return self._rows
+
+    @rows.setter
+    def rows(self, rows: Ints) -> None:
+        own = self._rows
+        if (getattr(rows, "shape", None), getattr(rows, "dtype", None)) != (own.shape, own.dtype):
+            raise WrongArgumentError(f"expected rows of {own.dtype} {own.shape}")
+        self._rows = rows
 
     def reset(self, mask: npt.ArrayLike | None = None) -> None:
         """Put copies into the initial state: all, or those of which `mask` is true.
@@ -162,7 +178,8 @@ class BatchWorld:
     def _actions(self, actions: npt.ArrayLike) -> npt.NDArray[np.int64]:
         chosen = np.asarray(actions)
         shape = (self.copies, len(self.players))
-        if chosen.dtype.kind not in "iu" or chosen.size != shape[0] * shape[1]:
+        alone = shape[1] == 1 and chosen.shape == shape[:1]
+        if chosen.dtype.kind not in "iu" or not (alone or chosen.shape == shape):
             raise WrongArgumentError(
                 f"expected integers of shape {shape}, found {chosen.dtype} {chosen.shape}"
             )

@@ -95,19 +95,23 @@ class JaxBatch:
         Raises:
             WrongArgumentError: There is not one number for each copy and player.
         """
-        chosen = jnp.asarray(actions).reshape(-1, len(self.players))
-        if len(chosen) != self.copies or not jnp.issubdtype(chosen.dtype, jnp.integer):
+        result: CopyStep
+        self.states, result = self._step(self.states, self._actions(actions))
+        return result
+
+    def _actions(self, actions: npt.ArrayLike) -> Array:
+        known = actions if isinstance(actions, jax.Array) else np.asarray(actions)
+        shape = (self.copies, len(self.players))
+        if known.size != shape[0] * shape[1] or not jnp.issubdtype(known.dtype, jnp.integer):
             raise WrongArgumentError(
-                f"expected integers for {self.copies} copies, found {chosen.dtype} {chosen.shape}"
+                f"expected integers of shape {shape}, found {known.dtype} {known.shape}"
             )
-        if isinstance(actions, np.ndarray) and np.any(
-            (actions.reshape(chosen.shape) < -1)
-            | (actions.reshape(chosen.shape) >= np.array(self.action_counts))
+        chosen = known.reshape(shape)
+        if isinstance(chosen, np.ndarray) and np.any(
+            (chosen < -1) | (chosen >= np.array(self.action_counts))
         ):
             raise WrongArgumentError(f"players have {self.action_counts} actions")
-        result: CopyStep
-        self.states, result = self._step(self.states, chosen)
-        return result
+        return jnp.asarray(chosen)
 
     def masks(self, player: str) -> Array:
         """Which of a player's actions are valid, for each copy.
@@ -119,6 +123,22 @@ class JaxBatch:
             near = did_you_mean(player, self.players)
             raise UnknownNameError(f"no player {player!r}{near}")
         return self._mask(self.states, self.players.index(player))
+
+    def joint_masks(self) -> Array:
+        """The masks of all players, one behind the other, for each copy."""
+        return jnp.concatenate([self.masks(player) for player in self.players], axis=1)
+
+    def valid(self, actions: npt.ArrayLike) -> Array:
+        """Which of these actions are valid now, before any of them is applied: see
+        `BatchWorld.valid`.
+
+        Raises:
+            WrongArgumentError: There is not one number for each copy and player.
+        """
+        chosen = self._actions(actions)
+        starts = np.cumsum([0, *self.action_counts[:-1]])
+        places = starts + jnp.maximum(chosen, 0)
+        return jnp.take_along_axis(self.joint_masks(), places, axis=1) & (chosen >= 0)
 
     def vectors(self) -> Array:
         """The states as numbers, for each copy."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from operator import index
 from typing import Any, Protocol
 
 import numpy as np
@@ -174,7 +175,10 @@ class Play:
     def _valid_of(self, place: int, mask: Mask, number: int | None) -> int | None:
         if number is None:
             return None
-        number = int(number)
+        try:
+            number = index(number)
+        except TypeError:
+            raise WrongArgumentError(f"expected the number of an action: {number!r}") from None
         if not 0 <= number < len(mask):
             raise no_such_action(self.players[place], len(mask), number)
         if mask[number]:

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from robotouille.episode.episode import Episode
     from robotouille.episode.events import (
         Announced,
-        Controller,
         Departure,
         Ended,
         Event,
@@ -29,16 +28,17 @@ if TYPE_CHECKING:
         Restarted,
         Resumed,
         RosterChanged,
+        RoundTripMeasured,
         Said,
-        SeatTally,
         Started,
         Stepped,
     )
-    from robotouille.episode.lifecycle import Phase
+    from robotouille.episode.lifecycle import Controller, Phase
     from robotouille.episode.pauses import PauseReason
     from robotouille.episode.recovered_episode import RecoveredEpisode
     from robotouille.episode.rules import Absence, Chat, Clock, Rules, SeatTreatment
     from robotouille.episode.seats import ActionAnswer, Seat
+    from robotouille.episode.tallies import Activity, SeatTally
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -47,6 +47,7 @@ else:
         "robotouille.episode.rules",
         "robotouille.episode.lifecycle",
         "robotouille.episode.pauses",
+        "robotouille.episode.tallies",
         "robotouille.episode.events",
         "robotouille.episode.seats",
         "robotouille.episode.episode",
@@ -56,6 +57,7 @@ else:
 __all__ = [
     "Absence",
     "ActionAnswer",
+    "Activity",
     "Announced",
     "Chat",
     "Clock",
@@ -80,6 +82,7 @@ __all__ = [
     "Restarted",
     "Resumed",
     "RosterChanged",
+    "RoundTripMeasured",
     "Rules",
     "Said",
     "Seat",

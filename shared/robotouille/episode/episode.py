@@ -14,7 +14,6 @@ from robotouille.episode.episode_state import EpisodeState, Undone, nothing_undo
 from robotouille.episode.events import (
     ACTION_INVALID,
     ACTION_UNKNOWN,
-    Controller,
     Departure,
     Paused,
     QuotaReached,
@@ -23,7 +22,7 @@ from robotouille.episode.events import (
     Resumed,
     Started,
 )
-from robotouille.episode.lifecycle import Phase, PhaseEvent
+from robotouille.episode.lifecycle import Controller, Phase, PhaseEvent
 from robotouille.episode.pauses import PauseReason
 from robotouille.episode.presence import Presence
 from robotouille.episode.quota import size_of_rejection
@@ -134,7 +133,7 @@ class Episode(EpisodeState):
         """
         seats = self.check_free(players)
         for seat in seats:
-            seat.take(name, kind, session, participant, now)
+            seat.take(name, kind, session, participant, self._ran(now))
         self.used = self._presence.used = True
         for seat in seats:
             self._emit_roster(seat, now)
@@ -159,7 +158,7 @@ class Episode(EpisodeState):
             return
         name = seats[0].name
         for seat in seats:
-            seat.vacate()
+            seat.vacate(self._ran(now))
             self._held.drop(seat.player)
             seat.away = now
         for seat in seats:
@@ -191,7 +190,7 @@ class Episode(EpisodeState):
         if not seats or self.ended:
             return
         for seat in seats:
-            seat.set_present(present, now)
+            seat.set_present(present, now, self._ran(now))
             if generation is not None:
                 seat.generation = generation
         for seat in seats:
@@ -206,6 +205,7 @@ class Episode(EpisodeState):
         self._clock.start(now)
         self._emit(Started(0.0))
         for seat in self.seats.values():
+            seat.refused = False
             if not seat.present:
                 self._emit_roster(seat, now)
         self._update_presence(now)
@@ -266,9 +266,11 @@ class Episode(EpisodeState):
             self._reported = reasons
             if reasons:
                 self._enter_phase(PhaseEvent.PAUSE)
+                self._stopwatch.stop(self._elapsed(now))
                 self._emit(Paused(reasons, self._elapsed(now)))
             else:
                 self._enter_phase(PhaseEvent.RESUME)
+                self._stopwatch.go_on(self._elapsed(now))
                 self._clock.resume(now)
                 self._start_move_timer(now)
                 self._emit(Resumed(self._elapsed(now)))
@@ -385,6 +387,46 @@ class Episode(EpisodeState):
                 now,
             )
 
+    def refuse(
+        self,
+        player: str,
+        seq: int,
+        request: str,
+        why: ProtocolError,
+        now: float,
+        *,
+        basis: int | None = None,
+        reasoning: str = "",
+    ) -> None:
+        """A seat has asked for something that is not looked at: it is recorded as rejected, and
+        the seat's last action is another.
+
+        Args:
+            request: What was asked for, in words.
+            seq: 0 if it had none.
+            why: With the code `action/stale`, `episode/waiting`, `rate/limited`, or `message/…` for
+                what cannot be read.
+            basis: As for `submit`.
+
+        Raises:
+            ProtocolError: `seat/unknown` or `episode/over`.
+        """
+        self._check_open()
+        seat, unmet = self.seat(player), only_words(why.message)
+        event = Rejected(
+            player,
+            seq,
+            request,
+            unmet,
+            self._elapsed(now),
+            reasoning,
+            code=why.code,
+            basis=self._known(basis),
+            heard=False,
+        )
+        size = size_of_rejection((request, *texts_of(unmet))) + len(reasoning.encode())
+        self._record_rejection(seat, event, size)
+
     def _known(self, basis: int | None) -> int | None:
         """The step that a choice was made on; None if there was no such step yet."""
         return basis if basis is not None and 0 <= basis <= self.step else None
@@ -425,7 +467,7 @@ class Episode(EpisodeState):
         basis: int | None = None,
     ) -> None:
         self._arrivals += 1
-        latency = max(0.0, now - seat.asked_at)
+        latency = seat.thought(self._ran(now))
         due = self.step + delay
         seat.pending = PendingAction(
             action, seq, latency, self._arrivals, due, reasoning, anticipates, basis
@@ -445,15 +487,20 @@ class Episode(EpisodeState):
         basis: int | None = None,
     ) -> None:
         text = "" if text == sentence else text
-        time, reached = self._elapsed(now), seat.quota.reached
+        time = self._elapsed(now)
         event = Rejected(
             seat.player, seq, sentence, unmet, time, reasoning, True, code, text, basis
         )
         seat.answer = ActionAnswer(seq, self.step, event.reasons, code)
-        seat.count_rejection(event.kind)
-        recorded = seat.quota.take(size_of_rejection((sentence, text, *texts_of(unmet))))
+        self._record_rejection(seat, event, size_of_rejection((sentence, text, *texts_of(unmet))))
+
+    def _record_rejection(self, seat: Seat, event: Rejected, size: int) -> None:
+        """Count and report it; it is recorded if the seat's quota of text has room."""
+        reached = seat.quota.reached
+        recorded = seat.quota.take(size)
+        seat.count_rejection(event.kind, recorded=recorded)
         if seat.quota.reached and not reached:
-            self._emit(QuotaReached(seat.player, time))
+            self._emit(QuotaReached(seat.player, event.time))
         self._emit(event if recorded else replace(event, recorded=False))
 
     # Time
@@ -507,8 +554,6 @@ class Episode(EpisodeState):
     def _start_move_timer(self, now: float) -> None:
         """Everybody who has to decide has its budget from now on."""
         self.step_began = now
-        for seat in self.seats.values():
-            seat.asked_at = now
         self._clock.start_move(now)
 
     def _take_decided_steps(self, now: float) -> None:

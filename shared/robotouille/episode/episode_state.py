@@ -9,7 +9,6 @@ from types import MappingProxyType
 from robotouille.episode.clocks import clock_for
 from robotouille.episode.events import (
     Announced,
-    Controller,
     Departure,
     Ended,
     Event,
@@ -20,11 +19,12 @@ from robotouille.episode.events import (
     Outcome,
     QuotaReached,
     Reason,
+    RoundTripMeasured,
     Said,
-    SeatTally,
     Stepped,
 )
-from robotouille.episode.lifecycle import Phase, PhaseEvent, next_phase
+from robotouille.episode.lifecycle import Controller, Phase, PhaseEvent, next_phase
+from robotouille.episode.pauses import Stopwatch
 from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
     NOTE_BYTES,
@@ -33,7 +33,8 @@ from robotouille.episode.quota import (
     take_or_refuse,
 )
 from robotouille.episode.rules import NO_TREATMENT, Absence, Chat, Rules, SeatTreatment
-from robotouille.episode.seats import ActionAnswer, Seat, names_of, tally
+from robotouille.episode.seats import ActionAnswer, Seat, count_step, names_of
+from robotouille.episode.tallies import SeatTally
 from robotouille.errors import ProtocolError
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
@@ -68,6 +69,7 @@ class EpisodeState:
         "_clock",
         "_events",
         "_started",
+        "_stopwatch",
         "_undone",
         "audience_quota",
         "banned",
@@ -110,6 +112,7 @@ class EpisodeState:
         self._clock = clock_for(rules, world.players)
         self.scheduled = self._clock.scheduled
         self._started = 0.0
+        self._stopwatch = Stopwatch()
         self._events: list[Event] = []
 
     # Phases
@@ -244,19 +247,30 @@ class EpisodeState:
         self.step += 1
         undone = () if result.goal_reached else self._undone(result.state)
         self.state = result.state.without(undone) if undone else result.state
-        applied = {}
         for move, attempt in zip(moves, result.attempts, strict=True):
-            applied[move.player] = attempt.applied
             if move.seq > 0:
-                reasons = () if attempt.applied else attempt.reasons
-                self.seats[move.player].answer = ActionAnswer(move.seq, self.step, reasons)
-        tally(self.seats.values(), applied, turn)
+                seat, reasons = self.seats[move.player], attempt.reasons
+                seat.answer = ActionAnswer(move.seq, self.step, () if attempt.applied else reasons)
+                seat.tally.rejected += not attempt.applied
+        busy = [player for player, _ in before.timers.busy]
+        count_step(self.seats.values(), busy, moves, result.attempts, turn)
+        self._ask_anew(busy, moves, time)
         turn = self.on_turn
         step, after = self.step, self.state
         self._emit(
             Stepped(step, time, moves, result.attempts, before, after, turn, idle, tuple(undone))
         )
         return result.goal_reached or (bool(undone) and after.goal_reached)
+
+    def _ask_anew(self, busy: Collection[str], moves: tuple[Move, ...], time: float) -> None:
+        """A step was taken: from now on counts the time that these take for their next move. Where
+        steps follow the wall clock that is whoever has moved, or could not; else all are asked."""
+        ran = self._stopwatch.read(time)
+        moved = {move.player for move in moves}
+        for seat in self.seats.values():
+            player = seat.player
+            if not self.scheduled or player in moved or player in busy:
+                seat.asked_at = ran
 
     # Texts
 
@@ -319,6 +333,16 @@ class EpisodeState:
             if quota.reached and not reached:
                 self._emit(QuotaReached(player, self._elapsed(now)))
 
+    def note_round_trip(self, player: str, seconds: float, now: float) -> None:
+        """How long a message takes to a seat's participant and back; it is recorded.
+
+        Raises:
+            ProtocolError: `seat/unknown`.
+        """
+        self.seat(player)
+        if not self.ended:
+            self._emit(RoundTripMeasured(player, seconds, self._elapsed(now)))
+
     def announce(self, text: str, now: float) -> None:
         """Something the operator says to everybody in the episode; it is recorded."""
         if not self.ended:
@@ -358,6 +382,10 @@ class EpisodeState:
 
     def _elapsed(self, now: float) -> float:
         return max(0.0, now - self._started) if self.phase is not Phase.WAITING else 0.0
+
+    def _ran(self, now: float) -> float:
+        """Seconds for which the game has run until now."""
+        return self._stopwatch.read(self._elapsed(now))
 
     def _emit(self, event: Event) -> None:
         self._events.append(event)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
+from robotouille.episode.lifecycle import Controller
 from robotouille.episode.pauses import PauseReason
+from robotouille.episode.tallies import SeatTally
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -16,8 +18,8 @@ from robotouille.world.world import Attempt, State
 __all__ = [
     "ACTION_INVALID",
     "ACTION_UNKNOWN",
+    "UNREADABLE",
     "Announced",
-    "Controller",
     "Departure",
     "Ended",
     "Event",
@@ -34,8 +36,8 @@ __all__ = [
     "Restarted",
     "Resumed",
     "RosterChanged",
+    "RoundTripMeasured",
     "Said",
-    "SeatTally",
     "Started",
     "Stepped",
 ]
@@ -45,6 +47,8 @@ ACTION_INVALID = "action/invalid"
 """The code of a known action that is not valid now."""
 ACTION_UNKNOWN = "action/unknown"
 """The code of what is no action at all."""
+UNREADABLE = "message/"
+"""How the codes of messages begin that cannot be read."""
 
 
 class Reason(StrEnum):
@@ -54,17 +58,6 @@ class Reason(StrEnum):
     STEP_LIMIT = "step_limit"
     ABANDONED = "abandoned"
     ABORTED = "aborted"
-
-
-class Controller(StrEnum):
-    """Who moves a seat: its participant (by kind), nobody, or a bot in an absent one's place."""
-
-    FREE = ""
-    HUMAN = "human"
-    BOT = "bot"
-    MODEL = "model"
-    ABSENT = "absent"
-    STAND_IN = "stand-in"
 
 
 class Departure(StrEnum):
@@ -81,24 +74,6 @@ class Moderation(StrEnum):
     BANNED = "banned"
     MUTED = "muted"
     UNMUTED = "unmuted"
-
-
-@dataclass(slots=True)
-class SeatTally:
-    """What one seat did over an episode.
-
-    `rejected` counts everything that was asked for and not done. Of these, `invalid` are known
-    actions that were not valid when they were asked for, and `malformed` texts that were no action
-    at all; the rest were replaced by a later one, or were lost to another's in their step.
-    """
-
-    player: str
-    applied: int = 0
-    rejected: int = 0
-    idle: int = 0
-    said: int = 0
-    invalid: int = 0
-    malformed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +94,7 @@ class Outcome:
     @classmethod
     def from_json(cls, row: Mapping[str, Any]) -> Outcome:
         """The outcome that `to_json` wrote."""
-        seats = tuple(SeatTally(**seat) for seat in row.get("seats", ()))
+        seats = tuple(SeatTally.from_json(seat) for seat in row.get("seats", ()))
         return cls(
             Reason(row["reason"]), row["steps"], row["seconds"], seats, row.get("detail", "")
         )
@@ -131,23 +106,13 @@ class Outcome:
             "steps": self.steps,
             "seconds": round(self.seconds, 3),
             "detail": self.detail,
-            "seats": [
-                {
-                    "player": t.player,
-                    "applied": t.applied,
-                    "rejected": t.rejected,
-                    "idle": t.idle,
-                    "said": t.said,
-                    "invalid": t.invalid,
-                    "malformed": t.malformed,
-                }
-                for t in self.seats
-            ],
+            "seats": [tally.to_json() for tally in self.seats],
         }
 
 
 class Move(NamedTuple):
-    """One seat's action in a step: its sequence number and the seconds the seat took for it.
+    """One seat's action in a step: its sequence number and the seconds the seat took for it, while
+    the game ran and the seat could act.
 
     `basis` is the step on which the choice was made, if the seat says so.
     """
@@ -197,12 +162,16 @@ class RejectionKind(StrEnum):
     """No action at all."""
     SUPERSEDED = "superseded"
     """A valid one, which a later one of the seat has replaced."""
+    UNHEARD = "unheard"
+    """One that was not looked at: older than the last, one too many, or before the beginning."""
 
     @classmethod
-    def of(cls, code: str, unmet: Iterable[Unmet]) -> RejectionKind:
-        """What was rejected with this code and for these reasons."""
-        if code == ACTION_UNKNOWN:
+    def of(cls, code: str, unmet: Iterable[Unmet], *, heard: bool = True) -> RejectionKind:
+        """What was rejected with this code and for these reasons; `heard`: it was looked at."""
+        if code == ACTION_UNKNOWN or code.startswith(UNREADABLE):
             return cls.MALFORMED
+        if not heard:
+            return cls.UNHEARD
         superseded = any(each.kind is UnmetKind.SUPERSEDED for each in unmet)
         return cls.SUPERSEDED if superseded else cls.INVALID
 
@@ -212,9 +181,10 @@ class Rejected:
     """An action that was not taken into a step, and why.
 
     `action` is its sentence, or what was asked for where that is no action; `text` what was asked
-    for where it is another text. `code` is that of the wire: `action/invalid`, `action/unknown`
-    or `action/stale`. It is `recorded` unless the seat's quota of text is used up. `basis` is the
-    step on which the choice was made, if the seat says so.
+    for where it is another text. `code` is that of the wire: `action/invalid`, `action/unknown`,
+    `action/stale`, or another of what was not `heard`: that is not the seat's last action, and a
+    `seq` of 0 says that it had none. It is `recorded` unless the seat's quota of text is used up.
+    `basis` is the step on which the choice was made, if the seat says so.
     """
 
     player: str
@@ -227,6 +197,7 @@ class Rejected:
     code: str = ACTION_INVALID
     text: str = ""
     basis: int | None = None
+    heard: bool = True
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -236,7 +207,16 @@ class Rejected:
     @property
     def kind(self) -> RejectionKind:
         """What it was."""
-        return RejectionKind.of(self.code, self.unmet)
+        return RejectionKind.of(self.code, self.unmet, heard=self.heard)
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTripMeasured:
+    """How long a message takes to a seat's participant and back, in seconds, as measured now."""
+
+    player: str
+    seconds: float
+    time: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,6 +331,7 @@ Event = (
     | Paused
     | Resumed
     | Restarted
+    | RoundTripMeasured
     | Stepped
     | Ended
 )

@@ -1,4 +1,5 @@
-"""The life cycles of an episode and of a seat: two literal tables, and the steps along them.
+"""The life cycles of an episode and of a seat: two literal tables, and the steps along them; who
+moves a seat.
 
 What stands in no row cannot happen: `next_phase` and `next_seat_state` raise, and whoever asked
 stays where it was.
@@ -14,6 +15,7 @@ from robotouille.errors import IllegalEventError
 __all__ = [
     "PHASES",
     "SEAT_STATES",
+    "Controller",
     "Phase",
     "PhaseEvent",
     "SeatEvent",
@@ -69,6 +71,17 @@ class SeatState(Enum):
     FREE = auto()
     PRESENT = auto()
     ABSENT = auto()
+
+
+class Controller(StrEnum):
+    """Who moves a seat: its participant (by kind), nobody, or a bot in an absent one's place."""
+
+    FREE = ""
+    HUMAN = "human"
+    BOT = "bot"
+    MODEL = "model"
+    ABSENT = "absent"
+    STAND_IN = "stand-in"
 
 
 class SeatEvent(Enum):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-__all__ = ["PauseReason", "PauseReasons"]
+__all__ = ["PauseReason", "PauseReasons", "Stopwatch"]
 
 
 class PauseReason(StrEnum):
@@ -65,3 +65,29 @@ class PauseReasons:
 
     def _counts(self, why: PauseReason) -> bool:
         return why in OUTER or not self.outer
+
+
+class Stopwatch:
+    """For how long a game has run, without the time in which it stood still. All times are in
+    seconds since the game began."""
+
+    __slots__ = ("_lost", "_stopped")
+
+    def __init__(self) -> None:
+        self._stopped: float | None = None
+        self._lost = 0.0
+
+    def stop(self, time: float) -> None:
+        """Time stands still from here on, unless it does already."""
+        if self._stopped is None:
+            self._stopped = time
+
+    def go_on(self, time: float) -> None:
+        """Time runs again."""
+        if self._stopped is not None:
+            self._lost += max(0.0, time - self._stopped)
+            self._stopped = None
+
+    def read(self, time: float) -> float:
+        """The seconds for which the game has run."""
+        return (time if self._stopped is None else self._stopped) - self._lost

@@ -28,12 +28,16 @@ class RecoveredEpisode(Episode):
             IllegalEventError: It has begun already.
         """
         self._enter_phase(PhaseEvent.START)
+        for seat in self.seats.values():
+            seat.refused = False
 
     def replay_step(
         self,
         moves: Iterable[Move],
         idle: Iterable[tuple[str, int]] = (),
         undone: Sequence[Atom] = (),
+        *,
+        time: float = 0.0,
     ) -> None:
         """Take a recorded step again.
 
@@ -41,6 +45,7 @@ class RecoveredEpisode(Episode):
             moves: In the order in which they applied.
             idle: The decisions to do nothing: the seats with their sequence numbers.
             undone: What chance took back after it.
+            time: Seconds since the game began.
         """
         moves, idle = tuple(moves), tuple(idle)
         for player, seq in [*((move.player, move.seq) for move in moves), *idle]:
@@ -49,9 +54,21 @@ class RecoveredEpisode(Episode):
         for player, seq in idle:
             self.seats[player].answer = ActionAnswer(seq, self.step + 1)
         self._undone = lambda _: undone
-        self._transition(moves, idle, 0.0)
+        self._transition(moves, idle, time)
         self._undone = nothing_undone
         self._events.clear()
+
+    def replay_pause(self, time: float) -> None:
+        """Time stood still from here on, or did already."""
+        self._stopwatch.stop(time)
+
+    def replay_resume(self, time: float) -> None:
+        """Time ran again."""
+        self._stopwatch.go_on(time)
+
+    def ran(self, time: float) -> float:
+        """The seconds for which the game had run, so many seconds after it began."""
+        return self._stopwatch.read(time)
 
     def replay_moderation(self, what: Moderation, session: str, participant: str) -> None:
         """Apply a recorded decision of an operator."""
@@ -83,7 +100,7 @@ class RecoveredEpisode(Episode):
         for seat in self.seats.values():
             seat.away = now
         for seat in present:
-            seat.lose_connection()
+            seat.lose_connection(self._ran(now))
         for seat in present:
             self._emit_roster(seat, now)
         self.pauses.until.clear()

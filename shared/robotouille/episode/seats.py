@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import NamedTuple
 
 from robotouille.episode.events import (
     ACTION_INVALID,
-    Controller,
     Departure,
     Move,
     RejectionKind,
     RosterChanged,
-    SeatTally,
 )
-from robotouille.episode.lifecycle import SeatEvent, SeatState, next_seat_state
+from robotouille.episode.lifecycle import Controller, SeatEvent, SeatState, next_seat_state
 from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.episode.rules import NO_TREATMENT, SeatTreatment
+from robotouille.episode.tallies import SeatTally, activity
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import State
+from robotouille.world.world import Attempt, State
 
 __all__ = [
     "ActionAnswer",
@@ -29,9 +28,9 @@ __all__ = [
     "PendingAction",
     "Seat",
     "by_holder",
+    "count_step",
     "joint_action",
     "names_of",
-    "tally",
 ]
 
 
@@ -65,9 +64,13 @@ class Seat:
     """A player of the world and who plays it.
 
     `session` is who holds the seat, `participant` its pseudonym, `generation` that of the resume
-    token which was used last. `asked_at` is when it was last asked to move, `away` since when it
-    is absent, `answer` what became of the last of its actions that was decided, `quota` how much of
-    what is written in its name is recorded, `treatment` what a study does to it.
+    token which was used last. `away` is since when it is absent, `answer` what became of the last
+    of its actions that was decided, `quota` how much of what is written in its name is recorded,
+    `refused` whether something that it asked for since the last step was refused, `treatment` what
+    a study does to it.
+
+    `asked_at` is since when it could act, and has not; `left_at` is when its participant was lost.
+    Both are in seconds for which the game has run.
     """
 
     player: str
@@ -80,7 +83,9 @@ class Seat:
     controller: Controller = Controller.FREE
     seq: int = 0
     asked_at: float = 0.0
+    left_at: float = 0.0
     away: float = 0.0
+    refused: bool = False
     pending: PendingAction | None = None
     answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
@@ -117,8 +122,11 @@ class Seat:
         """Whether a step need not wait for it (any more)."""
         return self.pending is not None or not self.active or state.busy_steps(self.player) > 0
 
-    def take(self, name: str, kind: str, session: str, participant: str, now: float) -> None:
+    def take(self, name: str, kind: str, session: str, participant: str, ran: float) -> None:
         """A newcomer sits down.
+
+        Args:
+            ran: Seconds for which the game has run, here and in what follows.
 
         Raises:
             IllegalEventError: The seat is taken.
@@ -127,47 +135,53 @@ class Seat:
         self.name, self.kind = name, kind
         self.session, self.participant, self.generation = session, participant, 0
         self.quota.renew()
-        self.asked_at = now
+        self.asked_at = ran
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
-    def lose_connection(self) -> None:
+    def lose_connection(self, ran: float) -> None:
         """Its participant is away.
 
         Raises:
             IllegalEventError: The seat is free, or its participant is away already.
         """
         self.state = next_seat_state(self.state, SeatEvent.LOSE)
+        self.left_at = ran
 
-    def come_back(self) -> None:
-        """Its participant is here again.
+    def come_back(self, ran: float) -> None:
+        """Its participant is here again; where the game has run meanwhile, it is asked anew.
 
         Raises:
             IllegalEventError: The seat is free.
         """
+        if not self.present and ran > self.left_at:
+            self.asked_at = ran
         self.state = next_seat_state(self.state, SeatEvent.RETURN)
 
-    def set_present(self, present: bool, now: float) -> None:
+    def set_present(self, present: bool, now: float, ran: float) -> None:
         """Its participant is here (again), or away; what a stand-in was about to do is dropped.
 
         Raises:
             IllegalEventError: The seat is free.
         """
         if self.present != present:
-            self.asked_at = self.away = now
+            self.away = now
         if self.pending is not None and self.pending.seq == 0:
             self.pending = None
         if present:
-            self.come_back()
+            self.come_back(ran)
         elif self.present:
-            self.lose_connection()
+            self.lose_connection(ran)
 
-    def vacate(self) -> None:
+    def vacate(self, ran: float) -> None:
         """Nobody's seat any more.
 
         Raises:
             IllegalEventError: It is free already.
         """
+        if self.present:
+            self.left_at = ran
         self.state = next_seat_state(self.state, SeatEvent.VACATE)
+        self.refused = False
         self.name = self.kind = self.session = self.participant = ""
         self.generation = 0
         self.pending = None
@@ -193,8 +207,15 @@ class Seat:
             why=why,
         )
 
-    def count_rejection(self, kind: RejectionKind) -> None:
-        """One more of its actions was taken into no step."""
+    def thought(self, ran: float) -> float:
+        """Seconds for which whoever moves it could have acted, and has not."""
+        since = self.asked_at if self.present else max(self.asked_at, self.left_at)
+        return max(0.0, ran - since)
+
+    def count_rejection(self, kind: RejectionKind, *, recorded: bool = True) -> None:
+        """One more of its actions was taken into no step. What is not recorded makes no step one
+        in which it waited: nobody could tell from the recording."""
+        self.refused |= recorded and kind is not RejectionKind.SUPERSEDED
         self.tally.rejected += 1
         self.tally.invalid += kind is RejectionKind.INVALID
         self.tally.malformed += kind is RejectionKind.MALFORMED
@@ -299,13 +320,23 @@ def _applies(state: State, moves: Collection[Move]) -> bool:
     return state.step([move.action for move in moves]).attempts[-1].applied
 
 
-def tally(seats: Collection[Seat], applied: Mapping[str, bool], turn: str | None) -> None:
-    """Count what the seats did in a step: whether each action applied, and who could have acted."""
+def count_step(
+    seats: Iterable[Seat],
+    busy: Collection[str],
+    moves: Sequence[Move],
+    attempts: Sequence[Attempt],
+    turn: str | None,
+) -> None:
+    """Count what the seats did in a step.
+
+    Args:
+        busy: The players who could not act.
+        turn: Whose turn it was, with the turn clock.
+    """
+    applied = {move.player: attempts[i].applied for i, move in enumerate(moves)}
     for seat in seats:
-        ok = applied.get(seat.player)
-        if ok:
-            seat.tally.applied += 1
-        elif ok is False:
-            seat.tally.rejected += 1
-        elif turn in (None, seat.player):
-            seat.tally.idle += 1
+        player = seat.player
+        others_turn = turn is not None and turn != player
+        told = applied.get(player), player in busy, seat.refused, others_turn
+        seat.tally.count(activity(seat.controller, *told))
+        seat.refused = False

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, with_config
 from typing_extensions import TypedDict
 
-from robotouille.episode.events import Controller, Reason
-from robotouille.episode.lifecycle import Phase
+from robotouille.episode.events import Reason
+from robotouille.episode.lifecycle import Controller, Phase
 from robotouille.episode.pauses import PauseReason
 from robotouille.episode.rules import PRINTABLE, Absence, Chat, Clock
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -103,7 +103,7 @@ class SeatInfo(FromServer):
     kind: str = ""
     present: bool = False
     controller: Known[Controller] = Controller.FREE
-    applied: int = 0
+    acted: int = 0
     rejected: int = 0
 
 
@@ -158,12 +158,22 @@ class RulesRow(TypedDict, total=False):
 
 @with_config(OPEN)
 class TallyRow(TypedDict, total=False):
-    """What one seat did over an episode: how many actions applied, were rejected, and so on."""
+    """What one seat did over an episode. Each step counts as one of these: its participant's
+    action was applied (`acted`); it could not act (`busy`); it asked for something that was refused
+    or lost in the step, or it was another's turn (`waiting`); it could act and did nothing
+    (`idle`); nobody moved it (`away`); a stand-in did (`substituted`). `rejected` is all that was
+    asked for and not done; `invalid` and `malformed` are part of it. `said` are chat messages."""
 
     player: str
-    applied: int
-    rejected: int
+    acted: int
+    busy: int
+    waiting: int
     idle: int
+    away: int
+    substituted: int
+    rejected: int
+    invalid: int
+    malformed: int
     said: int
 
 

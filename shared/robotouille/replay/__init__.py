@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from robotouille.replay.analysis.measures import Measures, SeatMeasures
     from robotouille.replay.analysis.transitions import Transition
+    from robotouille.replay.notes import rejection_kind, rejections
     from robotouille.replay.recorder import Recorder, header
     from robotouille.replay.recording import Recording, Verification, read_recording, recording_of
-    from robotouille.replay.rejection_notes import rejection_kind, rejections
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -20,7 +20,7 @@ else:
         __name__,
         "robotouille.replay.recorder",
         "robotouille.replay.recording",
-        "robotouille.replay.rejection_notes",
+        "robotouille.replay.notes",
         "robotouille.replay.analysis.transitions",
         "robotouille.replay.analysis.measures",
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from robotouille.episode.events import Controller
+from robotouille.replay.notes import controller_after
 from robotouille.replay.recording import Recording
 
 __all__ = ["Seating", "Span", "controllers", "seatings", "spans"]
@@ -89,12 +89,6 @@ def _changes(
 
 
 def _seating(note: Mapping[str, Any]) -> Seating:
-    """A seat as a roster note leaves it; those of earlier versions name no controller."""
+    """A seat as a roster note leaves it."""
     name = note["name"] if note.get("taken", True) else ""
-    if "controller" in note:
-        controller = note["controller"]
-    elif note["present"]:
-        controller = note["kind"]
-    else:
-        controller = Controller.ABSENT.value if name else Controller.FREE.value
-    return Seating(name, note["kind"], controller)
+    return Seating(name, note["kind"], controller_after(note).value)

@@ -7,17 +7,20 @@ from collections.abc import Iterator
 from typing import Any
 
 from robotouille.errors import RecordingError
+from robotouille.replay.analysis.activities import activities
 from robotouille.replay.controllers import controllers
+from robotouille.replay.notes import rejection_kind
 from robotouille.replay.recording import Recording
-from robotouille.replay.rejection_notes import rejection_kind
 from robotouille.world.world import State
 
 __all__ = ["json_lines"]
 
 
 def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
-    """The lines; each step says who moved the seats, and with `texts` what each seat read. A note
-    of what was rejected has its kind as `rejection`: `invalid`, `malformed` or `superseded`."""
+    """The lines; seats are in seat order. Each step says who moved the seats (`controllers`), what
+    they did with it (`activities`) and for how many steps from its beginning on some could not act
+    (`busy`); with `texts` also what each seat read. A note of what was rejected has its kind as
+    `rejection`: a `RejectionKind`."""
     head = {key: value for key, value in recording.header.items() if key not in ("tables",)}
     head["participants"] = {
         player: {"name": name, "kind": kind}
@@ -25,20 +28,36 @@ def json_lines(recording: Recording, *, texts: bool = False) -> Iterator[str]:
     }
     yield _line(head)
     in_control = controllers(recording)
+    each_activity = activities(recording)
     states = recording.states()
     before = next(states)[1]
     for frame in recording.each_frame():
         if frame["kind"] == "notes":
             for note in frame["notes"]:
-                told = {"rejection": rejection_kind(note)} if note["note"] == "rejected" else {}
-                yield _line({"kind": "note", "note": note, **told})
+                kind = {"rejection": rejection_kind(note)} if note["note"] == "rejected" else {}
+                yield _line({"kind": "note", "note": note, **kind})
         elif frame["kind"] == "step":
             state = next(states)[1]
             row = _step(recording, frame, before, state, texts)
-            yield _line({**row, "controllers": in_control[frame["step"]]})
+            _, did = next(each_activity)
+            told = {"activities": did.did, "busy": did.busy}
+            yield _line({**row, "controllers": in_control[frame["step"]], **told})
             before = state
         elif frame["kind"] == "footer":
-            yield _line({"kind": "outcome", **frame["outcome"]})
+            yield _line({"kind": "outcome", **_outcome(recording, frame["outcome"])})
+
+
+def _outcome(recording: Recording, outcome: dict[str, Any]) -> dict[str, Any]:
+    """The outcome; what the seats did with the steps is counted anew, as earlier versions did not
+    count it all."""
+    counted = recording.measures().seats
+    seats = []
+    for row in outcome.get("seats", ()):
+        told = {key: value for key, value in row.items() if key != "applied"}
+        if row["player"] in counted:
+            told |= counted[row["player"]].activities
+        seats.append(told)
+    return {**outcome, "seats": seats}
 
 
 def _step(

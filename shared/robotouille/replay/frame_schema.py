@@ -41,6 +41,9 @@ class FrameSource(Protocol):
         ...
 
 
+CODE = r"^(action/(invalid|unknown|stale)|episode/waiting|rate/limited|message/[a-z-]+)$"
+"""Codes of what is rejected."""
+
 Index = Annotated[int, Field(ge=0)]
 Row = Annotated[list[int], Field(min_length=1)]
 ObjectRow = Annotated[list[str], Field(min_length=3, max_length=3)]
@@ -137,10 +140,11 @@ class RejectedNote(Frame):
     action: str
     reasons: list[str]
     why: list[RecordedWhy] = []
-    code: Literal["action/invalid", "action/unknown", "action/stale"] = "action/invalid"
+    code: Annotated[str, Field(pattern=CODE)] = "action/invalid"
     text: str = ""
     basis: Index | None = None
     reasoning: str = ""
+    heard: bool = True
 
 
 class QuotaNote(Frame):
@@ -169,6 +173,7 @@ class NotedNote(Frame):
 class StartedNote(Frame):
     note: Literal["started"]
     t: int
+    utc_ms: int | None = None
 
 
 class AnnouncedNote(Frame):
@@ -195,11 +200,20 @@ class PausedNote(Frame):
 class ResumedNote(Frame):
     note: Literal["resumed"]
     t: int
+    utc_ms: int | None = None
 
 
 class RestartedNote(Frame):
     note: Literal["restarted"]
     t: int
+    utc_ms: int | None = None
+
+
+class RoundTripNote(Frame):
+    note: Literal["round_trip"]
+    t: int
+    player: str
+    ms: float
 
 
 Note = Annotated[
@@ -213,7 +227,8 @@ Note = Annotated[
     | StartedNote
     | PausedNote
     | ResumedNote
-    | RestartedNote,
+    | RestartedNote
+    | RoundTripNote,
     Field(discriminator="note"),
 ]
 
@@ -237,12 +252,17 @@ class StepFrame(Frame):
 
 class RecordedTally(Frame):
     player: str
-    applied: int
-    rejected: int
+    acted: int = 0
+    busy: int = 0
+    waiting: int = 0
     idle: int = 0
-    said: int = 0
+    away: int = 0
+    substituted: int = 0
+    rejected: int
     invalid: int = 0
     malformed: int = 0
+    said: int = 0
+    applied: int = 0
 
 
 class RecordedOutcome(Frame):

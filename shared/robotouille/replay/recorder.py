@@ -6,7 +6,7 @@ the original byte for byte.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,6 +25,7 @@ from robotouille.episode.events import (
     Restarted,
     Resumed,
     RosterChanged,
+    RoundTripMeasured,
     Said,
     Started,
     Stepped,
@@ -94,10 +95,15 @@ def header(
 @dataclass(slots=True)
 class Recorder:
     """Turns the events of one episode into the bytes to append to its file, which has one format
-    version from its beginning to its end."""
+    version from its beginning to its end.
+
+    `wall` gives the seconds since 1970, UTC: where time began to run, and where it did so again,
+    is written when that was. Without it nothing is.
+    """
 
     world: World
     version: int = FORMAT_VERSION
+    wall: Callable[[], float] | None = None
     writer: StateWriter = field(init=False)
 
     def __post_init__(self) -> None:
@@ -133,7 +139,7 @@ class Recorder:
             elif isinstance(event, Rejected) and not event.recorded:
                 continue
             else:
-                notes.append(_note(event))
+                notes.append(self._note(event))
                 continue
             if notes:
                 frames.append(_notes_frames(notes, self.version))
@@ -142,6 +148,12 @@ class Recorder:
         if notes:
             frames.append(_notes_frames(notes, self.version))
         return b"".join(frames)
+
+    def _note(self, event: Event) -> dict[str, Any]:
+        note = _note(event)
+        if self.wall is not None and isinstance(event, Started | Resumed | Restarted):
+            note["utc_ms"] = _ms(self.wall())
+        return note
 
     def _step(self, event: Stepped) -> bytes:
         rows: dict[str, Any] = {"t": _ms(event.time), "moves": [_move(m) for m in event.moves]}
@@ -235,6 +247,8 @@ def _rejection(event: Rejected) -> dict[str, Any]:
         note["basis"] = event.basis
     if event.reasoning:
         note["reasoning"] = event.reasoning
+    if not event.heard:
+        note["heard"] = False
     return note
 
 
@@ -276,6 +290,9 @@ def _note(event: Event) -> dict[str, Any]:
             }
         case QuotaReached():
             return {"note": "quota", "t": _ms(event.time), "player": event.player}
+        case RoundTripMeasured():
+            told = {"player": event.player, "ms": round(event.seconds * 1000, 1)}
+            return {"note": "round_trip", "t": _ms(event.time), **told}
         case Announced():
             return {"note": "announced", "t": _ms(event.time), "text": event.text}
         case Moderated():

@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from robotouille.domain.task import Task
 from robotouille.episode import (
     ActionAnswer,
-    Controller,
     Episode,
     Moderation,
     Move,
@@ -26,8 +25,8 @@ from robotouille.episode import (
 from robotouille.episode.events import ACTION_INVALID
 from robotouille.episode.quota import NOTE_BYTES, Quota, size_of_note, size_of_rejection
 from robotouille.errors import RecordingError
+from robotouille.replay.notes import controller_after, rejection_kind
 from robotouille.replay.recording import Comparison, Recording
-from robotouille.replay.rejection_notes import rejection_kind
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
 
@@ -155,7 +154,8 @@ class _Replayer:
             for move in moves:
                 self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
             idle = [(str(player), int(seq)) for player, seq in frame.get("idle", ())]
-            self.episode.replay_step(moves, idle, [tuple(atom) for atom in frame.get("undone", ())])
+            undone = [tuple(atom) for atom in frame.get("undone", ())]
+            self.episode.replay_step(moves, idle, undone, time=frame["t"] / 1000)
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])
@@ -165,7 +165,7 @@ class _Replayer:
         match note["note"]:
             case "roster":
                 self.episode.used = True
-                _sit(self._seat(note), note)
+                _sit(self._seat(note), note, self.episode.ran(note["t"] / 1000))
                 if note["present"] or not note.get("taken", True):
                     self.expected.discard(note["player"])
             case "rejected":
@@ -186,8 +186,10 @@ class _Replayer:
                 self.episode.replay_moderation(what, note["session"], note["participant"])
             case "paused":
                 self.pauses = note["holds"]
+                self.episode.replay_pause(note["t"] / 1000)
             case "resumed":
                 self.pauses = []
+                self.episode.replay_resume(note["t"] / 1000)
             case "restarted":
                 seats = self.episode.seats.values()
                 self.expected |= {seat.player for seat in seats if seat.present}
@@ -196,8 +198,9 @@ class _Replayer:
 
     def _rejected(self, seat: Seat, note: dict[str, Any]) -> None:
         reasons, code = tuple(note["reasons"]), note.get("code", ACTION_INVALID)
-        seat.seq = max(seat.seq, note["seq"])
-        seat.answer = ActionAnswer(note["seq"], self.episode.step, reasons, code)
+        if note.get("heard", True):
+            seat.seq = max(seat.seq, note["seq"])
+            seat.answer = ActionAnswer(note["seq"], self.episode.step, reasons, code)
         seat.count_rejection(rejection_kind(note))
         texts = [note["action"], note.get("text", ""), *reasons]
         for why in note.get("why", ()):
@@ -228,23 +231,20 @@ def _move(row: dict[str, Any], action: GroundAction) -> Move:
     return Move(row["player"], action, row["seq"], row["ms"] / 1000, *told)
 
 
-def _sit(seat: Seat, note: dict[str, Any]) -> None:
+def _sit(seat: Seat, note: dict[str, Any], ran: float) -> None:
+    """A seat as a roster note leaves it, once the game has run for so many seconds."""
     if note.get("taken", True):
         newcomer = not seat.taken or seat.session != note.get("session", "")
         if newcomer:
             if seat.taken:
-                seat.vacate()
-            seat.take(
-                note["name"], note["kind"], note.get("session", ""), note.get("participant", ""), 0
-            )
+                seat.vacate(ran)
+            session, participant = note.get("session", ""), note.get("participant", "")
+            seat.take(note["name"], note["kind"], session, participant, ran)
         seat.generation = note.get("generation", 0)
         if note["present"]:
-            seat.come_back()
+            seat.come_back(ran)
         elif seat.present:
-            seat.lose_connection()
+            seat.lose_connection(ran)
     elif seat.taken:
-        seat.vacate()
-    try:
-        seat.controller = Controller(note.get("controller", ""))
-    except ValueError as error:
-        raise RecordingError(str(error)) from None
+        seat.vacate(ran)
+    seat.controller = controller_after(note)

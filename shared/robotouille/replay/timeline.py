@@ -174,6 +174,8 @@ def _note_words(note: Mapping[str, Any]) -> str:
         case "noted":
             dots = "…" if note.get("more") or len(note["text"]) > MAX_SHOWN else ""
             return f"{note['player']} notes ({note['topic']}): {note['text'][:MAX_SHOWN]}{dots}"
+        case "round_trip":
+            return f"{note['player']}: {note['ms']:g} ms to its participant and back"
         case "announced":
             return f"the operator: {note['text']}"
         case "moderated":

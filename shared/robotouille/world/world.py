@@ -31,6 +31,7 @@ from robotouille.errors import (
 from robotouille.world.arrays.packing import PackedState, packed, unpacked
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
+from robotouille.world.grounding.ground_objects import MAX_CREATED
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, Object, atom_name, bound
 from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
@@ -114,16 +115,24 @@ class State:
     def holds(self, predicate: str, *arguments: str) -> bool:
         """Whether a fact is true, e.g. `state.holds("iscut", "lettuce1")`.
 
-        One with a name that the world does not know is not.
+        One about an object that does not exist (yet) is not.
 
         Raises:
-            WrongArgumentError: Something that cannot be a name, such as a list, is given for one.
+            UnknownNameError: The domain has no such predicate.
+            WrongArgumentError: There are too many or too few objects, or something that cannot be
+                a name, such as a list, is given for one.
         """
-        try:
-            return self.world.table.holds((predicate, *arguments), self.facts)
-        except TypeError:
+        if not all(isinstance(name, str) for name in (predicate, *arguments)):
             found = ", ".join(map(repr, (predicate, *arguments)))
-            raise WrongArgumentError(f"expected names, found {found}") from None
+            raise WrongArgumentError(f"expected names, found {found}")
+        types = self.world.table.types.get(predicate)
+        if types is None:
+            known = did_you_mean(predicate, self.world.table.types)
+            raise UnknownNameError(f"no predicate {predicate!r}{known}")
+        if len(types) != len(arguments):
+            told = f"({', '.join(arguments)})"
+            raise WrongArgumentError(f"{predicate} takes {len(types)} names, found {told}")
+        return self.world.table.holds((predicate, *arguments), self.facts)
 
     def atoms(self) -> list[Atom]:
         """Every true fact as `(predicate, argument, …)`, sorted."""
@@ -511,9 +520,17 @@ class World(GroundTask):
 
         Raises:
             WrongArgumentError: These are no bytes of a packed state.
-            WrongWorldError: They are those of another task's state.
+            UnknownNameError: They speak of an action or object that this world has not.
+            WrongWorldError: They are those of another task's state, or of none that this world
+                can be in, or more than `MAX_CREATED` objects of a kind were created.
         """
-        return self.restore(*unpacked(self.task, data))
+        state = unpacked(self.task, data)
+        self._make_room_for(state.facts, MAX_CREATED)
+        if state.facts.bit_length() > len(self.table.atoms):
+            raise WrongWorldError(
+                f"facts of another world, or more than {MAX_CREATED} created objects of a kind"
+            )
+        return self.restore(*state)
 
     # Steps
 
@@ -723,7 +740,7 @@ class World(GroundTask):
             busy: The players who are walking or working, each with the steps that are left.
 
         Raises:
-            UnknownNameError: A row speaks of an action or object that this world has not.
+            UnknownNameError: A row speaks of an action, object or player that this world has not.
             WrongWorldError: The facts or a row cannot be of this world.
             WrongArgumentError: The facts are no integer, or the rows are none.
         """
@@ -732,13 +749,22 @@ class World(GroundTask):
         self._make_room_for(facts)
         if facts < 0 or facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError("facts of another world")
+        self._check_existence(facts)
         entries = []
         for action, index, arguments, counters in _checked(rows, 4):
             effect = self.effect(action, index, tuple(arguments))
             if len(counters) != effect.size:
                 raise WrongWorldError(f"{effect} has {effect.size} counters, found {len(counters)}")
             entries.append((effect, tuple(counters)))
-        return State(self, facts, self.timers.get(tuple(entries), tuple(_checked(busy, 2))))
+        busy = tuple(_checked(busy, 2))
+        if len(busy) > len(self.players):
+            raise WrongWorldError(f"{len(busy)} are busy of {len(self.players)} players")
+        for player, steps in busy:
+            if player not in self.players:
+                raise UnknownNameError(f"no player {player!r}{did_you_mean(player, self.players)}")
+            if not (isinstance(steps, int) and steps > 0):
+                raise WrongWorldError(f"{player} is busy for {steps!r} steps")
+        return State(self, facts, self.timers.get(tuple(entries), busy))
 
 
 Slots = tuple[tuple[str, int], ...]

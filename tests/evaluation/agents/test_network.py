@@ -28,7 +28,7 @@ from robotouille_evaluation.agents.proposal import (
     Strategy,
 )
 from robotouille_evaluation.agents.teams.team import Each
-from robotouille_evaluation.models import Model, ModelRequest, ScriptedModel
+from robotouille_evaluation.models import Completion, Model, ModelRequest, ScriptedModel
 from robotouille_evaluation.models.valid_actions import valid_actions
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
@@ -216,3 +216,29 @@ def test_what_a_partner_says_is_not_part_of_what_a_model_reads(tmp_path: Path) -
         ("Goal: Do nothing", "robot2", FORGED)
     ] * len(said)
     assert len(said) >= 3
+
+
+def test_an_answer_for_a_game_that_is_over_is_not_waited_for(tmp_path: Path) -> None:
+    async def for_ever(_: ModelRequest) -> Completion:
+        await asyncio.sleep(1e9)
+        raise AssertionError
+
+    async def main() -> None:
+        async with (
+            serving(tmp_path) as server,
+            connect(server.url, name="model") as one,
+            connect(server.url, name="other") as other,
+        ):
+            opened = await one.create(TEAM, clock="lockstep", absence="end")
+            game = await one.join(opened.code, view="both")
+            await other.join(opened.code)
+            seat = game.own_seats[0]
+            strategy = make_strategy(pack(), "react-none", "multi_agent")
+            agent = NetworkAgent(game, Each({seat: strategy}, {seat: for_ever}))
+            playing = asyncio.create_task(agent.play())
+            await asyncio.sleep(1)
+            await other.leave()
+            async with asyncio.timeout(60):
+                assert (await playing)["reason"] == "abandoned"
+
+    run(main())

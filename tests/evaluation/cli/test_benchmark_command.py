@@ -73,6 +73,8 @@ def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
         (["--datasets", "synchronus"], "synchronous"),
         (["--clock", "realtime", "--charge", "wall"], "does not repeat"),
         (["--clock", "realtime", "--charge", "token:3"], "expected wall, tokens:MILLISECONDS"),
+        (["--helper", "planner"], "--helper is for --clock realtime"),
+        (["--digest-tokens", "9"], "--digest-tokens is for --clock realtime"),
         (["--kinds", "tidy"], "no kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),

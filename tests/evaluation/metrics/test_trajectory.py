@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import World, load_task
+from robotouille import ProtocolError, World, load_task
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay import recording_of
 from robotouille.world.unmet import UnmetKind
@@ -55,6 +55,16 @@ def test_a_recording_keeps_reasoning_and_refused_answers() -> None:
     assert [(u.predicate, u.objects) for u in first.unmet] == [("loc", ("robot1", "table1"))]
     assert first.reasons == ("robot1 stands at table1",)
     assert (second.verdict, second.reasoning) == (Verdict.APPLIED, "I go there.")
+
+
+def test_what_nobody_has_looked_at_is_no_answer() -> None:
+    episode = Episode(SANDWICH, Rules(clock=Clock.TURN, max_steps=9))
+    episode.join("robot1", "model", "bot", 0.0)
+    episode.refuse("robot1", 1, "walk", ProtocolError("rate/limited", "one too many"), 0.1)
+    episode.refuse("robot1", 0, "{", ProtocolError("message/malformed", "is no JSON"), 0.2)
+    recording = recording_of(record(episode, episode.events()), "test")
+    assert [note["note"] for note in recording.notes()].count("rejected") == 2
+    assert Trajectory.recorded(recording).answers == ()
 
 
 def test_a_text_that_names_nothing_is_malformed() -> None:

@@ -258,3 +258,15 @@ def test_an_answer_for_a_finished_game_is_not_waited_for(tmp_path: Path) -> None
             assert partner.ended
 
     run(main())
+
+
+def test_a_declared_thought_without_an_action_costs_its_steps_too(tmp_path: Path) -> None:
+    """Five answers that are none, for 80 ms each, are two steps."""
+    more = {"charge": Charge.parse("declared:80")}
+    rules = DECLARED | {"max_steps": 5}
+    course = Trajectory.recorded(played(tmp_path, 1.0, lambda _: "Hm.", rules, **more))
+    assert course.thoughts == (
+        Thought("robot1", 0, 2),
+        Thought("robot1", 2, 4),
+        Thought("robot1", 4),
+    )

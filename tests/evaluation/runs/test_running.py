@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -28,6 +29,7 @@ from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.runs import (
     AgentSpec,
     Job,
+    RealTime,
     RunFolder,
     RunPlan,
     Workers,
@@ -289,3 +291,28 @@ def test_what_could_only_break_off_is_not_begun() -> None:
     bare = replace(pack(), instances=tuple(replace(i, plans=()) for i in pack().instances[:1]))
     with pytest.raises(RobotouilleError, match="pack prove"):
         tuple(jobs(bare, [agent("scripted")], bare.instances, budget="published"))
+    moving = RealTime(charge="tokens:20", helper="script")
+    with pytest.raises(RobotouilleError, match="that --helper script could"):
+        tuple(jobs(bare, [MODEL], bare.instances, budget="published", real_time=moving))
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"control": "joint", "real_time": {"charge": "tokens:20"}}, "jobs.0"),
+        ({"control": "joint", "agent": {"name": "p", "kind": "planner"}}, "jobs.0"),
+        ({"seed": 10**30}, "jobs.0.seed"),
+        ({"agent": {**MODEL.model_dump(), "timeout": float("nan")}}, "jobs.0.agent.timeout"),
+        ({"agent": {**MODEL.model_dump(), "attempts": 0}}, "jobs.0.agent.attempts"),
+    ],
+)
+def test_a_plan_that_was_edited_says_what_is_wrong_with_it(
+    tmp_path: Path, change: dict[str, object], place: str
+) -> None:
+    folder = created(tmp_path, tuple(jobs(pack(), [MODEL], pack().instances[:1])))
+    plan = json.loads((tmp_path / "run.json").read_text())
+    plan["jobs"][0].update(change)
+    (tmp_path / "run.json").write_text(json.dumps(plan))
+    with pytest.raises(FileError, match=f"run.json: {place}: ") as caught:
+        folder.plan()
+    assert len(str(caught.value).splitlines()) == 1

@@ -11,10 +11,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 from robotouille import GroundAction
-from robotouille.episode.participant_names import likeness
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille.protocol.codec import JSON, MSGPACK
+from robotouille.protocol.participant_names import likeness
 from robotouille_client import ActResult, Client, Game
 from robotouille_client.bots import RandomPolicy, play
 from robotouille_client.errors import ConnectionFailedError

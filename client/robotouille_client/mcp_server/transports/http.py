@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import socket
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import h11
 import uvicorn
 from mcp.server.transport_security import TransportSecuritySettings
 from starlette.datastructures import Headers
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from robotouille_client.mcp_server.callers import SESSION_HEADER, bearer
 
@@ -25,6 +28,8 @@ PATH = "/mcp"
 MAX_BODY_BYTES = 65_536
 MAX_SESSIONS = 256
 MAX_CONNECTIONS = 512
+REQUEST_SECONDS = 10.0
+"""For a request's head, and for its body."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
@@ -55,7 +60,7 @@ def http_app(
         session_idle_timeout=idle_seconds,
         transport_security=_guard(allowed_hosts),
     )
-    leaving = _SessionsLeave(app, games)
+    leaving = _WholeRequests(_SessionsLeave(app, games))
     return _TokenRequired(leaving) if allowed_hosts else leaving
 
 
@@ -71,6 +76,49 @@ def _guard(allowed_hosts: Sequence[str]) -> TransportSecuritySettings:
             *(form for name in allowed_hosts for form in (f"https://{name}", f"https://{name}:*")),
         ],
     )
+
+
+class _WholeRequests:
+    """Hands requests on once all of them is there: for one whose client is slow or goes away no
+    session is opened, and no traceback written."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        try:
+            async with asyncio.timeout(REQUEST_SECONDS):
+                body = await _body(receive)
+        except TimeoutError:
+            await PlainTextResponse("Request Timeout", 408)(scope, receive, send)
+            return
+        if body is None:
+            return
+        if len(body) > MAX_BODY_BYTES:
+            await PlainTextResponse("Request body too large", 413)(scope, receive, send)
+            return
+        whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def again() -> Message:
+            return whole.pop() if whole else await receive()
+
+        await self._app(scope, again, send)
+
+
+async def _body(receive: Receive) -> bytes | None:
+    """A request's body, or more of it than there may be; None if its client is gone."""
+    body = bytearray()
+    while len(body) <= MAX_BODY_BYTES:
+        message = await receive()
+        if message["type"] != "http.request":
+            return None
+        body += message.get("body", b"")
+        if not message.get("more_body", False):
+            break
+    return bytes(body)
 
 
 class _SessionsLeave:
@@ -119,6 +167,38 @@ def listening_socket(host: str, port: int) -> socket.socket:
     return socket.create_server((host, port), family=family, backlog=128)
 
 
+class _Impatient(H11Protocol):
+    """A connection that is closed if its client does not say what it wants: a few hundred silent
+    ones would keep everybody else out."""
+
+    _look: asyncio.TimerHandle
+    _awaited: object = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._awaited = self._waits_for()
+        self._look_later()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._look.cancel()
+        super().connection_lost(exc)
+
+    def _waits_for(self) -> object:
+        """The request whose head, or end, is to come; None while one is being answered."""
+        state = self.conn.their_state
+        return (self.cycle, state) if state in (h11.IDLE, h11.SEND_BODY) else None
+
+    def _look_later(self) -> None:
+        self._look = self.loop.call_later(REQUEST_SECONDS, self._look_now)
+
+    def _look_now(self) -> None:
+        before, self._awaited = self._awaited, self._waits_for()
+        if before is not None and before == self._awaited:
+            self.transport.abort()
+        else:
+            self._look_later()
+
+
 class HttpService(uvicorn.Server):
     """Serves the application until SIGINT or SIGTERM.
 
@@ -129,6 +209,7 @@ class HttpService(uvicorn.Server):
         super().__init__(
             uvicorn.Config(
                 app,
+                http=_Impatient,
                 log_level="warning",
                 access_log=False,
                 server_header=False,

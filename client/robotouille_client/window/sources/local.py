@@ -65,7 +65,7 @@ class LocalSource:
             clock=clock_words(rules.clock.value, rules.model_dump(mode="json")),
             phase=min(1.0, elapsed / (rules.period if scheduled else GLIDE_SECONDS)),
             seats=tuple(
-                SeatView(s.player, s.name, s.kind, s.present, s.tally.applied, s.tally.rejected)
+                SeatView(s.player, s.name, s.kind, s.present, s.tally.acted, s.tally.rejected)
                 for s in episode.seats.values()
             ),
             me=self._me,

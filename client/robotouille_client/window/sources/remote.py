@@ -109,7 +109,7 @@ class RemoteSource:
         by_bot = seat.controller == Controller.STAND_IN
         stand_in = str(self._game.clock.get("stand_in", "bot")) if by_bot else ""
         return SeatView(
-            seat.player, seat.name, seat.kind, seat.present, seat.applied, seat.rejected, stand_in
+            seat.player, seat.name, seat.kind, seat.present, seat.acted, seat.rejected, stand_in
         )
 
     def _pause(self) -> PauseView | None:

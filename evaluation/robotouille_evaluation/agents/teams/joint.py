@@ -86,21 +86,21 @@ class JointAnswers(Tolerant):
         for line, found in self._chosen(action, valid).items():
             if found is None:
                 player, _, sentence = line.partition(":")
-                yield line, player.strip(), sentence.strip()
+                yield line, self._trim(player), sentence.strip()
 
     def _chosen(self, action: str, valid: tuple[str, ...]) -> dict[str, str | None]:
         """The last line of each robot, with the valid one that is meant: empty where it waits,
         None where there is none."""
         last: dict[str, str] = {}
         for line in action.split("\n"):
-            last[self._plain(line.partition(":")[0])] = line
+            last[self._plain(self._trim(line.partition(":")[0]))] = line
         return {line: self._meant(line, valid) for line in last.values()}
 
     def _meant(self, line: str, valid: tuple[str, ...]) -> str | None:
         player, colon, sentence = line.partition(":")
         if colon and self._plain(self._trim(sentence)) in (WAIT, ""):
             return ""
-        return super().match(f"{player.strip()}: {self._trim(sentence)}", valid)
+        return super().match(f"{self._trim(player)}: {self._trim(sentence)}", valid)
 
 
 class Joint:

@@ -8,13 +8,12 @@ Any strategy plays alone and in a team. What plays an episode asks the team, and
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, Protocol
 
 from robotouille.planning.policies import Did
-from robotouille_evaluation.agents.asking import Complete, answer_all
+from robotouille_evaluation.agents.asking import Complete, all_of, answer_all
 from robotouille_evaluation.agents.proposal import Observation, Proposal, Strategy
 from robotouille_evaluation.agents.teams.chat import TeamChat
 
@@ -24,7 +23,7 @@ Control = Literal["each", "turns", "joint"]
 """One model a seat; one for all seats, asked for one after the other; or for all at once."""
 
 Take = Callable[[str, Proposal], None]
-"""Is told what a seat does as soon as that is known. A call of a model is in one proposal only."""
+"""Is told what each seat does, in their order. A call of a model is in one proposal only."""
 
 
 class Team(Protocol):
@@ -59,17 +58,23 @@ class Each:
         self._chat = TeamChat(strategies)
 
     async def propose(self, seen: Mapping[str, Observation], take: Take) -> None:
-        """All at the same time."""
+        """All at the same time. Whoever answers first, they are heard in the order of seats: a run
+        that goes on after a kill asks what it has asked."""
         heard = {player: self._chat.read(player) for player in seen}
+        proposals: dict[str, Proposal] = {}
 
         async def decide(player: str) -> None:
             shown = replace(seen[player], heard=(*seen[player].heard, *heard[player]))
             asking = self._strategies[player].propose(shown)
-            proposal = await answer_all(asking, self._complete[player])
-            self._chat.say(player, proposal.say)
-            take(player, proposal)
+            proposals[player] = await answer_all(asking, self._complete[player])
 
-        await asyncio.gather(*map(decide, seen))
+        try:
+            await all_of(map(decide, seen))
+        finally:
+            for player in seen:
+                if player in proposals:
+                    self._chat.say(player, proposals[player].say)
+                    take(player, proposals[player])
 
     def observe(self, did: Did) -> None:
         """What everybody did in a step."""

@@ -36,7 +36,8 @@ class Recovery(Generic[RoomT]):
     """Looks for recordings that are not closed. `adopt` makes a room of one.
 
     `unrestored` are files that cannot be gone on with, `problems` those that cannot yet, and why.
-    The `archive` has the recordings that are closed.
+    The `archive` has the recordings that are closed. `now` is the rooms' time, `wall` the seconds
+    since 1970, for what is recorded from here on.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class Recovery(Generic[RoomT]):
         return_seconds: float,
         adopt: Callable[[ArchivedEpisode], RoomT],
         now: Callable[[], float],
+        wall: Callable[[], float],
     ) -> None:
         self.unrestored: dict[str, str] = {}
         self.problems: dict[str, str] = {}
@@ -54,6 +56,7 @@ class Recovery(Generic[RoomT]):
         self._return_seconds = return_seconds
         self._adopt = adopt
         self._now = now
+        self._wall = wall
         self._foreign: dict[str, str] = {}
         self.archive = Archive(storage, adopt)
         self._seated: dict[str, RoomT] = {}
@@ -172,7 +175,7 @@ class Recovery(Generic[RoomT]):
             closed = close_recording(self._storage, name, file.read(), size)
             self.archive.add(closed)
             return False
-        recorder = Recorder(restored.episode.world, recording.version)
+        recorder = Recorder(restored.episode.world, recording.version, self._wall)
         journal = Journal(self._storage, name, recorder, found=file, size=size)
         room = self._adopt(ArchivedEpisode(recording.header, restored, recorder, journal))
         for seat in restored.episode.seats.values():

@@ -15,6 +15,11 @@ from robotouille_server.runtime.metrics import Metrics
 
 __all__ = ["ActionRequests", "in_words", "requested_action"]
 
+RECORDED = ("action/stale", "episode/waiting", "rate/limited")
+"""Why a request is not looked at, where that is recorded: its text fits into the seat's quota."""
+MAX_UNREADABLE = 300
+"""Characters of a message that cannot be read, in the recording."""
+
 
 class ActionRequests:
     """Submits the actions of one episode's seats, and answers those that cannot be."""
@@ -38,7 +43,35 @@ class ActionRequests:
         try:
             self._submit(session, request, now)
         except ProtocolError as error:
-            self._reject(session, request, error)
+            self.refuse(session, request, error, now)
+
+    def refuse(
+        self, session: Session, request: messages.Act, why: ProtocolError, now: float
+    ) -> None:
+        """Reject a request that is not looked at. It is recorded, unless the episode is over, it is
+        about another's seat, or no more of its words are recorded: then it is answered at once."""
+        self._metrics.errors.labels(why.code).inc()
+        if why.code not in RECORDED:
+            self._answer(session, request, why)
+            return
+        try:
+            player, seq = session.own_seat(request.seat), request.seq
+            self._write_ahead.check()
+            basis, reasoning = request.basis, request.reasoning or ""
+            words = in_words(request)
+            self._episode.refuse(player, seq, words, why, now, basis=basis, reasoning=reasoning)
+        except ProtocolError:
+            self._answer(session, request, why)
+
+    def record_unreadable(
+        self, session: Session, message: bytes | str, why: ProtocolError, now: float
+    ) -> None:
+        """Record what a player has sent and nobody can read, unless the episode is over. Whoever
+        has several seats may have meant any of them."""
+        if session.players and not self._episode.ended and not self._write_ahead.failing:
+            beginning = message[:MAX_UNREADABLE]
+            text = beginning if isinstance(beginning, str) else repr(beginning)[2:-1]
+            self._episode.refuse(session.players[0], 0, text[:MAX_UNREADABLE], why, now)
 
     def _submit(self, session: Session, request: messages.Act, now: float) -> None:
         player = session.own_seat(request.seat)
@@ -87,8 +120,7 @@ class ActionRequests:
         send = partial(self._broadcaster.send, session, rejected)
         self._write_ahead.when_committed(session, send)
 
-    def _reject(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
-        self._metrics.errors.labels(error.code).inc()
+    def _answer(self, session: Session, request: messages.Act, error: ProtocolError) -> None:
         self._metrics.rejected += 1
         rejected = messages.Rejected(
             seq=request.seq,

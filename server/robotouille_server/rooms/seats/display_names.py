@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from robotouille.episode import Episode
-from robotouille.episode.participant_names import distinct_name, likeness
+from robotouille.protocol.participant_names import distinct_name, likeness
 
 __all__ = ["DisplayNames"]
 

@@ -17,7 +17,7 @@ from collections.abc import Collection, Mapping
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
-from robotouille.planning.policies.script import Did, Script
+from robotouille.planning.policies.script import Did, Script, does_something
 from robotouille.planning.policies.standing import standing_at, walks_aside
 from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
 from robotouille.planning.policies.team_talk import (
@@ -228,7 +228,7 @@ class PlannerPolicy:
         script = self._script
         if script is None or state.goal_reached:
             return
-        busy = any(p in self._team and ok and _does_something(a) for p, a, ok in did)
+        busy = any(p in self._team and ok and does_something(a) for p, a, ok in did)
         due = {p: script.due(p, state) for p in self._team if not state.busy_steps(p)}
         blocked = {p for p, a in due.items() if a and not state.world.applicable(state, a)}
         waiting = _is_something_running(state)
@@ -409,8 +409,3 @@ def _is_something_running(state: State) -> bool:
     if state.timers.busy:
         return True
     return any(row.timed and row.running for row in state.progress())
-
-
-def _does_something(action: GroundAction) -> bool:
-    """Whether an action is more than to wait."""
-    return bool(action.touched or action.effects)

@@ -9,7 +9,7 @@ from robotouille.planning.plan import Plan
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
 
-__all__ = ["Did", "Script"]
+__all__ = ["Did", "Script", "does_something"]
 
 Did = Sequence[tuple[str, GroundAction, bool]]
 """The actions of a step: player, action, and whether it was applied."""
@@ -76,7 +76,7 @@ class Script:
                 self._done[player] += 1
                 continue
             walks = action.schema.definition.travel is not None
-            if applied and _does_something(action) and (row is not None or not walks):
+            if applied and does_something(action) and (row is not None or not walks):
                 self.astray.add(player)
 
     def _next(self, player: str) -> _Row | None:
@@ -136,9 +136,9 @@ class Script:
                 return chosen
 
 
-def _does_something(action: GroundAction) -> bool:
+def does_something(action: GroundAction) -> bool:
     """Whether an action is more than to wait."""
-    return str(action.schema.parameters) != "()"
+    return bool(action.touched or action.effects)
 
 
 def _depend(one: GroundAction, other: GroundAction) -> bool:

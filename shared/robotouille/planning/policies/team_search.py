@@ -18,6 +18,10 @@ ALONE, TOGETHER = Limits(expansions=130), Limits(expansions=500)
 """What may be spent on a decision, or on a plan for two, to find a shorter plan: about 0.1 s for
 one player and 0.5 s for two in plain Python."""
 
+HURRIED = Limits(expansions=1)
+"""The same where the world moves on meanwhile: a second of thought costs a team more steps than a
+shorter plan wins back (docs/planners.md)."""
+
 STUBBORN = Limits(expansions=2_000)
 """What is spent on any plan at all, where a player who is alone has found none: seconds."""
 
@@ -44,8 +48,8 @@ class TeamSearch:
     def best(
         self, state: State, team: tuple[str, ...], *, in_a_hurry: bool, choices: int
     ) -> SearchResult:
-        """The best of some plans for a team; of one, where its players are in a hurry."""
-        best = self.once(state, team, choices=choices)
+        """The best of some plans for a team; the first one, where its players are in a hurry."""
+        best = self.once(state, team, choices=choices, in_a_hurry=in_a_hurry)
         if self._one_seat and best.plan is None and not best.unsolvable:
             return self._anytime.first(state, STUBBORN, seed=self._seed)
         attempts = 1 if len(team) == 1 or in_a_hurry else ATTEMPTS
@@ -57,10 +61,17 @@ class TeamSearch:
         return best
 
     def once(
-        self, state: State, team: tuple[str, ...], *, choices: int, after: int = 0
+        self,
+        state: State,
+        team: tuple[str, ...],
+        *,
+        choices: int,
+        after: int = 0,
+        in_a_hurry: bool = False,
     ) -> SearchResult:
         """One plan; another with each number `after`."""
-        limits = ALONE if len(team) == 1 else TOGETHER
+        together = HURRIED if in_a_hurry else TOGETHER
+        limits = ALONE if len(team) == 1 else together
         seed = self._seed + after
         *_, found = self._anytime.search(
             state, limits, team=team, seed=seed, beam=self._expansions, choices=choices

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from robotouille.episode.events import RejectionKind
+from robotouille.episode.tallies import Activity
+from robotouille.replay.analysis.activities import activities
 from robotouille.replay.frame_schema import FrameSource
-from robotouille.replay.rejection_notes import rejections
+from robotouille.replay.notes import rejections
 
 __all__ = ["Measures", "SeatMeasures", "measures"]
 
@@ -18,24 +20,35 @@ __all__ = ["Measures", "SeatMeasures", "measures"]
 class SeatMeasures:
     """One seat.
 
-    `name` and `kind` are its last participant's (empty: nobody's). `applied` actions took place,
-    `lost` ones were valid when they came, and no more when their turn in the step came. `rejected`
-    counts what was taken into no step by kind (`robotouille.episode.RejectionKind`): `invalid`,
-    `malformed`, `superseded`. `idle` are the steps in which it chose to do nothing, `said` its
-    chat messages. `thinking` are the seconds that its answers took, all together. `staleness` is
-    the mean number of steps between the state that an action was based on and the one in which it
-    was taken, of those whose basis is recorded; None if there are none.
+    `name` and `kind` are its last participant's (empty: nobody's). Each step is one of those in
+    which it `acted`, was `busy`, `waiting`, `idle`, `away` or `substituted`
+    (`robotouille.episode.Activity`). All else is about its participants alone, without a stand-in.
+    `lost` actions were valid when they came, and no more when their turn in the step came.
+    `rejected` counts what was taken into no step by kind (`robotouille.episode.RejectionKind`):
+    `invalid`, `malformed`, `superseded`, `unheard`. `said` are chat messages. `thinking` are the
+    seconds that its moves took, all together. `staleness` is the mean number of steps between the
+    state that an action was based on and the one in which it was taken, of those whose basis is
+    recorded; None if there are none.
     """
 
     name: str = ""
     kind: str = ""
-    applied: int = 0
-    lost: int = 0
+    acted: int = 0
+    busy: int = 0
+    waiting: int = 0
     idle: int = 0
+    away: int = 0
+    substituted: int = 0
+    lost: int = 0
     said: int = 0
     thinking: float = 0.0
     staleness: float | None = None
     rejected: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def activities(self) -> dict[str, int]:
+        """How many steps were what (`robotouille.episode.Activity`); they sum to the steps."""
+        return {each.value: getattr(self, each.value) for each in Activity}
 
     @property
     def invalid(self) -> int:
@@ -81,6 +94,9 @@ def measures(recording: FrameSource) -> Measures:
             _note(frame["notes"], tallies, people)
         elif frame["kind"] == "footer":
             reason = frame["outcome"]["reason"]
+    for _, step in activities(recording):
+        for player, did in step.did.items():
+            tallies[player][did.value] += 1
     rejected = rejections(recording)
     seats = {p: _seat(*people[p], tallies[p], rejected[p]) for p in world.players}
     success, seconds = reason == "goal", milliseconds / 1000
@@ -88,15 +104,14 @@ def measures(recording: FrameSource) -> Measures:
 
 
 def _count(step: Mapping[str, Any], tallies: Mapping[str, Counter[str]]) -> None:
-    """What the seats did in a step."""
+    """How the moves of a step came about; those of stand-ins have no sequence number."""
     for place, move in enumerate(step["moves"]):
-        lost = str(place) in step.get("unmet", {})
+        if move["seq"] == 0:
+            continue
         tally = tallies[move["player"]]
-        tally.update({"lost" if lost else "applied": 1, "ms": move["ms"]})
+        tally.update({"lost": str(place) in step.get("unmet", {}), "ms": move["ms"]})
         if "basis" in move:
             tally.update({"based": 1, "stale": step["step"] - 1 - move["basis"]})
-    for player, _ in step.get("idle", ()):
-        tallies[player]["idle"] += 1
 
 
 def _note(
@@ -118,9 +133,8 @@ def _seat(
     return SeatMeasures(
         name,
         kind,
-        applied=tally["applied"],
+        **{each.value: tally[each.value] for each in Activity},
         lost=tally["lost"],
-        idle=tally["idle"],
         said=tally["said"],
         thinking=tally["ms"] / 1000,
         staleness=tally["stale"] / tally["based"] if tally["based"] else None,

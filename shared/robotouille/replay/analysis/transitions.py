@@ -44,6 +44,11 @@ class Transition:
     basis: int | None = None
 
     @property
+    def staleness(self) -> int | None:
+        """Steps between the state that the choice was made on and `state`; None if unknown."""
+        return None if self.basis is None else self.step - 1 - self.basis
+
+    @property
     def reward(self) -> float:
         """1 for what was part of the step that reached the goal, else 0."""
         return float(self.next_state.goal_reached and not self.state.goal_reached)

@@ -13,7 +13,7 @@ from robotouille.world.arrays.graph import Graph, GraphLayout
 from robotouille.world.arrays.reachable import Reachable
 from robotouille.world.arrays.slots import Names, Slots
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.grounding.atoms import USED, bits_of
+from robotouille.world.grounding.atoms import EXISTS, USED, bits_of
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import Atom, atom_name
@@ -149,11 +149,17 @@ class Encoding:
         if not 0 <= number < len(actions):
             raise WrongArgumentError(f"{player} has {len(actions)} actions, found number {number}")
         action = actions[number]
-        names = self.slots.filled(facts)
-        if not names or names.keys().isdisjoint(action.arguments):
+        if self.slots.names.isdisjoint(action.arguments):
             return action
+        names = self.slots.filled(facts)
         arguments = tuple(names.get(name, name) for name in action.arguments)
-        return self._task.action(action.name, *arguments) if all(arguments) else None
+        bit = self._task.table.bit
+        for slot, name in zip(action.arguments, arguments, strict=True):
+            if slot in self.slots.names and not (name and facts & bit[EXISTS, name]):
+                return None
+        return (
+            action if arguments == action.arguments else self._task.action(action.name, *arguments)
+        )
 
     def number(self, facts: int, player: str, action: GroundAction) -> int:
         """The number of an action in a state: the inverse of `action`.

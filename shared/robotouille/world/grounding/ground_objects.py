@@ -84,6 +84,22 @@ class GroundObjects:
             if thing.tile is None and facts & self.table.bit[(USED, name)]
         ]
 
+    def _check_existence(self, facts: int) -> None:
+        """Raises WrongWorldError for facts about an object that does not exist in them."""
+        for name, there, about in self._said_of_transients:
+            if facts & about and not facts & there:
+                raise WrongWorldError(f"facts about {name}, which does not exist in them")
+
+    @cached_property
+    def _said_of_transients(self) -> tuple[tuple[str, int, int], ...]:
+        """Of each object that may come or go: that it exists, and all else there is to say."""
+        table = self.table
+        return tuple(
+            (name, table.bit[(EXISTS, name)], table.mentions(name) & ~table.internal)
+            for name, thing in self._things.items()
+            if thing.type in table.transient
+        )
+
     def exists(self, thing: Object, facts: int) -> bool:
         """Whether an object is there."""
         return thing.type not in self.table.transient or bool(
@@ -141,10 +157,12 @@ class GroundObjects:
         if wanted:
             self.make_room(wanted)
 
-    def _make_room_for(self, facts: int) -> None:
-        """Have an atom for every bit of some facts, if they can be of this task at all."""
+    def _make_room_for(self, facts: int, most: int | None = None) -> None:
+        """Have an atom for every bit of some facts, if they can be of this task at all, and need
+        no more than `most` generations of created objects."""
         # Each generation in use has a name that was given: no facts need more room than that.
-        most = facts.bit_count() if self._creations else 0
+        given = facts.bit_count() if self._creations else 0
+        most = given if most is None else min(given, most)
         while facts.bit_length() > len(self.table.atoms) and len(self._sizes) <= most:
             self.make_room_for_another()
 
@@ -166,6 +184,7 @@ class GroundObjects:
             new.append(thing)
         self.table.add(new)
         self._sizes.append(len(self.table.atoms))
+        self.__dict__.pop("_said_of_transients", None)
 
     def _grown(self) -> None:
         """There is room for more objects: what was computed from all of them is out of date."""

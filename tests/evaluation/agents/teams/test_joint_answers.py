@@ -18,6 +18,7 @@ BOTH = f"{ONE}\n{TWO}"
         (f"Reasoning: so.\nActions:\n{ONE}\n{TWO}", BOTH),
         (f"Reasoning: so.\n\n**Actions:**\n\n- {ONE}.\n- {TWO.upper()}", BOTH),
         (f"Reasoning: so.\nActions:\n1. {ONE}\n2. {TWO}", BOTH),
+        (f"Reasoning: so.\nActions:\n**robot1**:{ONE[7:]}\n`robot2`:{TWO[7:]}", BOTH),
         (f"Reasoning: so.\nAction: {ONE}\nAction: {TWO}", BOTH),
         (f"Reasoning: so.\nActions: {ONE}\n{TWO}", BOTH),
         (f"Reasoning: so.\nActions:\nrobot1: Fly\nActions:\n{ONE}\n{TWO}", BOTH),

@@ -27,6 +27,8 @@ from robotouille_evaluation.models.valid_actions import valid_actions
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime.network import RealTimeAgent
+from robotouille_server.auth.roles import Role
+from tests.support.newcomers import minted
 from tests.support.servers import serving
 from tests.support.team_cook import NOTHING, TeamCook
 from tests.support.virtual_time import run
@@ -108,6 +110,28 @@ def test_the_bot_of_the_command_line_takes_several_seats(
     recording = read_recording(file)
     assert {call.player for call in model_calls(recording)} >= {"robot1"}
     assert recording.verify().identical
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
+def test_whoever_may_not_list_episodes_takes_several_seats_by_the_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="host") as host:
+            code = (await host.create(TEAM, clock=clock, max_steps=5)).code
+            token = minted(server, Role.PLAYER)
+            playing = _run(server.url, "m", token, code, None, mock("joint"), seats="all")
+            if clock == "lockstep":
+                assert (await playing)["reason"] == "step_limit"
+                return
+            with pytest.raises(RobotouilleError, match="is played in real time, where each seat"):
+                await playing
+            (episode,) = await host.episodes()
+            assert [seat.name for seat in episode.seats] == ["", ""]
+
+    run(main())
 
 
 def test_in_real_time_no_seat_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,6 +56,14 @@ export function progress() {
   };
 }
 
+// What a seat's steps were, in words.
+export function stepWords(seat) {
+  const counts = [["acted", seat.acted], ["busy", seat.busy], ["waiting", seat.waiting], ["idle", seat.idle],
+    ["away", seat.away], ["by a stand-in", seat.substituted]];
+  const told = counts.filter(([, steps]) => steps).map(([what, steps]) => `${number(steps)} ${what}`);
+  return told.length ? `steps: ${told.join(", ")}` : "";
+}
+
 // Who moves a seat, in a word or two.
 export function controllerWords(seat) {
   if (seat.controller === "stand-in") return seat.name ? `bot for ${seat.name}` : "bot";
@@ -71,7 +79,7 @@ function seatChip() {
     root,
     update(seat) {
       setAttribute(root, "data-who", seat.controller || "free");
-      setAttribute(root, "title", `${seat.player}: ${controllerWords(seat)}${seat.shown_as ? ` (shown as ${seat.shown_as})` : ""}, ${seat.applied} done, ${seat.rejected} rejected`);
+      setAttribute(root, "title", [`${seat.player}: ${controllerWords(seat)}${seat.shown_as ? ` (shown as ${seat.shown_as})` : ""}`, stepWords(seat), `${seat.rejected} rejected`].filter(Boolean).join(" · "));
       setText(name, seat.name || seat.player);
       setText(more, [controllerWords(seat), latency(seat)].filter(Boolean).join(" · "));
     },

@@ -3,7 +3,7 @@
 import { announce, end, kick, mute, pauseOrResume } from "./actions.js";
 import { download, follow } from "./api.js";
 import { toast } from "./dialogs.js";
-import { controllerWords, heading, phaseBadge, progress, recordingWords, setHold } from "./episodes.js";
+import { controllerWords, heading, phaseBadge, progress, recordingWords, setHold, stepWords } from "./episodes.js";
 import { Rows, button, bytes, h, icon, latency, setAttribute, setText } from "./dom.js";
 
 const traffic = (row) => (row.received_bytes ? `${bytes(row.received_bytes)} in` : "");
@@ -23,7 +23,7 @@ function person(row, remove, silence) {
       setAttribute(root, "data-who", seat ? next.controller || "free" : next.present ? "watching" : "absent");
       setText(name, next.name || next.player);
       const words = seat
-        ? [next.player, controllerWords(next), `${next.applied} done`, next.rejected ? `${next.rejected} rejected` : ""]
+        ? [next.player, controllerWords(next), stepWords(next), next.rejected ? `${next.rejected} rejected` : ""]
         : [next.present ? "watches" : "away", next.kind];
       setText(more, [...words, next.muted ? "muted" : "", latency(next), traffic(next), next.address].filter(Boolean).join(" · "));
       setAttribute(more, "title", `${bytes(next.recorded_bytes)} of chat and reasoning are on record`);

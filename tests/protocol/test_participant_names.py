@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robotouille.episode.participant_names import (
+from robotouille.protocol.participant_names import (
     MAX_NAME_LENGTH,
     distinct_name,
     likeness,

@@ -1,4 +1,5 @@
-"""What was asked for in a recording and taken into no step."""
+"""What the notes of a recording say: what was asked for and taken into no step, and who moves a
+seat."""
 
 from __future__ import annotations
 
@@ -7,15 +8,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from robotouille.episode.events import ACTION_INVALID, RejectionKind
+from robotouille.episode.lifecycle import Controller
+from robotouille.errors import RecordingError
 from robotouille.replay.frame_schema import FrameSource
 from robotouille.world.unmet import from_words
 
-__all__ = ["rejection_kind", "rejections"]
+__all__ = ["controller_after", "rejection_kind", "rejections"]
 
 
 def rejection_kind(note: Mapping[str, Any]) -> RejectionKind:
     """What a `rejected` note rejects; notes of earlier versions say it by their reasons alone."""
-    return RejectionKind.of(note.get("code", ACTION_INVALID), from_words(*note["reasons"]))
+    reasons, heard = from_words(*note["reasons"]), note.get("heard", True)
+    return RejectionKind.of(note.get("code", ACTION_INVALID), reasons, heard=heard)
 
 
 def rejections(recording: FrameSource) -> dict[str, Counter[RejectionKind]]:
@@ -28,3 +32,17 @@ def rejections(recording: FrameSource) -> dict[str, Counter[RejectionKind]]:
         if note["note"] == "rejected":
             counts.setdefault(note["player"], Counter())[rejection_kind(note)] += 1
     return counts
+
+
+def controller_after(note: Mapping[str, Any]) -> Controller:
+    """Who moves a seat from a `roster` note on; those of earlier versions do not say it.
+
+    Raises:
+        RecordingError: It names a controller that is not known.
+    """
+    if "controller" in note or note["present"]:
+        try:
+            return Controller(note.get("controller", note["kind"]))
+        except ValueError as error:
+            raise RecordingError(str(error)) from None
+    return Controller.ABSENT if note["name"] and note.get("taken", True) else Controller.FREE

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from robotouille import ProtocolError, World
-from robotouille.episode import Episode, Rules
+from robotouille import ProtocolError, RecordingError, World
+from robotouille.episode import Controller, Episode, Rules
 from robotouille.replay.container import magic, pack_frame
 from robotouille.replay.export import json_lines
+from robotouille.replay.notes import controller_after, rejections
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
-from robotouille.replay.rejection_notes import rejections
 from robotouille.replay.restore import restore
 
 WORLD = World("synchronous/01")
@@ -78,7 +78,7 @@ def test_they_are_counted_in_the_outcome_and_the_export() -> None:
     recording = Recording(recorded(ended=True)[1])
     assert recording.outcome is not None
     (seat,) = recording.outcome["seats"]
-    assert (seat["applied"], seat["rejected"]) == (1, 7)
+    assert (seat["acted"], seat["rejected"]) == (1, 7)
     assert (seat["invalid"], seat["malformed"]) == (3, 4)
     assert rejections(recording) == {"robot1": {"invalid": 3, "malformed": 4}}
     rows = [json.loads(line) for line in json_lines(recording)]
@@ -111,3 +111,24 @@ def test_recordings_of_earlier_versions_are_read_verified_and_continued(ended: b
     going = Recording(old.stream + found.missing + Recorder(WORLD).record(found.episode.events()))
     assert going.verify().ok
     assert rejections(going) == {"robot1": {"invalid": 2, "malformed": 1}}
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        ({"controller": "stand-in", "present": False}, Controller.STAND_IN),
+        ({"controller": "", "present": False, "taken": False}, Controller.FREE),
+        ({"present": True}, Controller.MODEL),
+        ({"present": False}, Controller.ABSENT),
+        ({"present": False, "name": ""}, Controller.FREE),
+    ],
+)
+def test_who_moves_a_seat_also_in_notes_that_do_not_say_it(
+    told: dict[str, Any], expected: Controller
+) -> None:
+    assert controller_after({"name": "ada", "kind": "model", **told}) is expected
+
+
+def test_who_cannot_move_a_seat() -> None:
+    with pytest.raises(RecordingError, match="ghost"):
+        controller_after({"name": "ada", "kind": "model", "present": True, "controller": "ghost"})

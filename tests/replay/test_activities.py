@@ -1,0 +1,239 @@
+"""What seats do with steps, counted by an episode, by the analysis of its recording, and by a plain
+reference: all three agree, whatever happens."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille import World, load_task
+from robotouille.episode import (
+    Absence,
+    Clock,
+    Controller,
+    Episode,
+    PauseReason,
+    Phase,
+    Rules,
+    SeatTally,
+)
+from robotouille.errors import ProtocolError
+from robotouille.replay.container import magic, pack_frame
+from robotouille.replay.export import json_lines
+from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.recording import Recording
+from robotouille.replay.restore import restore
+from tests.support.thorough import thorough
+
+WORLDS = [World(load_task("multi_agent/02", timing=timing)) for timing in ("benchmark", "people")]
+STEPS = ("acted", "busy", "waiting", "idle", "away", "substituted")
+STALE = ProtocolError("action/stale", "too late")
+
+
+def reference(stream: bytes) -> dict[str, Counter[str]]:
+    """The steps of each seat, straight from the frames: a list of facts for each step, looked
+    through by rule after rule."""
+    recording = Recording(stream)
+    head, *frames = recording.frames
+    players = [row[0] for row in head["tables"]["objects"] if row[2] == "player"]
+    counts: dict[str, Counter[str]] = {player: Counter() for player in players}
+    moved_by = dict.fromkeys(players, "")
+    tried: list[str] = []
+    states = [state for _, state in recording.states()]
+    for frame in frames:
+        for note in frame.get("notes", ()):
+            if note["note"] == "roster":
+                moved_by[note["player"]] = note["controller"]
+            if note["note"] == "roster" and not note["taken"]:
+                tried = [player for player in tried if player != note["player"]]
+            if note["note"] == "started":
+                tried = []
+            if note["note"] == "rejected" and "superseded" not in note["reasons"][0]:
+                tried.append(note["player"])
+        if frame["kind"] != "step":
+            continue
+        number = frame["step"]
+        done = {
+            m["player"]
+            for i, m in enumerate(frame["moves"])
+            if str(i) not in frame.get("unmet", {})
+        }
+        lost = {m["player"] for m in frame["moves"]} - done
+        for seat, player in enumerate(players):
+            by_turns = head["rules"]["clock"] == "turn"
+            rules = {
+                "substituted": moved_by[player] == "stand-in",
+                "away": moved_by[player] in ("", "absent"),
+                "acted": player in done,
+                "busy": not states[number - 1].actions(player)
+                and states[number - 1].busy_steps(player) > 0,
+                "waiting": player in tried
+                or player in lost
+                or (by_turns and (number - 1) % len(players) != seat),
+                "idle": True,
+            }
+            counts[player][next(what for what, holds in rules.items() if holds)] += 1
+        tried = []
+    return counts
+
+
+def counts_of(tallies: dict[str, SeatTally]) -> dict[str, dict[str, int]]:
+    return {p: {what: getattr(t, what) for what in STEPS} for p, t in tallies.items()}
+
+
+class Game:
+    """A recorded episode to which anything may happen."""
+
+    def __init__(self, rules: Rules, world: World) -> None:
+        self.rules, self.world = rules, world
+        self.episode = Episode(world, rules)
+        self.recorder = Recorder(world, wall=lambda: 1_700_000_000 + self.now)
+        self.stream = self.recorder.begin(header(world.task, rules, episode="e"))
+        self.now, self.seq, self.sessions = 0.0, 0, 0
+
+    def flush(self) -> None:
+        self.stream += self.recorder.record(self.episode.events())
+
+    def happen(self, what: str, seat: int, choice: int) -> None:
+        episode, player = self.episode, self.world.players[seat]
+        self.now += choice % 7 / 8
+        self.seq += 1
+        sat, begun = episode.seat(player), episode.phase is not Phase.WAITING
+        actions = episode.state.actions(player)
+        match what:
+            case "act" | "act again" if sat.present and begun and actions:
+                episode.submit(player, self.seq, actions[choice % len(actions)], self.now)
+            case "wait" if sat.present and begun:
+                episode.submit(player, self.seq, None, self.now)
+            case "nonsense" if sat.present and begun:
+                episode.submit(player, self.seq, "juggle", self.now)
+            case "unheard" if sat.taken:
+                episode.refuse(player, 1, "walk", STALE, self.now)
+            case "substitute" if sat.controller is Controller.STAND_IN and actions:
+                episode.substitute(player, actions[choice % len(actions)], self.now)
+            case "lose" if sat.present:
+                episode.set_present(player, False, self.now)
+            case "return" if sat.taken and not sat.present:
+                episode.set_present(player, True, self.now)
+            case "leave" if sat.taken and choice % 3 == 0:
+                episode.leave(player, self.now)
+            case "join" if not sat.taken:
+                self.sessions += 1
+                session = f"s{self.sessions}"
+                episode.join(player, f"name{seat}", "human", self.now, session=session)
+            case "pause":
+                episode.pause(PauseReason.OPERATOR, self.now)
+            case "resume":
+                episode.resume(PauseReason.OPERATOR, self.now)
+            case "restart" if choice % 4 == 0:
+                self.restart()
+                return
+            case "tick":
+                episode.tick(self.now)
+        self.flush()
+
+    def restart(self) -> None:
+        """The process is killed: another one goes on, some time later."""
+        before = {p: seat.tally for p, seat in self.episode.seats.items()}
+        self.now += 100.0
+        found = restore(Recording(self.stream), self.now, 5.0)
+        self.stream = self.stream[: found.kept] + found.missing
+        self.episode = found.episode
+        self.recorder = Recorder(self.episode.world, wall=self.recorder.wall)
+        assert {p: seat.tally for p, seat in self.episode.seats.items()} == before
+        self.flush()
+
+
+HAPPENINGS = ("act", "act again", "tick", "wait", "nonsense", "unheard", "substitute", "lose")
+RARE = ("return", "leave", "join", "pause", "resume", "restart")
+EVENTS = st.tuples(st.sampled_from(HAPPENINGS * 2 + RARE), st.integers(0, 1), st.integers(0, 1000))
+
+
+@thorough(60)
+@given(
+    st.sampled_from(list(Clock)),
+    st.sampled_from(list(Absence)),
+    st.sampled_from(WORLDS),
+    st.lists(EVENTS, min_size=20, max_size=120),
+)
+def test_all_counts_agree_and_sum_to_the_steps(
+    clock: Clock, absence: Absence, world: World, events: list[tuple[str, int, int]]
+) -> None:
+    rules = Rules(
+        clock=clock, absence=absence, step_rate=4.0, max_steps=60, move_budget=3.0, grace=30.0
+    )
+    game = Game(rules, world)
+    game.happen("join", 0, 0)
+    game.happen("join", 1, 0)
+    for event in events:
+        if game.episode.phase is Phase.ENDED:
+            break
+        game.happen(*event)
+    game.episode.abort(game.now, "the end")
+    game.flush()
+    recording = Recording(game.stream)
+    assert recording.verify().ok
+    outcome = game.episode.outcome
+    assert outcome is not None
+    told = {tally.player: tally for tally in outcome.seats}
+    assert [tally.steps for tally in told.values()] == [recording.length] * 2
+    assert counts_of(told) == {
+        player: {what: counted[what] for what in STEPS}
+        for player, counted in reference(game.stream).items()
+    }
+    measured = recording.measures().seats
+    assert {player: seat.activities for player, seat in measured.items()} == counts_of(told)
+    assert recording.outcome is not None
+    assert {row["player"]: SeatTally.from_json(row) for row in recording.outcome["seats"]} == told
+
+
+def exported(recording: Recording) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in json_lines(recording)]
+
+
+def test_the_export_says_it_of_each_step_in_seat_order() -> None:
+    game = Game(Rules(clock=Clock.REALTIME, step_rate=2.0), WORLDS[1])
+    for seat in (1, 0):  # Who comes first has the second seat.
+        game.happen("join", seat, 0)
+    walk = next(a for a in game.episode.state.actions("robot1") if a.name == "move")
+    game.episode.submit("robot1", 1, walk, 0.1)
+    game.episode.tick(3.0)
+    game.episode.abort(3.1, "the end")
+    game.flush()
+    head, *rows = exported(Recording(game.stream))
+    assert list(head["participants"]) == ["robot1", "robot2"]
+    steps = [row for row in rows if row["kind"] == "step"]
+    assert [row["activities"]["robot1"] for row in steps[:2]] == ["acted", "busy"]
+    assert {row["activities"]["robot2"] for row in steps} == {"idle"}
+    assert [row["busy"].get("robot1", 0) > 0 for row in steps[:2]] == [False, True]
+    (end,) = [row for row in rows if row["kind"] == "outcome"]
+    assert [seat["player"] for seat in end["seats"]] == ["robot1", "robot2"]
+    for seat in end["seats"]:
+        found = Counter(row["activities"][seat["player"]] for row in steps)
+        assert {what: seat[what] for what in STEPS} == {what: found[what] for what in STEPS}
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_outcome_of_earlier_versions_is_counted_anew(version: int) -> None:
+    game = Game(Rules(clock=Clock.REALTIME, step_rate=2.0), WORLDS[1])
+    game.happen("join", 0, 0)
+    game.happen("join", 1, 0)
+    game.episode.tick(3.0)
+    game.episode.abort(3.1, "the end")
+    game.flush()
+    frames = Recording(game.stream).frames
+    for row in frames[-1]["outcome"]["seats"]:
+        row["applied"] = row.pop("acted")
+        for new in ("busy", "waiting", "away", "substituted"):
+            del row[new]
+    old = Recording(magic(version) + b"".join(pack_frame(frame, version) for frame in frames))
+    assert old.verify().ok
+    end = exported(old)[-1]
+    for seat in end["seats"]:
+        assert [seat[what] for what in STEPS] == [0, 0, 0, 6, 0, 0]
+    assert "applied" not in end["seats"][0]
