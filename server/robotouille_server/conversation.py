@@ -234,8 +234,10 @@ class Conversation:
                 self.peer.socket.give_way()
         if isinstance(message, PACED) and self.session is not None:
             check_permission(self.session.role, message)
-            HANDLERS[type(message)](self, self.session, message)
-            self._pace()
+            try:
+                HANDLERS[type(message)](self, self.session, message)
+            finally:
+                self._pace()
         elif not affordable or (extra and not self._budget.take(self._loop.time(), extra)):
             self._refuse_over_limit(message)
         elif self.session is None:
