@@ -77,7 +77,9 @@ def telling(url: URL) -> Iterator[None]:
     except (exc.DBAPIError, sqlite3.Error) as error:
         original = getattr(error, "orig", error)
         words = " ".join(str(original).split()) or type(original).__name__
-        passing = isinstance(error, exc.OperationalError | exc.InternalError | sqlite3.OperationalError)
+        passing = isinstance(
+            error, exc.OperationalError | exc.InternalError | sqlite3.OperationalError
+        )
         lost = getattr(error, "connection_invalidated", False)
         kind = UnavailableError if passing or lost else CatalogueError
         raise kind(f"{where(url)}: {words}") from None
@@ -90,7 +92,9 @@ def writing(url: URL) -> Engine:
     if url.drivername == "sqlite":
         engine = sa.create_engine(url, poolclass=NullPool, connect_args={"timeout": LOCK_SECONDS})
         event.listen(engine, "connect", _prepare_sqlite)
-        event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE"))
+        event.listen(
+            engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN IMMEDIATE")
+        )
         return engine
     engine = sa.create_engine(
         url, poolclass=NullPool, connect_args={"connect_timeout": CONNECT_SECONDS}
@@ -102,7 +106,10 @@ def writing(url: URL) -> Engine:
 def read_only(url: URL) -> Engine:
     """An engine that nobody can write with, for PostgreSQL as far as the role's rights go."""
     if url.drivername != "sqlite":
-        options = {"connect_timeout": CONNECT_SECONDS, "options": "-c default_transaction_read_only=on"}
+        options = {
+            "connect_timeout": CONNECT_SECONDS,
+            "options": "-c default_transaction_read_only=on",
+        }
         return sa.create_engine(url, poolclass=NullPool, connect_args=options)
     path = Path(url.database or "")
     if not path.is_file():
@@ -120,7 +127,9 @@ def insert(connection: Connection, table: sa.Table, rows: Sequence[Sequence[Any]
         return
     if connection.dialect.name == "sqlite":
         places = ", ".join("?" * len(table.columns))
-        connection.exec_driver_sql(f"INSERT INTO {table.name} VALUES ({places})", list(map(tuple, rows)))  # noqa: S608
+        connection.exec_driver_sql(
+            f"INSERT INTO {table.name} VALUES ({places})", list(map(tuple, rows))
+        )  # noqa: S608
         return
     driver: Any = connection.connection.driver_connection
     with driver.cursor() as cursor, cursor.copy(f"COPY {table.name} FROM STDIN") as copy:

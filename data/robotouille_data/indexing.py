@@ -132,9 +132,7 @@ def _prepare(
     return known
 
 
-def _read_all(
-    url: URL, files: Sequence[File], jobs: int
-) -> Iterator[tuple[int, dict[str, str]]]:
+def _read_all(url: URL, files: Sequence[File], jobs: int) -> Iterator[tuple[int, dict[str, str]]]:
     """How many files were done, and their faults, in pieces."""
     pieces = list(_pieces(files))
     text = url.render_as_string(hide_password=False)

@@ -71,9 +71,7 @@ def store(connection: Connection, files: Sequence[ReadFile]) -> None:
     """
     forget(connection, [file.path for file in files])
     ids = {file.path: None if file.fault else episode_id(file.digest) for file in files}
-    rows = [
-        (f.path, f.stamp.size, f.stamp.mtime_ns, f.digest, ids[f.path], f.fault) for f in files
-    ]
+    rows = [(f.path, f.stamp.size, f.stamp.mtime_ns, f.digest, ids[f.path], f.fault) for f in files]
     insert(connection, RECORDINGS, rows)
     present = {
         number

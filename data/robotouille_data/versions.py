@@ -43,7 +43,9 @@ def check_version(connection: Connection, folder: Path = MIGRATIONS) -> None:
         CatalogueError: The database is of another version, or no catalogue.
     """
     if not _is_current(connection, _script(folder)):
-        message = "the catalogue is missing or of an earlier version: `robotouille data index` mends it"
+        message = (
+            "the catalogue is missing or of an earlier version: `robotouille data index` mends it"
+        )
         raise CatalogueError(message)
 
 

@@ -30,7 +30,9 @@ class Repeats:
         self._timers = {str(label): tuple(counters) for label, counters in frame["timers"]}
         self._look_at_timers(frame["busy"])
 
-    def step(self, frame: Mapping[str, Any], actions: tuple[Any, ...], busy: dict[str, int]) -> None:
+    def step(
+        self, frame: Mapping[str, Any], actions: tuple[Any, ...], busy: dict[str, int]
+    ) -> None:
         """A step, with the actions that applied; IndexError as in `begin`.
 
         Args:
