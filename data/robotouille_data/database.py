@@ -127,9 +127,8 @@ def insert(connection: Connection, table: sa.Table, rows: Sequence[Sequence[Any]
         return
     if connection.dialect.name == "sqlite":
         places = ", ".join("?" * len(table.columns))
-        connection.exec_driver_sql(
-            f"INSERT INTO {table.name} VALUES ({places})", list(map(tuple, rows))
-        )  # noqa: S608
+        statement = f"INSERT INTO {table.name} VALUES ({places})"  # noqa: S608
+        connection.exec_driver_sql(statement, list(map(tuple, rows)))
         return
     driver: Any = connection.connection.driver_connection
     with driver.cursor() as cursor, cursor.copy(f"COPY {table.name} FROM STDIN") as copy:

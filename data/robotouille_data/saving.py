@@ -40,8 +40,9 @@ def save_csv(answer: Answer, path: Path) -> int:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(answer.columns)
         count = 0
-        for count, row in enumerate(answer.rows, 1):
+        for row in answer.rows:
             writer.writerow(row)
+            count += 1
     return count
 
 

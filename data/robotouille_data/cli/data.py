@@ -151,7 +151,7 @@ def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Ite
 
 
 @contextmanager
-def _bar() -> Iterator["_Bar"]:
+def _bar() -> Iterator[_Bar]:
     columns = TextColumn("recordings"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:

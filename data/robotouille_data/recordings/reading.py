@@ -58,25 +58,23 @@ def recorded_rows(content: bytes, number: int) -> Iterator[list[TableRows]]:
     stream, fault = plain(content)
     if fault:
         raise RecordingError(fault)
-    course = None
     try:
-        for course, ended, end in _courses(stream, number):
+        course = None
+        for course in _courses(stream, number, closed=is_closed(content)):
             if len(course.steps) + len(course.events) >= MAX_ROWS:
                 yield [(STEPS, course.steps), (EVENTS, course.events)]
                 course.steps, course.events = [], []
         if course is None:
             raise RecordingError("has no header")
-        if is_closed(content) and not (ended and end == len(stream)):
-            raise RecordingError("damaged: the file is closed without an end")
         summary = _summary(course)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise RecordingError(f"what it holds does not fit together: {error!r}") from None
     yield summary
 
 
-def _courses(stream: bytes, number: int) -> Iterator[tuple[Course, bool, int]]:
-    """After each frame the course so far, whether it is over, and where the frame ends."""
-    course, ended = None, False
+def _courses(stream: bytes, number: int, *, closed: bool) -> Iterator[Course]:
+    """The course so far, after each frame."""
+    course, ended, end = None, False, 0
     for place, (frame, end) in enumerate(frames_with_ends(stream)):
         check_frame(frame, place)
         if ended:
@@ -88,7 +86,9 @@ def _courses(stream: bytes, number: int) -> Iterator[tuple[Course, bool, int]]:
         else:
             return
         ended = frame["kind"] == "footer"
-        yield course, ended, end
+        yield course
+    if closed and not (ended and end == len(stream)):
+        raise RecordingError("damaged: the file is closed without an end")
 
 
 def _summary(course: Course) -> list[TableRows]:
