@@ -17,7 +17,7 @@ from sqlalchemy.engine import URL, Engine, make_url
 
 from robotouille.errors import RecordingError
 from robotouille_data.database import telling, writing
-from robotouille_data.errors import CatalogueError, UnavailableError
+from robotouille_data.errors import UnavailableError
 from robotouille_data.recordings.reading import (
     content_digest,
     episode_id,
@@ -72,8 +72,9 @@ def index(
         progress: Is called when some more are done.
 
     Raises:
-        UnavailableError: The database cannot be written now; what was written before stays.
-        CatalogueError: A folder is missing, or the catalogue is of a later version.
+        UnavailableError: The database cannot be written now, or a folder not read; what was
+            written before stays.
+        CatalogueError: The catalogue is of a later version.
     """
     report, found = Report(), dict[str, Stamp]()
     roots = [str(folder.absolute()) for folder in folders]
@@ -100,7 +101,7 @@ def _recordings(root: str) -> Iterator[File]:
     """The recordings below a folder; links are not followed."""
 
     def fail(error: OSError) -> None:
-        raise CatalogueError(f"{error.filename}: cannot be read: {error.strerror}") from None
+        raise UnavailableError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
     for folder, _, names in os.walk(root, onerror=fail):
         names_here = set(names)

@@ -202,7 +202,7 @@ class Course:
     def measures(self) -> Row:
         """The row of the team's measures."""
         success = None if self._outcome is None else self._outcome["reason"] == "goal"
-        fewest = fewest_steps(self._header["digest"])
+        fewest = fewest_steps(self._header["task"])
         rate = self._step / fewest if success and fewest else None
         blocking = self._blocking + sum(seat.blocked for seat in self._seats.values())
         return self._id, success, fewest, rate, self._repeats.count, blocking
