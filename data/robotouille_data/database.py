@@ -121,14 +121,14 @@ def read_only(url: URL) -> Engine:
     return sa.create_engine("sqlite://", creator=connect, poolclass=NullPool)
 
 
-def insert(connection: Connection, table: sa.Table, rows: Sequence[Sequence[Any]]) -> None:
+def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ...]]) -> None:
     """Add rows, each with the values of all columns in order."""
     if not rows:
         return
     if connection.dialect.name == "sqlite":
         places = ", ".join("?" * len(table.columns))
         statement = f"INSERT INTO {table.name} VALUES ({places})"  # noqa: S608
-        connection.exec_driver_sql(statement, list(map(tuple, rows)))
+        connection.exec_driver_sql(statement, list(rows))
         return
     driver: Any = connection.connection.driver_connection
     with driver.cursor() as cursor, cursor.copy(f"COPY {table.name} FROM STDIN") as copy:
