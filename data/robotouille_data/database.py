@@ -22,6 +22,7 @@ from robotouille_data.errors import CatalogueError, UnavailableError
 __all__ = [
     "DEFAULT_FILE",
     "database_url",
+    "driver_errors",
     "insert",
     "read_only",
     "telling",
@@ -131,9 +132,20 @@ def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ..
         connection.exec_driver_sql(statement, list(rows))
         return
     driver: Any = connection.connection.driver_connection
-    with driver.cursor() as cursor, cursor.copy(f"COPY {table.name} FROM STDIN") as copy:
+    statement = f"COPY {table.name} FROM STDIN"
+    with driver_errors(connection), driver.cursor() as cursor, cursor.copy(statement) as copy:
         for row in rows:
             copy.write_row(row)
+
+
+@contextmanager
+def driver_errors(connection: Connection) -> Iterator[None]:
+    """What a database's own driver raises becomes what SQLAlchemy makes of it."""
+    base: type[Exception] = connection.dialect.loaded_dbapi.Error
+    try:
+        yield
+    except base as error:
+        raise exc.DBAPIError.instance(None, None, error, base) from None
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: object) -> None:

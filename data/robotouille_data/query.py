@@ -9,10 +9,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import exc
 from sqlalchemy.engine import URL, Connection
 
-from robotouille_data.database import read_only, telling
+from robotouille_data.database import driver_errors, read_only, telling
 from robotouille_data.errors import CatalogueError
 from robotouille_data.versions import check_version
 
@@ -86,28 +85,17 @@ def _asking_postgresql(connection: Connection, query: str, seconds: float) -> It
     connection.exec_driver_sql(f"SET LOCAL statement_timeout = {max(1, int(seconds * 1000))}")
     connection.exec_driver_sql("SET TRANSACTION READ ONLY")
     driver: Any = connection.connection.driver_connection
-    try:
-        with driver.cursor() as cursor:
-            declared = f"DECLARE answer NO SCROLL CURSOR FOR {query}".encode()
-            cursor.execute(declared, prepare=True)
-            cursor.execute(f"FETCH {AT_ONCE} FROM answer")
-            columns = _unlike([column.name for column in cursor.description])
-            yield Answer(columns, _fetched(cursor))
-    except driver_errors() as error:
-        raise exc.DBAPIError.instance(query, None, error, Exception) from None
+    with driver_errors(connection), driver.cursor() as cursor:
+        cursor.execute(f"DECLARE answer NO SCROLL CURSOR FOR {query}".encode(), prepare=True)
+        cursor.execute(f"FETCH {AT_ONCE} FROM answer")
+        columns = _unlike([column.name for column in cursor.description])
+        yield Answer(columns, _fetched(cursor))
 
 
 def _fetched(cursor: Any) -> Iterator[tuple[Any, ...]]:
     while rows := cursor.fetchall():
         yield from rows
         cursor.execute(f"FETCH {AT_ONCE} FROM answer")
-
-
-def driver_errors() -> type[Exception]:
-    """What PostgreSQL's driver raises."""
-    import psycopg
-
-    return psycopg.Error
 
 
 def _unlike(columns: list[str]) -> tuple[str, ...]:

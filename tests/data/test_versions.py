@@ -63,7 +63,9 @@ def test_an_earlier_version_is_migrated_and_a_later_one_told(database: str, tmp_
 
 def test_a_migration_that_fails_leaves_nothing_behind(database: str, tmp_path: Path) -> None:
     later, engine = later_version(tmp_path), writing(database_url(database, Path()))
-    (later / "later.py").write_text(LATER + '    op.add_column("nowhere", sa.Column("x", sa.Text()))\n')
+    (later / "later.py").write_text(
+        LATER + '    op.add_column("nowhere", sa.Column("x", sa.Text()))\n'
+    )
     with pytest.raises(Exception, match="nowhere"), engine.begin() as connection:
         migrate(connection, later)
     with engine.begin() as connection:

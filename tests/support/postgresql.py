@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 __all__ = ["PostgreSQL", "missing", "postgresql"]
@@ -20,6 +21,7 @@ def _program(name: str) -> str | None:
     return shutil.which(name) or (str(packaged[-1]) if packaged else None)
 
 
+@cache
 def missing() -> str:
     """Why there can be no server here; empty if there can."""
     if not _program("initdb") or not _program("pg_ctl"):
