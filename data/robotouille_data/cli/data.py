@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -30,10 +29,8 @@ DatabaseOption = Annotated[
     ),
 ]
 FoldersArgument = Annotated[list[Path], typer.Argument(help="Folders of recordings.")]
-JobsOption = Annotated[
-    int, typer.Option(min=1, max=64, help="Processes that read; as many as cores, at most four.")
-]
-JOBS = min(4, os.cpu_count() or 1)
+JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes that read.")]
+JOBS = 2
 EXTRA = ("alembic", "psycopg", "sqlalchemy")
 
 
