@@ -9,9 +9,6 @@ import pytest
 
 from tests.support.postgresql import PostgreSQL, missing, postgresql
 
-pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
-pytest.importorskip("alembic", reason="needs the extra `data`")
-
 
 @pytest.fixture(scope="session")
 def server() -> Iterator[PostgreSQL]:
