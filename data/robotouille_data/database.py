@@ -6,6 +6,7 @@ indexers at once take turns.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -116,8 +117,12 @@ def read_only(url: URL) -> Engine:
     if not path.is_file():
         raise CatalogueError(f"{path}: there is no catalogue; `robotouille data index` makes one")
 
+    mode = "mode=ro"
+    if not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():
+        mode = "immutable=1"  # Else SQLite would make files beside it.
+
     def connect() -> sqlite3.Connection:
-        return sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, timeout=LOCK_SECONDS)
+        return sqlite3.connect(f"{path.as_uri()}?{mode}", uri=True, timeout=LOCK_SECONDS)
 
     return sa.create_engine("sqlite://", creator=connect, poolclass=NullPool)
 

@@ -21,6 +21,7 @@ from robotouille_data.indexing import Report, index
 from robotouille_data.query import asking
 from robotouille_data.recordings import reading
 from robotouille_data.schema import LABELS, METADATA
+from tests.support.postgresql import PostgreSQL
 from tests.support.random_play import random_stream, write_recordings
 
 Dump = dict[str, list[tuple[Any, ...]]]
@@ -180,7 +181,7 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
     assert indexed(database, folder) == Report(indexed=30, unchanged=6)
 
 
-def test_a_read_only_database_is_told(folder: Path, tmp_path: Path) -> None:
+def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path) -> None:
     database = tmp_path / "c.sqlite"
     database.mkdir()
     with pytest.raises(UnavailableError, match=r"c\.sqlite"):
@@ -189,6 +190,13 @@ def test_a_read_only_database_is_told(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(UnavailableError) as told:
         indexed(gone, folder)
     assert "secret" not in str(told.value)
+
+
+@pytest.mark.process
+def test_a_read_only_database_is_told(server: PostgreSQL, folder: Path) -> None:
+    options = "options=-c%20default_transaction_read_only%3Don"
+    with pytest.raises(UnavailableError, match="read-only"):
+        indexed(f"{server.url}&{options}", folder)
 
 
 @pytest.mark.parametrize("database_name", ["mysql://x/y", "://", "oracle://"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,19 @@ def test_time_is_limited(filled: str) -> None:
 def test_columns_that_are_called_alike_have_numbers(filled: str) -> None:
     with asking(database_url(filled, Path()), "SELECT 1 AS a, 2 AS a, 3 AS b") as answer:
         assert answer.columns == ("a", "a_2", "b")
+
+
+def test_a_catalogue_in_a_folder_that_cannot_be_written_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = str(tmp_path / "catalogue.sqlite")
+    with writing(database_url(database, Path())).begin() as connection:
+        migrate(connection)
+        insert(connection, LABELS, ROWS)
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    assert ask(database, ALL) == ROWS
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_no_catalogue_is_told(tmp_path: Path) -> None:

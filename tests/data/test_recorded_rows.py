@@ -12,7 +12,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 from robotouille.episode import Clock
 from robotouille.errors import RecordingError
 from robotouille.replay import Recording, rejection_kind
-from robotouille.replay.container import compress, pack_frame
+from robotouille.replay.container import compress, magic, pack_frame
 from robotouille.replay.controllers import controllers
 from robotouille_data.recordings import reading
 from robotouille_data.recordings.reading import content_digest, episode_id, recorded_rows
@@ -155,6 +155,16 @@ def test_an_open_recording_is_unfinished() -> None:
     assert rows["episodes"][0]["reason"] is None
     assert rows["measures"][0]["success"] is None
     assert len(rows["steps"]) == 2 * whole.length
+
+
+def test_the_first_format_version_is_read() -> None:
+    frames = list(Recording(random_stream(3)).each_frame())
+    first = magic(1) + b"".join(pack_frame(frame, 1) for frame in frames)
+    second = magic(2) + b"".join(pack_frame(frame) for frame in frames)
+    for (_, rows), (_, others) in zip(rows_of(first).items(), rows_of(second).items(), strict=True):
+        for row, other in zip(rows, others, strict=True):
+            key = "id" if "id" in row else "episode_id"
+            assert {**row, key: 0} == {**other, key: 0}
 
 
 def test_a_long_recording_comes_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
