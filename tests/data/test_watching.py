@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -110,3 +113,15 @@ def test_what_waiting_does_not_mend_is_an_error(tmp_path: Path) -> None:
             database_url(str(database), tmp_path), [tmp_path], threading.Event(),
             report=lambda _: None, trouble=lambda words, _: None,
         )  # fmt: skip
+
+
+@pytest.mark.process
+def test_the_command_ends_when_it_is_told_to(tmp_path: Path) -> None:
+    write_recordings(tmp_path, 2)
+    program = "from robotouille_client.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "data", "watch", str(tmp_path), "--interval", "60"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "indexed 2, forgotten 0\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE) == 0

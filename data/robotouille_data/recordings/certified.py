@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
+
+import msgpack
 
 from robotouille.certification.certificate import content_hash
 from robotouille.resources import data_folder
@@ -14,10 +16,15 @@ __all__ = ["fewest_steps"]
 
 
 def fewest_steps(task: Mapping[str, Any]) -> int | None:
-    """Of a recorded task; None where no shipped certificate says.
+    """Of a recorded task; None where no shipped certificate says."""
+    return _fewest_steps(msgpack.packb(task))
 
-    A certificate calls the task by its file: `01_cheese_sandwich`, recordings also by its folder.
-    """
+
+@lru_cache(maxsize=64)
+def _fewest_steps(packed: bytes) -> int | None:
+    """A certificate calls the task by its file: `01_cheese_sandwich`, recordings also by its
+    folder. The hash takes longer than a hundred steps, and many episodes are of one task."""
+    task = msgpack.unpackb(packed)
     name = str(task["name"]).rpartition("/")[2]
     text = json.dumps({**task, "name": name}, sort_keys=True, separators=(",", ":"))
     return _certified().get(content_hash(text.encode()))
