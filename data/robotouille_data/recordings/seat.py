@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from robotouille.episode.events import Controller, RejectionKind
+from robotouille.episode import Controller, RejectionKind
 from robotouille.replay.rejection_notes import rejection_kind
 
 __all__ = ["ACTIVITIES", "RecordedSeat"]
