@@ -80,7 +80,9 @@ class Course:
             others_turn = turn is not None and turn != seat.number
             did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
             told = (None, None, None, None, None) if move is None else move
-            self.steps.append((self._id, number, seat.number, time, did, seat.controller, *told))
+            self.steps.append(
+                (self._id, number, seat.number, time, did, seat.controller._value_, *told)
+            )
             seat.refused = False
             if applied is not False:
                 self._blocking += seat.blocked

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from robotouille.episode import Controller, RejectionKind
-from robotouille.replay.rejection_notes import rejection_kind
+from robotouille.episode.tallies import Activity, activity
+from robotouille.replay.notes import controller_after, rejection_kind
 
 __all__ = ["ACTIVITIES", "RecordedSeat"]
 
 ACTIVITIES = ("acted", "busy", "waiting", "idle", "away", "substituted")
-NOBODY = (Controller.ABSENT, Controller.FREE)
+NAMES = {each: each.value for each in Activity}
 
 
 @dataclass(slots=True)
@@ -30,7 +31,7 @@ class RecordedSeat:
     name: str = ""
     kind: str = ""
     participant: str = ""
-    controller: str = Controller.FREE
+    controller: Controller = Controller.FREE
     refused: bool = False
     blocked: int = 0
     did: dict[str, int] = field(default_factory=lambda: dict.fromkeys(ACTIVITIES, 0))
@@ -45,42 +46,25 @@ class RecordedSeat:
     work: int = 0
 
     def activity(self, applied: bool | None, busy: bool, others_turn: bool) -> str:
-        """What it did with a step, which is counted: the first that holds.
+        """What it did with a step, which is counted.
 
         Args:
             applied: Whether its action was; None if it had none.
             busy: It could not act in the state before.
             others_turn: With the turn clock, it was another's turn.
         """
-        if self.controller == Controller.STAND_IN:
-            found = "substituted"
-        elif self.controller in NOBODY:
-            found = "away"
-        elif applied:
-            found = "acted"
-        elif busy:
-            found = "busy"
-        elif applied is not None or self.refused or others_turn:
-            found = "waiting"
-        else:
-            found = "idle"
+        found = NAMES[activity(self.controller, applied, busy, self.refused, others_turn)]
         self.did[found] += 1
         return found
 
     def sit(self, note: Mapping[str, Any]) -> None:
-        """A roster note: who it is, and who moves it; those of earlier versions name nobody."""
-        taken = note.get("taken", True) and bool(note["name"])
-        if taken:
+        """A roster note: who it is, and who moves it."""
+        if note["name"]:
             self.name, self.kind = note["name"], note["kind"]
             self.participant = note.get("participant", "")
-        else:
+        if not note.get("taken", True):
             self.refused = False
-        if "controller" in note:
-            self.controller = note["controller"]
-        elif note["present"]:
-            self.controller = note["kind"]
-        else:
-            self.controller = Controller.ABSENT if taken else Controller.FREE
+        self.controller = controller_after(note)
 
     def refuse(self, note: Mapping[str, Any], occupied: frozenset[str]) -> None:
         """Something that it asked for was taken into no step.
