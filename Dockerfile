@@ -6,6 +6,7 @@ COPY shared shared
 COPY server server
 COPY client client
 COPY evaluation evaluation
+COPY data data
 COPY assets assets
 COPY domains domains
 COPY problems problems

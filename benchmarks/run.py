@@ -11,6 +11,7 @@ from tests.programs import floods
 
 from benchmarks import (
     batch,
+    catalogue,
     core,
     environments,
     evaluation,
@@ -28,6 +29,7 @@ if __name__ == "__main__":
     batch.main([])
     planning.main()
     evaluation.main([])
+    catalogue.main([])
     server.main()
     model_calls.main([])
     stand_ins.main(["--rooms", "100", "--seconds", "10"])

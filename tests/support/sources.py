@@ -21,6 +21,7 @@ SOURCES = {
     "robotouille_server": ROOT / "server/robotouille_server",
     "robotouille_client": ROOT / "client/robotouille_client",
     "robotouille_evaluation": ROOT / "evaluation/robotouille_evaluation",
+    "robotouille_data": ROOT / "data/robotouille_data",
 }
 MODULES = sorted(p for folder in SOURCES.values() for p in folder.rglob("*.py"))
 

@@ -46,6 +46,10 @@ class _Commands(LazyGroup):
             "robotouille_client.cli.replay:replay",
             "Look at, verify, measure, watch and export recordings.",
         ),
+        "data": LazyCommand(
+            "robotouille_data.cli.data:data",
+            "A catalogue of recordings: index, watch, query.",
+        ),
         "benchmark": LazyCommand(
             "robotouille_evaluation.cli.benchmark:benchmark",
             "Evaluate agents on packs of tasks: run, resume, report, compare.",

@@ -234,19 +234,22 @@ Note = Annotated[
 
 
 class StepFrame(Frame):
+    # Made anew by a function: pydantic would copy an empty list with `deepcopy`, for every step.
     kind: Literal["step"]
     step: Annotated[int, Field(ge=1)]
     t: int
     moves: list[RecordedMove]
-    idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = []
-    undone: list[Annotated[list[str], Field(min_length=1)]] = []
-    unmet: dict[str, list[str]] = {}
-    add: list[Index] = []
-    remove: list[Index] = []
-    timers: dict[str, list[int] | None] = {}
-    busy: dict[str, int] = {}
-    objects: list[ObjectRow] = []
-    atoms: list[Row] = []
+    idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = Field(
+        default_factory=list
+    )
+    undone: list[Annotated[list[str], Field(min_length=1)]] = Field(default_factory=list)
+    unmet: dict[str, list[str]] = Field(default_factory=dict)
+    add: list[Index] = Field(default_factory=list)
+    remove: list[Index] = Field(default_factory=list)
+    timers: dict[str, list[int] | None] = Field(default_factory=dict)
+    busy: dict[str, int] = Field(default_factory=dict)
+    objects: list[ObjectRow] = Field(default_factory=list)
+    atoms: list[Row] = Field(default_factory=list)
     hash: str = ""
 
 

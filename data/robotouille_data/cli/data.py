@@ -1,0 +1,181 @@
+"""`robotouille data …`: recordings as tables of a database."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.program import printable, tell
+from robotouille_client.console import explain, fail
+
+__all__ = ["data"]
+
+data = typer.Typer(no_args_is_help=True, help="A catalogue of recordings: index, watch, query.")
+
+DatabaseOption = Annotated[
+    str | None,
+    typer.Option(
+        envvar="ROBOTOUILLE_DATABASE",
+        help="An SQLite file, or postgresql://USER@HOST/NAME; DIR/catalogue.sqlite if not given.",
+    ),
+]
+FoldersArgument = Annotated[list[Path], typer.Argument(help="Folders of recordings.")]
+JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes that read.")]
+JOBS = 2
+EXTRA = ("alembic", "psycopg", "sqlalchemy")
+
+
+@data.command()
+def index(
+    folders: FoldersArgument,
+    database: DatabaseOption = None,
+    jobs: JobsOption = JOBS,
+    unfinished: Annotated[
+        bool, typer.Option("--unfinished", help="Also recordings without an end (.rbt.part).")
+    ] = False,
+    anew: Annotated[bool, typer.Option("--anew", help="Also read what has not changed.")] = False,
+) -> None:
+    """Bring a catalogue up to date with folders of recordings.
+
+    What is new or has changed is read, what is gone is forgotten. Damaged recordings are named,
+    and left out.
+    """
+    with _errors():
+        from robotouille_data.database import database_url
+        from robotouille_data.indexing import index as index_folders
+
+        url = database_url(database, folders[0])
+        with _bar() as progress:
+            report = index_folders(
+                url, folders, jobs=jobs, unfinished=unfinished, anew=anew, progress=progress
+            )
+    for path, fault in report.faults.items():
+        tell(printable(f"{path}: {fault}"), err=True)
+    for line in _lines(report.indexed, report.unchanged, report.forgotten, report.unfinished):
+        tell(line)
+
+
+@data.command()
+def watch(
+    folders: FoldersArgument,
+    database: DatabaseOption = None,
+    jobs: JobsOption = 1,
+    interval: Annotated[
+        float, typer.Option(min=0.1, help="Seconds between two looks at the folders.")
+    ] = 5.0,
+) -> None:
+    """Go on indexing as recordings are finished, until it is interrupted.
+
+    A database that goes away is tried again, at least once a minute; nothing is missing afterwards.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    told: dict[str, str] = {}
+    with _errors():
+        from robotouille_data.database import database_url
+        from robotouille_data.indexing import Report
+        from robotouille_data.watching import watch as watch_folders
+
+        def report(found: Report) -> None:
+            for path, fault in found.faults.items():
+                if told.get(path) != fault:
+                    told[path] = fault
+                    tell(printable(f"{path}: {fault}"), err=True)
+            if found.indexed or found.forgotten:
+                tell(f"indexed {found.indexed}, forgotten {found.forgotten}")
+
+        def trouble(words: str, pause: float) -> None:
+            tell(printable(f"{words}; tried again in {pause:.0f} s"), err=True)
+
+        url = database_url(database, folders[0])
+        watch_folders(
+            url, folders, stop, jobs=jobs, interval=interval, report=report, trouble=trouble
+        )
+
+
+@data.command()
+def sql(
+    query: Annotated[str, typer.Argument(help="A query in SQL, that only reads.")],
+    database: DatabaseOption = None,
+    folder: Annotated[
+        Path, typer.Option("--folder", help="The folder whose catalogue.sqlite is read.")
+    ] = Path(),
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write a file.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="Write a file.")] = None,
+    parquet: Annotated[Path | None, typer.Option("--parquet", help="Write a file.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.001, help="How long it may take.")] = 60.0,
+) -> None:
+    """Ask a catalogue: print a table, or write files.
+
+    The tables are described in docs/data.md. Whatever would write is refused.
+    """
+    with _errors():
+        from robotouille_data.database import database_url
+        from robotouille_data.query import asking
+        from robotouille_data.saving import MAX_SHOWN, saving, table_lines
+
+        files = [(save, path) for save, path in zip(saving(), (csv, json, parquet), strict=True)]
+        wanted = [(save, path) for save, path in files if path is not None]
+        url = database_url(database, folder)
+        for save, path in wanted:
+            with asking(url, query, seconds) as answer:
+                count = save(answer, path)
+            tell(printable(f"{path}: {count} rows"))
+        if wanted:
+            return
+        with asking(url, query, seconds) as answer:
+            lines, more = table_lines(answer)
+        for line in lines:
+            tell(line)
+        if more:
+            tell(f"there are more than {MAX_SHOWN} rows: --csv writes all", err=True)
+
+
+def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Iterator[str]:
+    yield f"indexed {indexed}, unchanged {unchanged}, forgotten {forgotten}"
+    if unfinished:
+        yield f"{unfinished} without an end were left out (--unfinished)"
+
+
+@contextmanager
+def _bar() -> Iterator[_Bar]:
+    columns = TextColumn("recordings"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        yield _Bar(progress)
+
+
+class _Bar:
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._task = progress.add_task("recordings", total=None)
+
+    def __call__(self, done: int, total: int) -> None:
+        self._progress.update(self._task, completed=done, total=total)
+
+
+@contextmanager
+def _errors() -> Iterator[None]:
+    """Errors are told in a line, and end with status 1."""
+    try:
+        yield
+    except RobotouilleError as error:
+        fail(explain(error))
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in EXTRA:
+            raise
+        fail(explain(MissingExtraError("a catalogue of recordings", "data")))
+    except OSError as error:
+        fail(printable(f"{error.filename}: {error.strerror}"))
+    except KeyboardInterrupt:
+        fail("interrupted", 130)

@@ -1,0 +1,237 @@
+"""Bring a catalogue up to date with folders of recordings, in several processes."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import chain
+from pathlib import Path
+
+from sqlalchemy.engine import URL, Engine, make_url
+
+from robotouille.errors import RecordingError
+from robotouille_data.database import telling, writing
+from robotouille_data.errors import UnavailableError
+from robotouille_data.recordings.reading import (
+    content_digest,
+    episode_id,
+    read_content,
+    recorded_rows,
+)
+from robotouille_data.store import ReadFile, Stamp, forget, known_files, store
+from robotouille_data.versions import migrate
+
+__all__ = ["Progress", "Report", "index"]
+
+SUFFIX, UNFINISHED = ".rbt", ".rbt.part"
+FILES_AT_ONCE = 50
+"""Files in one transaction: a database that goes away costs so many."""
+MAX_BYTES = 4 * 1024 * 1024
+"""Bytes of files in one transaction, unless it is a single one."""
+MAX_FAULT = 500
+
+Progress = Callable[[int, int], None]
+"""Is told how many files are done, and how many there are to do."""
+File = tuple[str, Stamp]
+
+
+@dataclass(slots=True)
+class Report:
+    """What became of an index: how many files were read, had not changed, are gone, or are
+    unfinished and were left out; and the faults of files that are no episodes of it, by path."""
+
+    indexed: int = 0
+    unchanged: int = 0
+    forgotten: int = 0
+    unfinished: int = 0
+    faults: dict[str, str] = field(default_factory=dict)
+
+
+def index(
+    url: URL,
+    folders: Sequence[Path],
+    *,
+    jobs: int = 1,
+    unfinished: bool = False,
+    anew: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> Report:
+    """Read what is new or has changed below some folders, and forget what is gone.
+
+    Args:
+        url: Of the database.
+        jobs: Processes that read.
+        unfinished: Also those recordings that have no end yet.
+        anew: Also those that have not changed.
+        progress: Is called when some more are done.
+
+    Raises:
+        UnavailableError: The database cannot be written now, or a folder not read; what was
+            written before stays.
+        CatalogueError: The catalogue is of a later version.
+    """
+    report, found = Report(), dict[str, Stamp]()
+    roots = [str(folder.absolute()) for folder in folders]
+    for root in roots:
+        for path, stamp in _recordings(root):
+            if path.endswith(UNFINISHED) and not unfinished:
+                report.unfinished += 1
+            else:
+                found[path] = stamp
+    known = _prepare(url, roots, found, report)
+    changed = [(p, s) for p, s in sorted(found.items()) if anew or known.get(p) != s]
+    report.unchanged = len(found) - len(changed)
+    done = 0
+    progress(done, len(changed))
+    for count, faults in _read_all(url, changed, jobs):
+        report.indexed += count - len(faults)
+        report.faults |= faults
+        done += count
+        progress(done, len(changed))
+    return report
+
+
+def _recordings(root: str) -> Iterator[File]:
+    """The recordings below a folder; links are not followed."""
+
+    def fail(error: OSError) -> None:
+        raise UnavailableError(f"{error.filename}: cannot be read: {error.strerror}") from None
+
+    for folder, _, names in os.walk(root, onerror=fail):
+        names_here = set(names)
+        for name in names:
+            whole = name.removesuffix(".part")
+            if not name.endswith((SUFFIX, UNFINISHED)) or (whole != name and whole in names_here):
+                continue
+            path = Path(folder, name)
+            try:
+                status = path.lstat()
+            except FileNotFoundError:  # It has just been closed, and has another name.
+                continue
+            if path.is_file() and not path.is_symlink():
+                yield str(path), Stamp(status.st_size, status.st_mtime_ns)
+
+
+def _prepare(
+    url: URL, roots: Sequence[str], found: Mapping[str, Stamp], report: Report
+) -> dict[str, Stamp]:
+    """Migrate the catalogue and forget what is gone; what it knows of the rest."""
+    engine, known = writing(url), dict[str, Stamp]()
+    with telling(url), engine.begin() as connection:
+        migrate(connection)
+        for root in roots:
+            known |= known_files(connection, root)
+        gone = known.keys() - found.keys()
+        forget(connection, gone)
+    report.forgotten = len(gone)
+    return known
+
+
+def _read_all(url: URL, files: Sequence[File], jobs: int) -> Iterator[tuple[int, dict[str, str]]]:
+    """How many files were done, and their faults, in pieces."""
+    pieces = list(_pieces(files))
+    text = url.render_as_string(hide_password=False)
+    if min(jobs, len(pieces)) < 2:
+        for piece in pieces:
+            yield len(piece), _index_files(text, piece)
+        return
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, spawn, _begin_reading) as pool:
+        try:
+            futures = {pool.submit(_index_files, text, piece): len(piece) for piece in pieces}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise UnavailableError("a process that read recordings was killed") from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin_reading() -> None:
+    """Ctrl+C is for the parent. Rows and frames have no cycles, and looking for some among tens of
+    thousands of new tuples again and again takes a third of the time."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.disable()
+
+
+def _pieces(files: Sequence[File]) -> Iterator[list[File]]:
+    """Files that are read and written together."""
+    piece: list[File] = []
+    size = 0
+    for path, stamp in files:
+        if piece and (len(piece) == FILES_AT_ONCE or size + stamp.size > MAX_BYTES):
+            yield piece
+            piece, size = [], 0
+        piece.append((path, stamp))
+        size += stamp.size
+    if piece:
+        yield piece
+
+
+# In the processes that read
+
+
+@cache
+def _engine(url: str) -> Engine:
+    return writing(make_url(url))
+
+
+def _index_files(url: str, files: Sequence[File]) -> dict[str, str]:
+    """Read some files and write their rows; the faults of those that have none."""
+    faults: dict[str, str] = {}
+    read = [each for file in files if (each := _read(*file, faults))]
+    engine = _engine(url)
+    with telling(engine.url):
+        try:
+            with engine.begin() as connection:
+                store(connection, read)
+        except RecordingError:  # A long one is damaged far behind: which one, is seen one by one.
+            for each in read:
+                _store_alone(engine, each, faults)
+    return faults | {each.path: each.fault for each in read if each.fault}
+
+
+def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str]) -> None:
+    again = _read(file.path, file.stamp, faults)
+    if again is None:
+        return
+    try:
+        with engine.begin() as connection:
+            store(connection, [again])
+    except RecordingError as error:
+        faults[file.path] = _fault(error)
+        broken = ReadFile(file.path, file.stamp, again.digest, faults[file.path])
+        with engine.begin() as connection:
+            store(connection, [broken])
+
+
+def _read(path: str, stamp: Stamp, faults: dict[str, str]) -> ReadFile | None:
+    """A recording, with its rows or its fault; None if it cannot be read now.
+
+    Of a short one all is known then; a long one is read on as it is written.
+    """
+    digest = ""
+    try:
+        content = read_content(Path(path))
+        digest = content_digest(content)
+        parts = recorded_rows(content, episode_id(digest))
+        beginning = [part for _, part in zip(range(2), parts, strict=False)]
+    except RecordingError as error:
+        return ReadFile(path, stamp, digest, _fault(error))
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        faults[path] = f"cannot be read: {error.strerror or error}"
+        return None
+    return ReadFile(path, stamp, digest, parts=chain(beginning, parts))
+
+
+def _fault(error: RecordingError) -> str:
+    return str(error).replace("\0", "\N{REPLACEMENT CHARACTER}")[:MAX_FAULT]

@@ -1,0 +1,1 @@
+"""From a recording to rows, by its frames alone: nothing is simulated."""

@@ -1,0 +1,102 @@
+"""A recording's content as rows of the catalogue."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from robotouille.errors import RecordingError
+from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
+from robotouille.replay.frame_schema import check_frame
+from robotouille_data.recordings.course import Course, Row
+from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
+
+__all__ = ["MAX_ROWS", "TableRows", "content_digest", "episode_id", "read_content", "recorded_rows"]
+
+MAX_ROWS = 100_000
+"""Rows that are held at once: those of a longer recording come in pieces."""
+
+TableRows = tuple[sa.Table, Sequence[Row]]
+
+
+def read_content(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        RecordingError: It is larger than a recording may be.
+        OSError: It cannot be read now.
+    """
+    with path.open("rb") as file:
+        content = file.read(MAX_FILE + 1)
+    if len(content) > MAX_FILE:
+        raise RecordingError(f"larger than {MAX_FILE:,} bytes")
+    return content
+
+
+def content_digest(content: bytes) -> str:
+    """The SHA-256 of a file's content."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def episode_id(digest: str) -> int:
+    """The number by which the tables call the episode of a recording with this digest."""
+    return int(digest[:16], 16) >> 1
+
+
+def recorded_rows(content: bytes, number: int) -> Iterator[list[TableRows]]:
+    """All rows of a recording, in pieces; the last one has those that sum it up.
+
+    Args:
+        number: The episode's `id`.
+
+    Raises:
+        RecordingError: It is damaged, or none. What came before is worth nothing then.
+    """
+    stream, fault = plain(content)
+    if fault:
+        raise RecordingError(fault)
+    try:
+        course = None
+        for course in _courses(stream, number, closed=is_closed(content)):
+            if len(course.steps) + len(course.events) >= MAX_ROWS:
+                yield [(STEPS, course.steps), (EVENTS, course.events)]
+                course.steps, course.events = [], []
+        if course is None:
+            raise RecordingError("has no header")
+        summary = _summary(course)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise RecordingError(f"what it holds does not fit together: {error!r}") from None
+    yield summary
+
+
+def _courses(stream: bytes, number: int, *, closed: bool) -> Iterator[Course]:
+    """The course so far, after each frame."""
+    course, ended, end = None, False, 0
+    for place, (frame, end) in enumerate(frames_with_ends(stream)):
+        check_frame(frame, place)
+        if ended:
+            raise RecordingError(f"damaged at byte {end}: a frame behind the footer")
+        if course is not None:
+            course.add(frame)
+        elif frame["kind"] == "header":
+            course = Course(frame, number)
+        else:
+            return
+        ended = frame["kind"] == "footer"
+        yield course
+    if closed and not (ended and end == len(stream)):
+        raise RecordingError("damaged: the file is closed without an end")
+
+
+def _summary(course: Course) -> list[TableRows]:
+    return [
+        (STEPS, course.steps),
+        (EVENTS, course.events),
+        (SEATS, course.seats()),
+        (LABELS, course.labels()),
+        (MEASURES, [course.measures()]),
+        (EPISODES, [course.episode()]),
+    ]

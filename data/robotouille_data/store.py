@@ -1,0 +1,116 @@
+"""What is written into a catalogue: recordings, each with all rows of its episode."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from robotouille_data.database import insert
+from robotouille_data.recordings.reading import TableRows, episode_id
+from robotouille_data.schema import EPISODE_TABLES, EPISODES, RECORDINGS
+
+__all__ = ["ReadFile", "Stamp", "forget", "known_files", "store"]
+
+AT_ONCE = 500
+"""Values in one list of a statement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """A file as its folder shows it: what is alike was not changed."""
+
+    size: int
+    mtime_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReadFile:
+    """A recording that was read: the rows of its episode, or the fault for which it has none."""
+
+    path: str
+    stamp: Stamp
+    digest: str
+    fault: str = ""
+    parts: Iterable[list[TableRows]] = ()
+
+
+def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:
+    """The files below a folder that the catalogue knows."""
+    columns = RECORDINGS.c.path, RECORDINGS.c.size, RECORDINGS.c.mtime_ns
+    below = RECORDINGS.c.path.startswith(folder.rstrip("/") + "/", autoescape=True)
+    found = connection.execute(sa.select(*columns).where(below))
+    return {path: Stamp(size, mtime_ns) for path, size, mtime_ns in found}
+
+
+def forget(connection: Connection, paths: Collection[str]) -> None:
+    """Delete some recordings, and the episodes of which there is no recording left."""
+    mine = RECORDINGS.c.episode_id
+    orphans = {
+        number
+        for (number,) in _matching(connection, sa.select(mine), RECORDINGS.c.path, paths)
+        if number is not None
+    }
+    for some in _pieces(paths):
+        connection.execute(sa.delete(RECORDINGS).where(RECORDINGS.c.path.in_(some)))
+    orphans -= {number for (number,) in _matching(connection, sa.select(mine), mine, orphans)}
+    for some in _pieces(orphans):
+        for table in EPISODE_TABLES:
+            key = table.c.id if table is EPISODES else table.c.episode_id
+            connection.execute(sa.delete(table).where(key.in_(some)))
+
+
+def store(connection: Connection, files: Sequence[ReadFile]) -> None:
+    """Write some recordings, in place of what was known of their files.
+
+    Raises:
+        RecordingError: Of a long one, what comes later is damaged: nothing may be committed then.
+    """
+    forget(connection, [file.path for file in files])
+    ids = {file.path: None if file.fault else episode_id(file.digest) for file in files}
+    rows = [(f.path, f.stamp.size, f.stamp.mtime_ns, f.digest, ids[f.path], f.fault) for f in files]
+    insert(connection, RECORDINGS, rows)
+    present = {
+        number
+        for (number,) in _matching(
+            connection,
+            sa.select(EPISODES.c.id),
+            EPISODES.c.id,
+            [number for number in ids.values() if number is not None],
+        )
+    }
+    gathered: dict[sa.Table, list[Any]] = {}
+    for file in files:
+        number = ids[file.path]
+        if number is None or number in present:
+            continue
+        present.add(number)
+        for place, part in enumerate(file.parts):
+            if place:  # A long one: what is there is written before more is read.
+                _insert_all(connection, gathered)
+            for table, more in part:
+                gathered.setdefault(table, []).extend(more)
+    _insert_all(connection, gathered)
+
+
+def _insert_all(connection: Connection, gathered: dict[sa.Table, list[Any]]) -> None:
+    for table, rows in gathered.items():
+        insert(connection, table, rows)
+    gathered.clear()
+
+
+def _matching(
+    connection: Connection, query: sa.Select[Any], column: sa.Column[Any], values: Collection[Any]
+) -> Iterator[sa.Row[Any]]:
+    """The rows whose column has one of some values."""
+    for some in _pieces(values):
+        yield from connection.execute(query.where(column.in_(some))).all()
+
+
+def _pieces(values: Collection[Any]) -> Iterator[list[Any]]:
+    everything = list(values)
+    for at in range(0, len(everything), AT_ONCE):
+        yield everything[at : at + AT_ONCE]

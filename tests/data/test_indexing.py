@@ -1,0 +1,226 @@
+"""A catalogue has what the recordings have, however it came about; on both databases."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+
+import sqlalchemy as sa
+
+from robotouille.replay.container import MAX_FILE, compress
+from robotouille_data import indexing
+from robotouille_data.database import database_url, insert, writing
+from robotouille_data.errors import CatalogueError, UnavailableError
+from robotouille_data.indexing import Report, index
+from robotouille_data.query import asking
+from robotouille_data.recordings import reading
+from robotouille_data.schema import LABELS, METADATA
+from tests.support.postgresql import PostgreSQL
+from tests.support.random_play import random_stream, write_recordings
+
+Dump = dict[str, list[tuple[Any, ...]]]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    found = tmp_path / "recordings"
+    write_recordings(found, 6)
+    return found
+
+
+def dump(database: str) -> Dump:
+    """All rows of all tables, in an order of their own."""
+    engine, found = writing(database_url(database, Path())), Dump()
+    with engine.connect() as connection:
+        for table in METADATA.sorted_tables:
+            rows = [tuple(row) for row in connection.execute(sa.select(table))]
+            found[table.name] = sorted(rows, key=repr)
+    return found
+
+
+def indexed(database: str, folder: Path, **options: Any) -> Report:
+    return index(database_url(database, folder), [folder], **options)
+
+
+def ask(database: str, query: str) -> list[tuple[Any, ...]]:
+    with asking(database_url(database, Path()), query) as answer:
+        return [tuple(row) for row in answer.rows]
+
+
+def test_incremental_and_anew_give_the_same_rows(
+    database: str, folder: Path, tmp_path: Path
+) -> None:
+    """Files come, change, are copied and go; then the same from nothing, and by two processes."""
+    other = str(tmp_path / "other.sqlite")
+    (folder / "random6.rbt.part").write_bytes(random_stream(6)[:-30])
+    assert indexed(database, folder) == Report(indexed=6, unfinished=1)
+    assert indexed(database, folder) == Report(unchanged=6, unfinished=1)
+    write_recordings(folder / "below", 3, first=7)
+    (folder / "random0.rbt").unlink()
+    (folder / "random1.rbt").write_bytes(compress(random_stream(20)))
+    (folder / "copy.rbt").write_bytes((folder / "random2.rbt").read_bytes())
+    (folder / "random2.rbt").unlink()
+    (folder / "random3.rbt").write_bytes(b"no recording")
+    (folder / "link.rbt").symlink_to(folder / "random4.rbt")
+    report = indexed(database, folder)
+    assert (report.indexed, report.unchanged, report.forgotten) == (5, 2, 2)
+    assert list(report.faults) == [str(folder / "random3.rbt")]
+    indexed(other, folder, jobs=2)
+    assert dump(database) == dump(other)
+    indexed(database, folder, anew=True)
+    assert dump(database) == dump(other)
+    assert ask(database, "SELECT count(*) FROM episodes") == [(7,)]
+
+
+def test_unfinished_recordings_are_there_if_asked_for(database: str, folder: Path) -> None:
+    stream = random_stream(6)
+    part = folder / "random6.rbt.part"
+    part.write_bytes(stream[:-30])
+    assert indexed(database, folder, unfinished=True).indexed == 7
+    query = "SELECT state, count(*) FROM episodes GROUP BY state ORDER BY state"
+    assert ask(database, query) == [("ended", 6), ("unfinished", 1)]
+    (folder / "random6.rbt").write_bytes(compress(stream))
+    assert indexed(database, folder, unfinished=True) == Report(indexed=1, unchanged=6, forgotten=1)
+    part.unlink()
+    assert ask(database, query) == [("ended", 7)]
+
+
+def test_copies_are_one_episode(database: str, folder: Path) -> None:
+    copy = folder / "copy.rbt"
+    copy.write_bytes((folder / "random2.rbt").read_bytes())
+    indexed(database, folder)
+    before = dump(database)
+    assert (len(before["episodes"]), len(before["recordings"])) == (6, 7)
+    (folder / "random2.rbt").unlink()
+    indexed(database, folder)
+    after = dump(database)
+    assert {**before, "recordings": after["recordings"]} == after
+
+
+def test_two_indexers_at_once(database: str, folder: Path, tmp_path: Path) -> None:
+    other = str(tmp_path / "other.sqlite")
+    indexed(other, folder)
+    spawn = multiprocessing.get_context("spawn")
+    both = [spawn.Process(target=indexed, args=(database, folder)) for _ in range(2)]
+    for process in both:
+        process.start()
+    for process in both:
+        process.join()
+    assert [process.exitcode for process in both] == [0, 0]
+    assert dump(database) == dump(other)
+
+
+def test_damage_far_behind_leaves_no_row(
+    database: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Long recordings are written before they are read to their end."""
+    monkeypatch.setattr(reading, "MAX_ROWS", 10)
+    stream = bytearray(random_stream(9))
+    stream[-10] ^= 1
+    (folder / "random9.rbt.part").write_bytes(stream)
+    report = indexed(database, folder, unfinished=True)
+    assert report.indexed == 6
+    assert "checksum" in report.faults[str(folder / "random9.rbt.part")]
+    assert ask(database, "SELECT count(*) FROM episodes") == [(6,)]
+    assert ask(database, "SELECT count(DISTINCT episode_id) FROM steps") == [(6,)]
+    assert indexed(database, folder, unfinished=True).unchanged == 7
+
+
+def test_a_file_of_a_gibibyte_is_not_read(folder: Path, tmp_path: Path) -> None:
+    huge = folder / "huge.rbt"
+    with huge.open("wb") as file:
+        file.truncate(1024**3)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    report = indexed(str(tmp_path / "c.sqlite"), folder)
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    assert "larger than" in report.faults[str(huge)]
+    assert grown < 1.5 * MAX_FILE
+
+
+def test_a_folder_that_is_away_is_no_empty_one(database: str, folder: Path) -> None:
+    indexed(database, folder)
+    folder.rename(folder.with_name("away"))
+    with pytest.raises(UnavailableError, match="recordings"):
+        indexed(database, folder)
+    folder.with_name("away").rename(folder)
+    assert indexed(database, folder) == Report(unchanged=6)
+
+
+def test_control_characters_stay_in_the_database_alone(database: str, folder: Path) -> None:
+    indexed(database, folder)
+    said = {text for (text,) in ask(database, "SELECT text FROM events WHERE kind = 'said'")}
+    assert said == {"hello", "\x1b[2J", "=1+1", "\ufffd"}
+
+
+def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A limit on the size of the database is what a full disk is to SQLite."""
+    database = str(tmp_path / "c.sqlite")
+    indexed(database, folder)
+    before = dump(database)
+    write_recordings(folder, 30, first=100)
+
+    def limited(url: str) -> sa.Engine:
+        engine = writing(sa.make_url(url))
+        # No page more than there are.
+        sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA max_page_count=1"))
+        return engine
+
+    monkeypatch.setattr(indexing, "_engine", limited)
+    with pytest.raises(UnavailableError, match="full"):
+        indexed(database, folder)
+    assert dump(database) == before
+    monkeypatch.undo()
+    assert indexed(database, folder) == Report(indexed=30, unchanged=6)
+
+
+def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path) -> None:
+    database = tmp_path / "c.sqlite"
+    database.mkdir()
+    with pytest.raises(UnavailableError, match=r"c\.sqlite"):
+        indexed(str(database), folder)
+    gone = "postgresql://nobody:secret@/x?host=/nowhere"
+    with pytest.raises(UnavailableError) as told:
+        indexed(gone, folder)
+    assert "secret" not in str(told.value)
+
+
+@pytest.mark.process
+def test_a_read_only_database_is_told(server: PostgreSQL, folder: Path) -> None:
+    options = "options=-c%20default_transaction_read_only%3Don"
+    with pytest.raises(UnavailableError, match="read-only"):
+        indexed(f"{server.url}&{options}", folder)
+
+
+@pytest.mark.parametrize("database_name", ["mysql://x/y", "://", "oracle://"])
+def test_other_databases_are_refused(database_name: str) -> None:
+    with pytest.raises(CatalogueError):
+        database_url(database_name, Path())
+
+
+@pytest.mark.slow
+def test_a_label_is_found_among_100_000_episodes(database: str, folder: Path) -> None:
+    """Both databases look it up in an index; benchmarks/catalogue.py says how long that takes."""
+    indexed(database, folder)
+    rows = [
+        (number, name, value)
+        for number in range(100_000)
+        for name, value in (("condition", f"c{number % 500}"), ("pair", f"p{number // 2}"))
+    ]
+    engine = writing(database_url(database, folder))
+    with engine.begin() as connection:
+        insert(connection, LABELS, rows)
+    with engine.connect() as connection:
+        connection.exec_driver_sql("ANALYZE labels")
+        connection.commit()
+        query = "SELECT episode_id FROM labels WHERE name = 'condition' AND value = 'c7'"
+        assert len(connection.exec_driver_sql(query).all()) == 200
+        explain = "EXPLAIN QUERY PLAN" if connection.dialect.name == "sqlite" else "EXPLAIN"
+        assert "labels_value" in str(connection.exec_driver_sql(f"{explain} {query}").all())

@@ -1,0 +1,155 @@
+"""Queries read and nothing else, on both databases; answers are printed and saved."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+
+from robotouille_data.database import database_url, insert, writing
+from robotouille_data.errors import CatalogueError, UnavailableError
+from robotouille_data.query import asking
+from robotouille_data.saving import save_csv, save_json, save_parquet, table_lines
+from robotouille_data.schema import LABELS
+from robotouille_data.versions import migrate
+
+ROWS = [(number, "condition", f"c{number}") for number in range(2500)]
+ALL = "SELECT * FROM labels ORDER BY episode_id"
+WRITING = [
+    "DELETE FROM labels",
+    "INSERT INTO labels VALUES (1, 'a', 'b')",
+    "UPDATE labels SET value = ''",
+    "DROP TABLE labels",
+    "CREATE TABLE more (x int)",
+    "SELECT 1; DELETE FROM labels",
+    "COMMIT; DELETE FROM labels",
+    "WITH x AS (SELECT 1) INSERT INTO labels SELECT 1, 'a', 'b'",
+    "BEGIN",
+    "COMMIT",
+    "VACUUM",
+    "PRAGMA query_only = OFF",
+    "PRAGMA journal_mode = DELETE",
+    "ATTACH '/tmp/other.sqlite' AS other",
+    "VACUUM INTO '/tmp/other.sqlite'",
+    "SELECT load_extension('x')",
+    "SET TRANSACTION READ WRITE",
+    "SET default_transaction_read_only = off",
+    "COPY labels TO '/tmp/labels'",
+    "WITH gone AS (DELETE FROM labels RETURNING *) SELECT * FROM gone",
+    "SELECT nextval('nothing')",
+    "nonsense",
+    "",
+    " ; ",
+]
+
+
+@pytest.fixture
+def filled(database: str) -> str:
+    with writing(database_url(database, Path())).begin() as connection:
+        migrate(connection)
+        insert(connection, LABELS, ROWS)
+    return database
+
+
+def ask(database: str, query: str, seconds: float = 60) -> list[tuple[Any, ...]]:
+    with asking(database_url(database, Path()), query, seconds) as answer:
+        return [tuple(row) for row in answer.rows]
+
+
+def test_all_rows_come(filled: str) -> None:
+    assert ask(filled, f"{ALL};") == ROWS
+
+
+@pytest.mark.parametrize("query", WRITING)
+def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
+    with pytest.raises(CatalogueError):
+        ask(filled, query)
+    assert ask(filled, ALL) == ROWS
+
+
+def test_time_is_limited(filled: str) -> None:
+    endless = (
+        "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x % 9 + 1 FROM n) SELECT sum(x) FROM n"
+    )
+    with pytest.raises(UnavailableError, match=r"interrupted|timeout"):
+        ask(filled, endless, seconds=0.2)
+
+
+def test_columns_that_are_called_alike_have_numbers(filled: str) -> None:
+    with asking(database_url(filled, Path()), "SELECT 1 AS a, 2 AS a, 3 AS b") as answer:
+        assert answer.columns == ("a", "a_2", "b")
+
+
+def test_a_catalogue_in_a_folder_that_cannot_be_written_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = str(tmp_path / "catalogue.sqlite")
+    with writing(database_url(database, Path())).begin() as connection:
+        migrate(connection)
+        insert(connection, LABELS, ROWS)
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)
+    assert ask(database, ALL) == ROWS
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_no_catalogue_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CatalogueError, match="there is no catalogue"):
+        ask(str(tmp_path / "none.sqlite"), "SELECT 1")
+    (tmp_path / "text.sqlite").write_text("something else, which is no database")
+    with pytest.raises(CatalogueError):
+        ask(str(tmp_path / "text.sqlite"), "SELECT 1")
+    assert not (tmp_path / "none.sqlite").exists()
+
+
+def test_a_table_shows_no_control_characters(filled: str) -> None:
+    query = "SELECT 'a' || chr(27) || '[2J' AS x, NULL AS y, 0.5 AS z"
+    if filled.startswith("/"):
+        query = query.replace("chr", "char")
+    with asking(database_url(filled, Path()), query) as answer:
+        lines, more = table_lines(answer)
+    assert lines == ["x      y  z", "-----  -  ---", "a\ufffd[2J     0.5"]
+    assert not more
+    with asking(database_url(filled, Path()), ALL) as answer:
+        lines, more = table_lines(answer, limit=3)
+    assert len(lines) == 5
+    assert more
+
+
+def test_files_hold_the_same(filled: str, tmp_path: Path) -> None:
+    def saved(save: Any, name: str) -> Path:
+        with asking(database_url(filled, Path()), ALL) as answer:
+            assert save(answer, tmp_path / name) == len(ROWS)
+        return tmp_path / name
+
+    with saved(save_csv, "a.csv").open(newline="") as file:
+        heading, *rows = csv.reader(file)
+    assert heading == ["episode_id", "name", "value"]
+    assert rows == [[str(number), name, value] for number, name, value in ROWS]
+    found = json.loads(saved(save_json, "a.json").read_text())
+    assert [tuple(row.values()) for row in found] == ROWS
+    polars = pytest.importorskip("polars", reason="needs the extra `data`")
+    assert polars.read_parquet(saved(save_parquet, "a.parquet")).rows() == ROWS
+
+
+def test_an_empty_answer_has_its_columns(filled: str, tmp_path: Path) -> None:
+    query = "SELECT name FROM labels WHERE name = 'x'"
+    for save, name in ((save_csv, "a.csv"), (save_json, "a.json")):
+        with asking(database_url(filled, Path()), query) as answer:
+            assert save(answer, tmp_path / name) == 0
+    assert (tmp_path / "a.csv").read_text() == "name\n"
+    assert json.loads((tmp_path / "a.json").read_text()) == []
+
+
+def test_a_file_that_cannot_be_written_is_as_before(filled: str, tmp_path: Path) -> None:
+    with (
+        asking(database_url(filled, Path()), ALL) as answer,
+        pytest.raises(FileNotFoundError),
+    ):
+        save_csv(answer, tmp_path / "nowhere" / "a.csv")

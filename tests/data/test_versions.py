@@ -1,0 +1,79 @@
+"""An older catalogue is migrated, a newer one is told, and migrations make what the schema says."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
+
+from robotouille_data.database import database_url, writing
+from robotouille_data.errors import CatalogueError
+from robotouille_data.schema import METADATA
+from robotouille_data.versions import MIGRATIONS, check_version, migrate
+
+LATER = """
+import sqlalchemy as sa
+from alembic import op
+
+revision = "later"
+down_revision = "0001"
+
+def upgrade():
+    op.add_column("episodes", sa.Column("later", sa.Text()))
+"""
+
+
+def later_version(folder: Path) -> Path:
+    """The migrations, with one that is still to come."""
+    copied = folder / "migrations"
+    shutil.copytree(MIGRATIONS, copied, ignore=shutil.ignore_patterns("__pycache__"))
+    (copied / "later.py").write_text(LATER)
+    return copied
+
+
+def test_migrations_make_the_tables_of_the_schema(database: str) -> None:
+    engine = writing(database_url(database, Path()))
+    with engine.begin() as connection:
+        migrate(connection)
+    with engine.connect() as connection:
+        check_version(connection)
+        assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+
+
+def test_an_earlier_version_is_migrated_and_a_later_one_told(database: str, tmp_path: Path) -> None:
+    later, engine = later_version(tmp_path), writing(database_url(database, Path()))
+    with engine.begin() as connection:
+        migrate(connection)
+    with engine.connect() as connection, pytest.raises(CatalogueError, match="earlier version"):
+        check_version(connection, later)
+    with engine.begin() as connection:
+        migrate(connection, later)
+        connection.exec_driver_sql("SELECT later FROM episodes")
+    with engine.connect() as connection, pytest.raises(CatalogueError, match="later version"):
+        check_version(connection)
+    with pytest.raises(CatalogueError, match="later version"), engine.begin() as connection:
+        migrate(connection)
+
+
+def test_a_migration_that_fails_leaves_nothing_behind(database: str, tmp_path: Path) -> None:
+    later, engine = later_version(tmp_path), writing(database_url(database, Path()))
+    (later / "later.py").write_text(
+        LATER + '    op.add_column("nowhere", sa.Column("x", sa.Text()))\n'
+    )
+    with pytest.raises(Exception, match="nowhere"), engine.begin() as connection:
+        migrate(connection, later)
+    with engine.begin() as connection:
+        migrate(connection)
+        assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+
+
+def test_what_is_no_catalogue_is_told(database: str) -> None:
+    engine = writing(database_url(database, Path()))
+    with engine.connect() as connection, pytest.raises(CatalogueError, match="missing"):
+        check_version(connection)

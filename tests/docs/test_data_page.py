@@ -1,0 +1,87 @@
+"""docs/data.md describes the tables as they are, and its queries are answered."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+
+from robotouille.replay import read_recording
+from robotouille_data.database import database_url
+from robotouille_data.indexing import index
+from robotouille_data.query import asking
+from robotouille_data.recordings.seat import ACTIVITIES
+from robotouille_data.schema import METADATA
+from tests.support.pages import read
+from tests.support.random_play import write_recordings
+
+PAGE = read("data.md")
+QUERIES = re.findall(r"```sql\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_every_column_is_described() -> None:
+    for name, its in METADATA.tables.items():
+        rows = {
+            column.name: (
+                f"`{column.name}`",
+                type(column.type).__name__.lower() + (", or null" if column.nullable else ""),
+                column.doc,
+            )
+            for column in its.columns
+        }
+        section = PAGE.partition(f"### {name}\n")[2].partition("\n#")[0]
+        described = [
+            tuple(cell.strip() for cell in line.strip("|").split(" | "))
+            for line in section.splitlines()
+            if line.startswith("| `")
+        ]
+        assert described == list(rows.values()), name
+
+
+def test_every_activity_is_described() -> None:
+    section = PAGE.partition("## What a seat did with a step")[2].partition("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)) == {*ACTIVITIES, "activity"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("recordings")
+    write_recordings(found, 4)
+    index(database_url(None, found), [found])
+    return found
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_queries_are_answered(folder: Path, query: str) -> None:
+    with asking(database_url(None, folder), query) as answer:
+        assert list(answer.rows)
+
+
+def test_the_table_of_a_study_is_what_recordings_say(folder: Path) -> None:
+    """Rejections, chat and decision time, by other code; activities have a test of their own."""
+    with asking(database_url(None, folder), QUERIES[0]) as answer:
+        rows = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+    assert len(rows) == 8
+    for row in rows:
+        recording = read_recording(folder / f"{row['episode']}.rbt")
+        outcome, player = recording.outcome, recording.world.players[row["seat"]]
+        assert outcome is not None
+        assert (row["reason"], row["steps"]) == (outcome["reason"], outcome["steps"])
+        tally = {seat["player"]: seat for seat in outcome["seats"]}[player]
+        assert row["said"] == tally["said"]
+        asked = Counter(note["note"] for note in recording.notes() if note.get("player") == player)
+        moves = [
+            (move["seq"] > 0, str(i) in frame.get("unmet", {}), move["ms"])
+            for frame in recording.steps
+            for i, move in enumerate(frame["moves"])
+            if move["player"] == player
+        ]
+        lost = sum(own and gone for own, gone, _ in moves)
+        assert row["rejected"] == asked["rejected"] + lost
+        times = [ms for own, gone, ms in moves if own and not gone]
+        if row["acted"] == len(times):  # None came just before a connection was lost.
+            assert row["decision_ms"] == pytest.approx(sum(times) / len(times))

@@ -1,0 +1,69 @@
+"""A PostgreSQL of one's own in a folder, reached by a socket in it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+__all__ = ["PostgreSQL", "missing", "postgresql"]
+
+USER = "postgres"
+
+
+def _program(name: str) -> str | None:
+    packaged = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
+    return shutil.which(name) or (str(packaged[-1]) if packaged else None)
+
+
+@cache
+def missing() -> str:
+    """Why there can be no server here; empty if there can."""
+    if not _program("initdb") or not _program("pg_ctl"):
+        return "PostgreSQL is not installed"
+    if os.geteuid() == 0 and subprocess.run(["id", USER], capture_output=True).returncode:
+        return f"PostgreSQL refuses root, and there is no user {USER}"
+    return ""
+
+
+class PostgreSQL:
+    """The server: `start` and `stop` it, as often as needed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._user = USER if os.geteuid() == 0 else None
+        self.url = f"postgresql://{USER}@/postgres?host={folder}"
+        self._run("initdb", "--auth=trust", f"--username={USER}", "--no-sync")
+
+    def start(self) -> None:
+        options = f"-k {self._folder} -c listen_addresses='' -c fsync=off"
+        self._run("pg_ctl", "start", "--wait", f"--log={self._folder}/log", f"--options={options}")
+
+    def stop(self) -> None:
+        self._run("pg_ctl", "stop", "--mode=immediate")
+
+    def _run(self, name: str, *arguments: str) -> None:
+        command = [str(_program(name)), f"--pgdata={self._folder}/data", *arguments]
+        subprocess.run(
+            command, user=self._user, cwd=self._folder, stdout=subprocess.DEVNULL, check=True
+        )
+
+
+@contextmanager
+def postgresql() -> Iterator[PostgreSQL]:
+    """A server that runs; its folder is deleted afterwards."""
+    with tempfile.TemporaryDirectory(prefix="pg") as name:  # A socket's path is short.
+        folder = Path(name)
+        if os.geteuid() == 0:
+            shutil.chown(folder, USER)
+        server = PostgreSQL(folder)
+        server.start()
+        try:
+            yield server
+        finally:
+            server.stop()

@@ -1,0 +1,81 @@
+"""Recordings of random play in which everything happens: people come, go and are stood in for,
+ask for what is not possible, talk, and do nothing."""
+
+from __future__ import annotations
+
+import random
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from robotouille import World, load_task
+from robotouille.domain.task import Timing
+from robotouille.episode import Absence, Clock, Episode, Rules
+from robotouille.errors import ProtocolError
+from robotouille.replay.container import compress
+from robotouille.replay.recorder import Recorder, header
+
+__all__ = ["random_stream", "write_recordings"]
+
+CLOCKS = (Clock.LOCKSTEP, Clock.REALTIME, Clock.TURN)
+
+
+@cache
+def _world(timing: Timing) -> World:
+    return World(load_task("multi_agent/01@2", timing=timing))
+
+
+def random_stream(seed: int, *, clock: Clock | None = None, steps: int = 30) -> bytes:
+    """The bytes of an open recording that has come to its end."""
+    rng = random.Random(seed)
+    world = _world(rng.choice(list(Timing)))
+    rules = Rules(
+        clock=clock or CLOCKS[seed % len(CLOCKS)],
+        absence=rng.choice([Absence.WAIT, Absence.BOT]),
+        max_steps=steps,
+        grace=0.5,
+        move_budget=0.5,
+    )
+    episode, recorder = Episode(world, rules), Recorder(world)
+    head = header(world.task, rules, episode=f"random{seed}", seed=seed, created="2026-01-01")
+    stream = recorder.begin(head)
+    for number, player in enumerate(world.players):
+        episode.join(player, f"name{number}", "human", 0.0, participant=f"p{number}")
+    now, seq = 0.0, 0
+    while not episode.ended and now < 1000:
+        now, seq = now + 0.1, seq + 1
+        for player in world.players:
+            with suppress(ProtocolError):
+                _do_something(episode, player, seq, now, rng)
+        episode.tick(now)
+        stream += recorder.record(episode.events())
+    return stream
+
+
+def _do_something(episode: Episode, player: str, seq: int, now: float, rng: random.Random) -> None:
+    valid = episode.state.actions(player)
+    action: Any = rng.choice(valid) if valid else None
+    match rng.randrange(12):
+        case 0:
+            episode.set_present(player, rng.random() < 0.7, now)
+        case 1:
+            episode.submit(player, seq, "no action at all", now)
+        case 2:
+            episode.submit(player, seq, rng.choice(episode.state.world.ground_actions(player)), now)
+        case 3:
+            episode.submit(player, seq, None, now)
+        case 4:
+            episode.say("name", player, rng.choice(["hello", "\x1b[2J", "=1+1", "\x00"]), now)
+        case 5 | 6:
+            episode.substitute(player, action, now)
+        case 7 | 8 | 9:
+            episode.submit(player, seq, action, now, basis=max(0, episode.step - rng.randrange(3)))
+
+
+def write_recordings(folder: Path, count: int, *, first: int = 0, steps: int = 30) -> None:
+    """Closed recordings with seeds from `first` on."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for seed in range(first, first + count):
+        content = compress(random_stream(seed, steps=steps))
+        (folder / f"random{seed}.rbt").write_bytes(content)
