@@ -16,7 +16,7 @@ from robotouille.planning.policies.script import Script
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client.bots import Policy
-from robotouille_client.bots.player import MakePolicy
+from robotouille_client.bots.seat_policy import MakePolicy
 from tests.support.bot_games import finish
 from tests.support.samples import each_quickly_once
 from tests.support.virtual_time import run

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from robotouille.episode import Clock
 from robotouille_client import connect
 from robotouille_client.bots import play
-from robotouille_client.bots.player import MakePolicy
+from robotouille_client.bots.seat_policy import MakePolicy
 from tests.support.servers import serving
 
 __all__ = ["finish"]

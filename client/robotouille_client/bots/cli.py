@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractAsyncContextManager
 
     from robotouille.protocol.messages import View
-    from robotouille_client.bots.player import MakePolicy
+    from robotouille_client.bots.seat_policy import MakePolicy
     from robotouille_client.client import Client
     from robotouille_client.game import Game
     from robotouille_client.kept_seat import KeptSeat

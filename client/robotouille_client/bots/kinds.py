@@ -11,7 +11,7 @@ from robotouille.errors import Fault, FileError, RobotouilleError
 if TYPE_CHECKING:
     from robotouille.planning.policies.policy import Policy
     from robotouille.world.world import State
-    from robotouille_client.bots.player import MakePolicy
+    from robotouille_client.bots.seat_policy import MakePolicy
 
 __all__ = ["BotKind", "policy_maker"]
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from robotouille.planning.policies.policy import Policy
     from robotouille.planning.policies.script import Did
     from robotouille.world.world import State
-    from robotouille_client.bots.player import MakePolicy
+    from robotouille_client.bots.seat_policy import MakePolicy
 
 __all__ = ["OwnPolicyError", "own_policy_maker"]
 

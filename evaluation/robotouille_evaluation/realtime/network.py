@@ -1,5 +1,5 @@
 """A language model in a seat on a server whose world does not wait: it thinks in a task of its own,
-steps go by, and a helper may act meanwhile.
+steps go by, and a helper may act meanwhile, which thinks in another task.
 
 The game is joined with both views: the model reads the text, the helper plans on the state.
 """
@@ -15,8 +15,9 @@ from typing import Any
 from robotouille.protocol.error_codes import ErrorCode
 from robotouille.replay.model_calls import TOPIC as CALLS
 from robotouille.replay.model_calls import CallNotes
+from robotouille.world.grounding.actions import GroundAction
 from robotouille_client import Game
-from robotouille_client.bots.player import MakePolicy
+from robotouille_client.bots.seat_policy import MakePolicy, SeatPolicy
 from robotouille_client.game import ActionRequest
 from robotouille_client.sansio.game_events import ActResult, Changed, GameEvent
 from robotouille_evaluation.agents.asking import Complete, answer_all
@@ -29,7 +30,6 @@ from robotouille_evaluation.agents.proposal import (
     Strategy,
 )
 from robotouille_evaluation.realtime.charge import Charge, ChargeKind
-from robotouille_evaluation.realtime.helper import NetworkHelper
 from robotouille_evaluation.realtime.late import Late, Look
 from robotouille_evaluation.realtime.seat import Choice, RealTimeSeat
 from robotouille_evaluation.realtime.thoughts import TOPIC as THINKING
@@ -91,21 +91,24 @@ class RealTimeAgent:
         self._charged = False
         self._acted = self._helped = -1
         helper = self._options.helper
-        self._helper = NetworkHelper(game, helper) if helper is not None else None
+        self._helper = SeatPolicy(game, helper) if helper is not None else None
+        self._help: asyncio.Task[GroundAction | None] | None = None
 
     async def play(self) -> Mapping[str, Any]:
         """Play to the end; the outcome, empty if the connection was lost for good. A thought that
         is not finished then is given up."""
         game = self._game
         try:
+            if self._helper is not None:
+                self._helper.begin()  # Now: it takes a moment, for which no answer is to wait.
             while not game.ended:
                 for event in game.poll():
                     self._heed(event)
                 if not await self._act() and not game.ended:
                     await self._wait()
         finally:
-            await give_up(self._thought)
-            await give_up(self._news)
+            for task in (self._thought, self._help, self._news):
+                await give_up(task)
         return game.outcome or {}
 
     def _heed(self, event: GameEvent) -> None:
@@ -116,14 +119,14 @@ class RealTimeAgent:
             self._helper.heed(event)
 
     async def _wait(self) -> None:
-        """Until something happens in the game, or the model has answered."""
+        """Until something happens in the game, the model has answered, or its helper decided."""
         if self._news is None:
             self._news = asyncio.ensure_future(self._game.next_event())
-        pending = {self._news}
-        if self._thought is not None and not self._thought.done():
-            await asyncio.wait({*pending, self._thought}, return_when=asyncio.FIRST_COMPLETED)
-        else:
-            await asyncio.wait(pending)
+        awaited: list[asyncio.Future[Any]] = [self._news]
+        for task in (self._thought, self._help):
+            if task is not None and not task.done():
+                awaited.append(task)
+        await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
         if self._news.done():
             self._heed(self._news.result())
             self._news = None
@@ -177,7 +180,8 @@ class RealTimeAgent:
         self._due = self._basis + math.ceil(round(steps, 9))
 
     async def _arrive(self, now: Look) -> bool:
-        """Whether the model's answer counts from now on."""
+        """Whether the model's answer counts from now on. What its helper has not decided by then
+        is given up."""
         if self._thought is None or not self._thought.done():
             return False
         proposal = self._thought.result()
@@ -186,6 +190,8 @@ class RealTimeAgent:
         if now.step < self._due:
             return False
         self._thought = None
+        await give_up(self._help)
+        self._help = None
         for exchange in proposal.exchanges:
             self._told(exchange)
             self._game.note(CALLS, exchange_note(self._calls, exchange))
@@ -225,17 +231,26 @@ class RealTimeAgent:
         """What the helper does while the model thinks. Where the world waits for everybody, and
         nothing is to be done, that is said."""
         action = None
-        if self._seat.thinking and self._helped < now.step:
-            self._helped = now.step
-            action = await self._helper.act() if self._helper is not None else None
-            if not self._game.my_move:
-                return True
+        if self._helper is not None and self._seat.thinking:
+            if self._help is None and self._helped < now.step:
+                self._helped = now.step
+                self._help = asyncio.create_task(self._helper.decide())
+            if self._help is not None:
+                if not self._help.done():
+                    return False
+                action, self._help = self._still_valid(self._help.result()), None
+                if action is None and self._helped < now.step:
+                    return True  # That was about a step that is over: it decides anew.
         if action is None and not self._declared:
             return False
         result = await self._send(action, None)
         if result.applied:
             self._acted = result.step - 1
         return True
+
+    def _still_valid(self, action: GroundAction | None) -> GroundAction | None:
+        valid = action is not None and self._game.world.applicable(self._game.state, action)
+        return action if valid else None
 
     async def _send(
         self, action: ActionRequest, basis: int | None, reasoning: str = "", think_ms: int = 0

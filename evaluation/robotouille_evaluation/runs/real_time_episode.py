@@ -84,17 +84,25 @@ class _RealTimePlay:
         self._exchanges: dict[str, list[Exchange]] = {player: [] for player in world.players}
 
     async def play(self, limit: int) -> TeamResult:
+        try:
+            ended = await self._play(limit)
+        finally:
+            self._count_awaited()
+        said = {player: tuple(all_of) for player, all_of in self._exchanges.items()}
+        return TeamResult(ended, ended is Ended.GOAL, self._stage.steps, said)
+
+    async def _play(self, limit: int) -> Ended:
         stage = self._stage
         while not stage.state.goal_reached and stage.steps < limit:
             decisions = await self._decide(self._free())
             if all(seat.over for seat in self._seats.values()) and not decisions:
-                return self._result(Ended.FINISH)
+                return Ended.FINISH
             moved = stage.step(decisions)
             for player, seat in self._seats.items():
                 seat.observe(moved.did)
                 if player in self._helpers:
                     self._helpers[player].observe(moved.did)
-        return self._result(Ended.GOAL if stage.state.goal_reached else Ended.STEP_LIMIT)
+        return Ended.GOAL if stage.state.goal_reached else Ended.STEP_LIMIT
 
     def _free(self) -> list[str]:
         state = self._stage.state
@@ -171,11 +179,10 @@ class _RealTimePlay:
         action = helper.act(self._stage.state) if helper is not None else None
         return Decision(action.sentence) if action is not None else None
 
-    def _result(self, ended: Ended) -> TeamResult:
-        """What was still being thought of was paid for, and is counted."""
+    def _count_awaited(self) -> None:
+        """What was still being thought of was paid for, and is counted, also where a model has
+        failed."""
         for player, awaited in self._awaited.items():
             for exchange in awaited.proposal.exchanges:
                 self._exchanges[player].append(exchange)
                 self._stage.answered(player, exchange, awaited.basis)
-        said = {player: tuple(all_of) for player, all_of in self._exchanges.items()}
-        return TeamResult(ended, ended is Ended.GOAL, self._stage.steps, said)

@@ -10,13 +10,14 @@ from typing import Any
 
 import pytest
 
-from robotouille import World, load_task
+from robotouille import GroundAction, World, load_task
 from robotouille.planning import solve
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.sansio.game_events import Changed
 from robotouille_evaluation.agents.making import make_strategy
 from robotouille_evaluation.cli.bot import LanguageModelBot
 from robotouille_evaluation.metrics import Trajectory
@@ -28,6 +29,7 @@ from robotouille_evaluation.packs.pack import Pack
 from robotouille_evaluation.realtime import Charge, Late
 from robotouille_evaluation.realtime.network import RealTimeAgent, RealTimeOptions
 from robotouille_evaluation.realtime.thoughts import Thought
+from tests.support.pondering import PATIENCE, Pondering
 from tests.support.servers import serving
 from tests.support.virtual_time import run
 
@@ -152,6 +154,55 @@ def test_what_becomes_of_answers_that_the_helper_has_overtaken(tmp_path: Path, l
     assert told[1].startswith("Since you last looked ")
     assert "* you: " in told[1]
     assert ("was dropped" in told[1]) == (late is not Late.APPLY)
+
+
+async def deed(game: Game) -> GroundAction:
+    """The next thing that somebody does."""
+    while True:
+        event = await game.next_event()
+        if isinstance(event, Changed) and event.did:
+            ((_, action, applied),) = event.did
+            assert applied
+            return action
+
+
+async def test_an_answer_is_acted_on_while_its_helper_still_searches(tmp_path: Path) -> None:
+    """In real time: where time is virtual, it stands still for threads."""
+    helper = Pondering()
+    answers = asyncio.Queue[str]()
+
+    async def complete(_: ModelRequest) -> Completion:
+        return Completion(await answers.get())
+
+    async with (
+        asyncio.timeout(PATIENCE),
+        serving(tmp_path) as server,
+        connect(server.url, name="model") as one,
+        connect(server.url, name="spectator") as other,
+    ):
+        rules = {"clock": "realtime", "step_rate": 20.0, "max_steps": 100_000}
+        opened = await one.create(ALONE, timing="benchmark", **rules)
+        game = await joined(one, opened.code)
+        watched = await other.join(opened.code, role="spectator")
+        strategy = make_strategy(pack(), "react-last-reasoning-action", "synchronous")
+        options = RealTimeOptions(helper=lambda state, player: helper)
+        playing = asyncio.create_task(RealTimeAgent(game, strategy, complete, options).play())
+        first = await helper.asked.get()
+        given_up = first.actions("robot1")[1]
+        answers.put_nowait(f"Reasoning: so.\nAction: {best()[0]}")
+        assert (await deed(watched)).sentence == best()[0]
+        helper.answers.put(given_up)
+        then = await helper.asked.get()
+        assert then.facts == watched.state.facts != first.facts
+        assert len(helper.observed) == 1
+        chosen = then.actions("robot1")[0]
+        assert chosen != given_up
+        helper.answers.put(chosen)
+        assert await deed(watched) == chosen
+        helper.answers.put(None)
+        playing.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await playing
 
 
 DECLARED = {"step_rate": 5.0, "max_steps": 40, "thinking": "declared"}

@@ -18,7 +18,13 @@ from robotouille.planning import solve
 from robotouille.replay.export import json_lines
 from robotouille.replay.recording import read_recording
 from robotouille_evaluation.metrics import EpisodeRow, PackId, Trajectory
-from robotouille_evaluation.models import ModelRequest, ScriptedModel, SeededAnswers
+from robotouille_evaluation.models import (
+    ModelError,
+    ModelErrorKind,
+    ModelRequest,
+    ScriptedModel,
+    SeededAnswers,
+)
 from robotouille_evaluation.models.valid_actions import valid_actions
 from robotouille_evaluation.packs.own import build_own_pack
 from robotouille_evaluation.packs.pack import Pack
@@ -161,6 +167,24 @@ def test_a_helper_reaches_the_goal_while_a_model_thinks_for_ever(tmp_path: Path)
     found = course(tmp_path, row)
     assert found.thoughts == (Thought("robot1", 0),)
     assert [answer.basis for answer in found.answers] == [None] * 8
+
+
+def test_what_is_thought_of_when_a_model_fails_is_counted(tmp_path: Path) -> None:
+    """One thinks for ever, the other has acted and is asked again."""
+    answered: list[str] = []
+
+    def answer(request: ModelRequest) -> str | ModelError:
+        if len(answered) == 2:
+            return ModelError(ModelErrorKind.REFUSED, "the key is wrong")
+        thought = "so. " if answered else "so, " * 1000
+        answered.append(f"Reasoning: {thought}\nAction: {valid_actions(request)[0]}")
+        return answered[-1]
+
+    row = play(tmp_path, job(TEAM, charge="tokens:20"), answer)
+    assert "the key is wrong" in str(row.error)
+    assert row.usage.completion_tokens == sum(len(text.split()) for text in answered)
+    assert row.counts.calls == 2
+    assert course(tmp_path, row).thoughts[0].arrived is None
 
 
 def test_without_a_helper_all_its_steps_are_lost(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from robotouille.world.world import State
 from robotouille_client import Client, Game
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.bots.player import MakePolicy
+from robotouille_client.bots.seat_policy import MakePolicy
 from robotouille_client.errors import ConnectionFailedError
 from tests.programs.drill.games import GameSpec, draw_game, plan_of
 from tests.programs.drill.witness import Witness
