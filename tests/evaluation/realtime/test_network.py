@@ -194,7 +194,7 @@ async def test_an_answer_is_acted_on_while_its_helper_still_searches(tmp_path: P
         helper.answers.put(given_up)
         then = await helper.asked.get()
         assert then.facts == watched.state.facts != first.facts
-        assert len(helper.observed) == 1
+        assert len([did for did in helper.observed if did]) == 1
         chosen = then.actions("robot1")[0]
         assert chosen != given_up
         helper.answers.put(chosen)
