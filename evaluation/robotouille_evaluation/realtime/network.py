@@ -102,14 +102,22 @@ class RealTimeAgent:
             if self._helper is not None:
                 self._helper.begin()  # Now: it takes a moment, for which no answer is to wait.
             while not game.ended:
-                for event in game.poll():
-                    self._heed(event)
+                self._catch_up()
                 if not await self._act() and not game.ended:
                     await self._wait()
         finally:
             for task in (self._thought, self._help, self._news):
                 await give_up(task)
         return game.outcome or {}
+
+    def _catch_up(self) -> None:
+        """Heed what has happened, in its order: the oldest may have been taken by the one that
+        waits for it."""
+        if self._news is not None and self._news.done():
+            self._heed(self._news.result())
+            self._news = None
+        for event in self._game.poll():
+            self._heed(event)
 
     def _heed(self, event: GameEvent) -> None:
         if isinstance(event, Changed) and event.did:
@@ -127,9 +135,6 @@ class RealTimeAgent:
             if task is not None and not task.done():
                 awaited.append(task)
         await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
-        if self._news.done():
-            self._heed(self._news.result())
-            self._news = None
 
     # One step
 
