@@ -96,11 +96,12 @@ async def _take_seat(
 
     from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.client import connect
-    from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+    from robotouille_client.kept_seat import came_back, keep_seat, kept_seat, state_folder
 
     code = episode or await _waiting(url, name, token)
     with kept_seat(state_folder(), url, code, name) as kept:
-        resume = kept.token if kept is not None else None
+        asked = (seat,) if seat is not None else seats
+        resume = kept.token_for(asked) if kept is not None else None
         async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
             if seats:
                 await _require_waiting_world(client, code)
@@ -108,6 +109,8 @@ async def _take_seat(
             if seats and game.clock.get("clock") == "realtime":
                 await _give_up(client, kept)
                 raise _real_time(code)
+            if back := came_back(client, game, kept):
+                tell(printable(f"came back into {back}"), err=True)
             own = ", ".join(game.own_seats)
             tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
             meanwhile = (
