@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
     from contextlib import AbstractAsyncContextManager
 
-    from robotouille.protocol.messages import View
+    from robotouille.protocol.messages import Kind, View
     from robotouille_client.bots.player import MakePolicy
     from robotouille_client.client import Client
     from robotouille_client.game import Game
@@ -39,8 +39,9 @@ LLM = "llm"
 
 @runtime_checkable
 class TextBot(Protocol):
-    """Plays a game that is joined in a view with text."""
+    """Plays a game that is joined in a view with text; `kind` is what others see it as."""
 
+    kind: Kind
     view: View
 
     def opened(self) -> AbstractAsyncContextManager[Player]:
@@ -48,11 +49,11 @@ class TextBot(Protocol):
         ...
 
 
-async def _waiting(url: str, name: str, token: str | None) -> str:
+async def _waiting(url: str, name: str, token: str | None, kind: Kind) -> str:
     """The code of the first episode that waits for players."""
     from robotouille_client.client import connect
 
-    async with connect(url, name=name, kind="bot", token=token) as client:
+    async with connect(url, name=name, kind=kind, token=token) as client:
         waiting = [e for e in await client.episodes() if e.phase == "waiting"]
     if not waiting:
         raise RobotouilleError("no episode waits for players; name one with --episode CODE")
@@ -74,7 +75,9 @@ async def _run(
     async with AsyncExitStack() as opened:
         if isinstance(bot, TextBot):
             player = await opened.enter_async_context(bot.opened())
-            return await _take_seat(url, name, token, episode, seat, player, bot.view, seats)
+            return await _take_seat(
+                url, name, token, episode, seat, player, bot.view, seats, bot.kind
+            )
         make_policy = bot
         return await _take_seat(
             url, name, token, episode, seat, lambda game: play(game, make_policy), "state"
@@ -90,6 +93,7 @@ async def _take_seat(
     player: Player,
     view: View,
     seats: Seats = (),
+    kind: Kind = "bot",
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
@@ -98,11 +102,11 @@ async def _take_seat(
     from robotouille_client.client import connect
     from robotouille_client.kept_seat import came_back, keep_seat, kept_seat, state_folder
 
-    code = episode or await _waiting(url, name, token)
+    code = episode or await _waiting(url, name, token, kind)
     with kept_seat(state_folder(), url, code, name) as kept:
         asked = (seat,) if seat is not None else seats
         resume = kept.token_for(asked) if kept is not None else None
-        async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
+        async with connect(url, name=name, kind=kind, token=token, resume=resume) as client:
             if seats:
                 await _require_waiting_world(client, code)
             game = await client.join(code, seat=seat, seats=seats, view=view)

@@ -13,6 +13,7 @@ import pytest
 
 from robotouille import World
 from robotouille.errors import RobotouilleError
+from robotouille.replay.controllers import controllers
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
@@ -109,6 +110,7 @@ def test_the_bot_of_the_command_line_takes_several_seats(
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert {call.player for call in model_calls(recording)} >= {"robot1"}
+    assert controllers(recording)[1] == {"robot1": "model", "robot2": "model"}
     assert recording.verify().identical
 
 
