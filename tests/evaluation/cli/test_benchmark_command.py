@@ -21,6 +21,7 @@ from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.runs import RunFolder
 
 SANDWICH = "synchronous/01_cheese_sandwich"
+TEAM = "multi_agent/01_lettuce_burger"
 MODEL = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "react-none"]
 
 
@@ -54,6 +55,17 @@ def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
 
 
+@pytest.mark.parametrize("variant", [[], ["--variant", "delay-free"]])
+def test_a_team_has_as_many_players_as_one_says(tmp_path: Path, variant: list[str]) -> None:
+    words = ["--tasks", TEAM, "--kinds", "default", "--agents", "react-none", "--seats", "3"]
+    result = called("run", tmp_path / "run", *words, *variant)
+    assert result.exit_code == 0, result.output
+    (row,) = RunFolder(tmp_path / "run").rows()
+    assert row.seats == 3
+    assert row.optimum.steps is not None, "the plan is one for three"
+    assert called("resume", tmp_path / "run").exit_code == 0
+
+
 def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
     words = ["--clock", "realtime", "--step-rate", "4", "--charge", "declared:500", "--slack", "2"]
     result = called("run", tmp_path / "run", *MODEL, *words, "--late", "drop", "--helper", "script")
@@ -75,6 +87,10 @@ def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
         (["--clock", "realtime", "--charge", "token:3"], "expected wall, tokens:MILLISECONDS"),
         (["--helper", "planner"], "--helper is for --clock realtime"),
         (["--digest-tokens", "9"], "--digest-tokens is for --clock realtime"),
+        (["--seats", "5", "--tasks", f"{TEAM},{SANDWICH}"],
+          f"5 players are not possible for {SANDWICH} (possible: 1); {TEAM} (possible: 2, 3, 4)"),
+        (["--seats", "3"], "; and "),
+        (["--seats", "2", "--variant", "delay-free", "--tasks", SANDWICH], "2 players are not"),
         (["--kinds", "tidy"], "no kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),
