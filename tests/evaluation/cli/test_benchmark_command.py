@@ -46,6 +46,12 @@ def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
     assert first.exit_code == 0, first.output
     (row,) = RunFolder(run).rows()
     assert row.agent == "react-none (mock)"
+    assert first.stdout == f"{run / 'report' / 'report.html'}\n"
+    told = [line.split() for line in first.stderr.splitlines()]
+    assert ["agent", "episodes", "success", "errors"] in [
+        [word for word in line if word not in ("steps", "/", "optimum")] for line in told
+    ]
+    assert any(line[:3] == ["react-none", "(mock)", "1"] for line in told)
     before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
     again = called("run", run, *MODEL)
     assert again.exit_code == 1
