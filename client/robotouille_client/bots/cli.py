@@ -109,7 +109,10 @@ async def _take_seat(
         async with connect(url, name=name, kind=kind, token=token, resume=resume) as client:
             if seats:
                 await _require_waiting_world(client, code)
-            game = await client.join(code, seat=seat, seats=seats, view=view)
+            try:
+                game = await client.join(code, seat=seat, seats=seats, view=view)
+            except ProtocolError as error:
+                raise _what_to_do(error, seats) from None
             if seats and game.clock.get("clock") == "realtime":
                 await _give_up(client, kept)
                 raise _real_time(code)
@@ -157,8 +160,22 @@ async def _require_waiting_world(client: Client, code: str) -> None:
 
 def _real_time(code: str) -> RobotouilleError:
     return RobotouilleError(
-        f"{code} is played in real time, where each seat takes a model of its own: no --seats"
+        f"{code} is played in real time, where each seat takes a model of its own: no --seats. "
+        "Start a bot for each seat, with --seat; the others wait for them"
     )
+
+
+def _what_to_do(error: ProtocolError, seats: Seats) -> ProtocolError:
+    """Seats are taken together or not at all: the others in the game wait for those left free."""
+    from robotouille.protocol.error_codes import ErrorCode
+
+    if not seats or error.code not in (ErrorCode.SEAT_TAKEN, ErrorCode.SEAT_UNKNOWN):
+        return error
+    told = (
+        f"{error.message}; none of the seats was taken, and the others in the game wait: take "
+        "those that are free with `--seats all`, or some by name"
+    )
+    return ProtocolError(error.code, told, error.field)
 
 
 def _seats(kind: str, seat: str | None, seats: str | None, control: str | None) -> Seats:
@@ -168,7 +185,10 @@ def _seats(kind: str, seat: str | None, seats: str | None, control: str | None) 
             raise RobotouilleError("--control is for one model in several --seats")
         return ()
     if kind != LLM:
-        raise RobotouilleError("only a language model (llm) plays several --seats")
+        raise RobotouilleError(
+            "only a language model (llm) plays several --seats; "
+            "start a bot for each seat, with --seat"
+        )
     if seat is not None:
         raise RobotouilleError("--seat is for one seat, --seats for several: not both")
     return "all" if seats == "all" else tuple(each.strip() for each in seats.split(","))

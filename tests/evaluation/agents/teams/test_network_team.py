@@ -114,6 +114,23 @@ def test_the_bot_of_the_command_line_takes_several_seats(
     assert recording.verify().identical
 
 
+@pytest.mark.parametrize("seats", ["robot1,robot2", "robot2,robot7"])
+def test_seats_that_cannot_be_taken_say_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seats: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="host") as host:
+            opened = await host.create(TEAM, clock="lockstep")
+            await host.join(opened.code, seat="robot1")
+            several = tuple(seats.split(","))
+            with pytest.raises(RobotouilleError, match="the others in the game wait: take"):
+                await _run(server.url, "m", None, opened.code, None, mock("joint"), seats=several)
+
+    run(main())
+
+
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
 def test_whoever_may_not_list_episodes_takes_several_seats_by_the_code(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clock: str
