@@ -106,6 +106,11 @@ class Client:
         """Brings this connection back, from another process too; another one after each use."""
         return self.protocol.resume
 
+    @property
+    def resumed(self) -> bool:
+        """Whether the server took the last connection for the one before it."""
+        return self.protocol.resumed
+
     # Life
 
     async def __aenter__(self) -> Self:

@@ -6,9 +6,10 @@ import asyncio
 import contextlib
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Literal
 
 from robotouille_client.client import Client
 from robotouille_client.game import Game
@@ -18,13 +19,14 @@ try:
 except ImportError:  # Windows: seats are not kept there
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["KeptSeat", "keep_seat", "kept_seat", "state_folder"]
+__all__ = ["KeptSeat", "came_back", "keep_seat", "kept_seat", "state_folder"]
 
 KEEP_SECONDS = 0.2
 
 
 class KeptSeat:
-    """A file with the resume token of one player, readable by its owner alone.
+    """A file with the resume token of one player and the seats that it brings back, readable by its
+    owner alone.
 
     The process that plays holds a lock on it: another one of the same name is another player.
     """
@@ -32,20 +34,34 @@ class KeptSeat:
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path = path
         self._descriptor = descriptor
-        self._written = os.pread(descriptor, 4096, 0).decode("ascii", "replace").strip()
+        self._written = os.pread(descriptor, 4096, 0).decode(errors="replace").strip()
 
     @property
     def token(self) -> str | None:
-        return self._written or None
+        return self._written.partition("\n")[0] or None
 
-    def keep(self, token: str | None) -> None:
+    @property
+    def seats(self) -> tuple[str, ...]:
+        """Which the token brings back; none where an earlier version did not write them down."""
+        return tuple(self._written.splitlines()[1:])
+
+    def token_for(self, asked: Literal["all"] | Sequence[str]) -> str | None:
+        """The token, where it brings back the seats that are asked for: any if none are named, or
+        all that are free. Others are forgotten as soon as there is a seat to keep instead."""
+        anything = not asked or asked == "all"
+        return self.token if anything or set(asked) == set(self.seats) else None
+
+    def keep(self, token: str | None, seats: Sequence[str]) -> None:
         """Write down the newest token; one that cannot be written is no reason to stop."""
-        if token is None or token == self._written:
+        if token is None:
+            return
+        written = "\n".join((token, *seats))
+        if written == self._written:
             return
         with contextlib.suppress(OSError):
             os.ftruncate(self._descriptor, 0)
-            os.pwrite(self._descriptor, token.encode("ascii"), 0)
-            self._written = token
+            os.pwrite(self._descriptor, written.encode(), 0)
+            self._written = written
 
     def forget(self) -> None:
         """The game is over: there is nothing to come back to."""
@@ -75,8 +91,14 @@ async def keep_seat(client: Client, game: Game, kept: KeptSeat | None) -> None:
         if game.ended:
             kept.forget()
             return
-        kept.keep(client.resume)
+        kept.keep(client.resume, game.own_seats)
         await asyncio.sleep(KEEP_SECONDS)
+
+
+def came_back(client: Client, game: Game, kept: KeptSeat | None) -> str:
+    """The seats of the process before, if the kept token has brought them back; else nothing."""
+    back = kept is not None and client.resumed and set(kept.seats) == set(game.own_seats)
+    return ", ".join(game.own_seats) if back else ""
 
 
 def _locked(path: Path) -> int | None:

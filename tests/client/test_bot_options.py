@@ -13,6 +13,7 @@ from robotouille_client.bots.cli import command
     ("words", "told"),
     [
         (["planner", "--seats", "all"], "only a language model (llm) plays several --seats"),
+        (["planner", "--seats", "all"], "start a bot for each seat, with --seat"),
         (["llm", "--seats", "all", "--seat", "robot1"], "not both"),
         (["llm", "--control", "joint"], "--control is for one model in several --seats"),
     ],

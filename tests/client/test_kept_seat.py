@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from robotouille_client import Game
+from robotouille_client.bots import cli as bots
+from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.kept_seat import kept_seat
 from robotouille_client.window import cli
 from robotouille_server import Server
@@ -64,11 +67,53 @@ def test_a_window_that_was_killed_comes_back_into_its_seat(
     run(main())
 
 
+def test_a_bot_that_was_killed_takes_the_seat_that_it_is_told_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It comes back where it was only if no other seat is asked for, and says so."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    async def main() -> None:
+        from robotouille.protocol.messages import Create
+
+        async with serving(tmp_path / "recordings") as server:
+            room = server.lobby.create(Create(task="multi_agent/02", seats=3))
+            seats = room.episode.seats
+
+            async def bot(seat: str | None) -> asyncio.Task[Any]:
+                make = policy_maker(BotKind.RANDOM)
+                playing = bots._run(server.url, "ada", None, room.code, seat, make)
+                task = asyncio.create_task(playing)
+                await asyncio.sleep(1.0)
+                return task
+
+            def told() -> list[str]:
+                return [
+                    line for line in capsys.readouterr().err.splitlines() if "waits" not in line
+                ]
+
+            await killed(await bot("robot1"))
+            assert told() == [f"ada plays robot1 in {room.code}"]
+            for seat in ("robot1", None):
+                await killed(await bot(seat))
+                assert told() == ["came back into robot1", f"ada plays robot1 in {room.code}"]
+            last = await bot("robot2")
+            assert told() == [f"ada 2 plays robot2 in {room.code}"]
+            assert [seat.present for seat in seats.values()] == [False, True, False]
+            await killed(last)
+            last = await bot(None)
+            assert told() == ["came back into robot2", f"ada 2 plays robot2 in {room.code}"]
+            room.abort("enough")
+            await last
+
+    run(main())
+
+
 def test_a_kept_seat_is_its_owners_and_one_windows_alone(tmp_path: Path) -> None:
     with kept_seat(tmp_path, "ws://a", "KQXZB-MMTRW", "ada") as kept:
         assert kept is not None
         assert kept.token is None
-        kept.keep("one.two.three")
+        kept.keep("one.two.three", ["robot2"])
         (path,) = tmp_path.iterdir()
         assert path.stat().st_mode & 0o077 == 0
         with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as other:
@@ -77,7 +122,9 @@ def test_a_kept_seat_is_its_owners_and_one_windows_alone(tmp_path: Path) -> None
             assert other is not None
     with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as kept:
         assert kept is not None
-        assert kept.token == "one.two.three"
+        assert (kept.token, kept.seats) == ("one.two.three", ("robot2",))
+        assert [kept.token_for(a) for a in ((), "all", ["robot2"])] == ["one.two.three"] * 3
+        assert kept.token_for(["robot1"]) is kept.token_for(["robot1", "robot2"]) is None
         kept.forget()
     with kept_seat(tmp_path, "ws://a", "kqxzbmmtrw", "ada") as kept:
         assert kept is not None

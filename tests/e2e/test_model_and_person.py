@@ -114,7 +114,7 @@ def test_a_small_model_and_a_person_finish_an_episode_together(tmp_path: Path) -
 def check_recording(recording: Recording, transcript: str) -> None:
     """It verifies, and says who did what and what the model was sent and said."""
     assert recording.verify().ok
-    assert recording.participants == {MODEL: ("gemma", "bot"), PERSON: ("ada", "human")}
+    assert recording.participants == {MODEL: ("gemma", "model"), PERSON: ("ada", "human")}
     said = [json.loads(line) for line in transcript.splitlines()]
     calls = list(model_calls(recording, MODEL))
     assert [call.row() for call in calls] == said

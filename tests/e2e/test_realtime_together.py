@@ -130,7 +130,7 @@ def check_recording(recording: Recording) -> None:
     """It verifies, and says who did what and how stale it was."""
     assert recording.verify().ok
     assert recording.participants == {
-        MODEL: ("gemma", "bot"), PLANNER: ("plan", "bot"), PERSON: ("ada", "human")
+        MODEL: ("gemma", "model"), PLANNER: ("plan", "bot"), PERSON: ("ada", "human")
     }  # fmt: skip
     done = {
         player: [t for t in recording.transitions() if t.seat == player and t.valid and t.action]
@@ -153,6 +153,6 @@ def check_command(file: Path) -> None:
     replay = "from robotouille_client.cli.main import main; main()"
     words = [sys.executable, "-c", replay, "replay", "info", str(file)]
     shown = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    assert "robot1: gemma (bot), robot2: plan (bot), robot3: ada (human)" in shown
+    assert "robot1: gemma (model), robot2: plan (bot), robot3: ada (human)" in shown
     staleness = next(line for line in shown.splitlines() if line.startswith("staleness"))
     assert all(player in staleness for player in PLAYERS)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
     from contextlib import AbstractAsyncContextManager
 
-    from robotouille.protocol.messages import View
+    from robotouille.protocol.messages import Kind, View
     from robotouille_client.bots.seat_policy import MakePolicy
     from robotouille_client.client import Client
     from robotouille_client.game import Game
@@ -39,8 +39,9 @@ LLM = "llm"
 
 @runtime_checkable
 class TextBot(Protocol):
-    """Plays a game that is joined in a view with text."""
+    """Plays a game that is joined in a view with text; `kind` is what others see it as."""
 
+    kind: Kind
     view: View
 
     def opened(self) -> AbstractAsyncContextManager[Player]:
@@ -48,11 +49,11 @@ class TextBot(Protocol):
         ...
 
 
-async def _waiting(url: str, name: str, token: str | None) -> str:
+async def _waiting(url: str, name: str, token: str | None, kind: Kind) -> str:
     """The code of the first episode that waits for players."""
     from robotouille_client.client import connect
 
-    async with connect(url, name=name, kind="bot", token=token) as client:
+    async with connect(url, name=name, kind=kind, token=token) as client:
         waiting = [e for e in await client.episodes() if e.phase == "waiting"]
     if not waiting:
         raise RobotouilleError("no episode waits for players; name one with --episode CODE")
@@ -74,7 +75,9 @@ async def _run(
     async with AsyncExitStack() as opened:
         if isinstance(bot, TextBot):
             player = await opened.enter_async_context(bot.opened())
-            return await _take_seat(url, name, token, episode, seat, player, bot.view, seats)
+            return await _take_seat(
+                url, name, token, episode, seat, player, bot.view, seats, bot.kind
+            )
         make_policy = bot
         return await _take_seat(
             url, name, token, episode, seat, lambda game: play(game, make_policy), "state"
@@ -90,24 +93,31 @@ async def _take_seat(
     player: Player,
     view: View,
     seats: Seats = (),
+    kind: Kind = "bot",
 ) -> Any:
     """Play to the end; in the seat that a process of this name had that was killed, if it had."""
     import asyncio
 
     from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.client import connect
-    from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+    from robotouille_client.kept_seat import came_back, keep_seat, kept_seat, state_folder
 
-    code = episode or await _waiting(url, name, token)
+    code = episode or await _waiting(url, name, token, kind)
     with kept_seat(state_folder(), url, code, name) as kept:
-        resume = kept.token if kept is not None else None
-        async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
+        asked = (seat,) if seat is not None else seats
+        resume = kept.token_for(asked) if kept is not None else None
+        async with connect(url, name=name, kind=kind, token=token, resume=resume) as client:
             if seats:
                 await _require_waiting_world(client, code)
-            game = await client.join(code, seat=seat, seats=seats, view=view)
+            try:
+                game = await client.join(code, seat=seat, seats=seats, view=view)
+            except ProtocolError as error:
+                raise _what_to_do(error, seats) from None
             if seats and game.clock.get("clock") == "realtime":
                 await _give_up(client, kept)
                 raise _real_time(code)
+            if back := came_back(client, game, kept):
+                tell(printable(f"came back into {back}"), err=True)
             own = ", ".join(game.own_seats)
             tell(printable(f"{game.name or name} plays {own} in {game.code}"), err=True)
             meanwhile = (
@@ -150,8 +160,22 @@ async def _require_waiting_world(client: Client, code: str) -> None:
 
 def _real_time(code: str) -> RobotouilleError:
     return RobotouilleError(
-        f"{code} is played in real time, where each seat takes a model of its own: no --seats"
+        f"{code} is played in real time, where each seat takes a model of its own: no --seats. "
+        "Start a bot for each seat, with --seat; the others wait for them"
     )
+
+
+def _what_to_do(error: ProtocolError, seats: Seats) -> ProtocolError:
+    """Seats are taken together or not at all: the others in the game wait for those left free."""
+    from robotouille.protocol.error_codes import ErrorCode
+
+    if not seats or error.code not in (ErrorCode.SEAT_TAKEN, ErrorCode.SEAT_UNKNOWN):
+        return error
+    told = (
+        f"{error.message}; none of the seats was taken, and the others in the game wait: take "
+        "those that are free with `--seats all`, or some by name"
+    )
+    return ProtocolError(error.code, told, error.field)
 
 
 def _seats(kind: str, seat: str | None, seats: str | None, control: str | None) -> Seats:
@@ -161,7 +185,10 @@ def _seats(kind: str, seat: str | None, seats: str | None, control: str | None) 
             raise RobotouilleError("--control is for one model in several --seats")
         return ()
     if kind != LLM:
-        raise RobotouilleError("only a language model (llm) plays several --seats")
+        raise RobotouilleError(
+            "only a language model (llm) plays several --seats; "
+            "start a bot for each seat, with --seat"
+        )
     if seat is not None:
         raise RobotouilleError("--seat is for one seat, --seats for several: not both")
     return "all" if seats == "all" else tuple(each.strip() for each in seats.split(","))

@@ -86,7 +86,7 @@ class ClientProtocol(Generic[G]):
         self._token = token
         self._rng = rng
         self._pauses: Iterator[float] = pauses(rng)
-        self.welcomed = False
+        self.welcomed = self.resumed = False
         self._moves = 0
         self._greeting_due = 0.0
         self._up_since = 0.0
@@ -347,6 +347,7 @@ class ClientProtocol(Generic[G]):
             if pending.sent and not isinstance(pending.request, messages.Create):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
+        self.resumed = welcome.resumed
         self._up_since, self.welcomed, self._moves = now, True, 0
         self._pauses = pauses(self._rng)
 

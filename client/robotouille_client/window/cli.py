@@ -111,7 +111,7 @@ async def _run(
     import asyncio
 
     from robotouille_client.client import connect
-    from robotouille_client.kept_seat import keep_seat, kept_seat, state_folder
+    from robotouille_client.kept_seat import came_back, keep_seat, kept_seat, state_folder
     from robotouille_client.window.sources.remote_look import fetch_look
 
     if code is None:
@@ -119,9 +119,12 @@ async def _run(
             code = await _find_code(client, opening)
     role: Literal["player", "spectator"] = "spectator" if watch else "player"
     with kept_seat(state_folder(), url, code, name) as kept:
-        resume = kept.token if kept is not None and not watch else None
+        asked = (seat,) if seat is not None else ()
+        resume = kept.token_for(asked) if kept is not None and not watch else None
         async with connect(url, name=name, kind="human", token=token, resume=resume) as client:
             game = await client.join(code, seat=seat, role=role)
+            if not watch and (back := came_back(client, game, kept)):
+                tell(printable(f"came back into {back}"), err=True)
             does = "watches" if watch else f"plays {game.seat}"
             tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)
             keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))

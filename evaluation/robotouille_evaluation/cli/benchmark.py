@@ -79,6 +79,13 @@ def run(
     datasets: Annotated[str, typer.Option(help="Which data sets; all if none are named.")] = "",
     tasks: Annotated[str, typer.Option(help="Which tasks; all if none are named.")] = "",
     kinds: Annotated[str, typer.Option(help="default, free, noisy.")] = "free",
+    seats: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Players of each team, where tasks leave it open; the usual number if left out.",
+        ),
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="How often each agent plays.")] = 1,
     budget: Annotated[
         Literal["own", "published"] | None,
@@ -163,7 +170,7 @@ def run(
     folder, used = _new_pack(out, pack)
     chosen = _instances(used, _words(datasets), _words(tasks), _words(kinds))
     if variant == "delay-free":
-        folder, used = (out / "pack").resolve(), _delay_free(used, chosen)
+        folder, used = (out / "pack").resolve(), _delay_free(used, chosen, seats)
         chosen = list(used.instances)
     parameters = {} if temperature is None else {"temperature": temperature}
     choice = ModelChoice(model, base_url, parameters, price, timeout, attempts)
@@ -176,6 +183,7 @@ def run(
             specs,
             chosen,
             seeds=range(seeds),
+            seats=seats,
             budget=budget,
             variant=variant or "",
             real_time=real_time,
@@ -253,14 +261,17 @@ def _new_pack(out: Path, folder: Path | None) -> tuple[Path, Pack]:
     return (out / "pack").resolve(), build_own_pack()
 
 
-def _delay_free(pack: Pack, chosen: Sequence[PackInstance]) -> Pack:
+def _delay_free(pack: Pack, chosen: Sequence[PackInstance], seats: int | None) -> Pack:
     """The same kitchens without delays, and how many steps they take, which is searched for."""
     from robotouille_evaluation.packs.delay_free import delay_free
 
     console = Console(stderr=True)
     with console.status("") as status:
         return delay_free(
-            pack, chosen, lambda done, total: status.update(f"planned {done} of {total} instances")
+            pack,
+            chosen,
+            lambda done, total: status.update(f"planned {done} of {total} instances"),
+            seats,
         )
 
 

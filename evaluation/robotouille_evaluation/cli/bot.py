@@ -12,7 +12,7 @@ from typing import Any
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
-from robotouille.protocol.messages import View
+from robotouille.protocol.messages import Kind, View
 from robotouille_client import Game
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_evaluation.agents.asking import Complete
@@ -56,6 +56,7 @@ class LanguageModelBot:
     seed: int = 0
     options: RealTimeOptions = field(default_factory=RealTimeOptions)
     control: Control = "each"
+    kind: Kind = "model"
     view: View = "both"
 
     @classmethod

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from contextlib import AsyncExitStack
 
 import typer
+from rich.console import Console
 
 from robotouille.errors import RobotouilleError
 from robotouille.program import printable, tell
 from robotouille_evaluation.cli.models import FATAL, MOCK, ModelChoice, open_model
 from robotouille_evaluation.cli.progress import RunProgress
 from robotouille_evaluation.cli.results import write_page
+from robotouille_evaluation.cli.run_table import run_table
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.models import Model
 from robotouille_evaluation.packs.pack import Pack
@@ -26,7 +28,8 @@ MAX_FATAL = 5
 
 
 def play(folder: RunFolder, pack: Pack, planned: Sequence[Job], workers: Workers) -> None:
-    """Play what is left, with progress; then report.
+    """Play what is left, with progress; then a table on stderr, and the report, whose path is told
+    on stdout.
 
     Raises:
         RobotouilleError: The run was stopped, or a model answers nobody.
@@ -45,6 +48,7 @@ def play(folder: RunFolder, pack: Pack, planned: Sequence[Job], workers: Workers
         except BaseExceptionGroup as group:
             raise _first(group) from None
     rows = folder.rows()
+    Console(stderr=True, highlight=False).print(run_table(rows))
     tell(str(write_page(rows, folder.path / "report")))
     _tell_of_errors(rows, folder)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import random
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
 
 from robotouille_evaluation.models.model import (
@@ -66,6 +66,8 @@ class AnswerForm(StrEnum):
     """All actions below `Plan:`."""
     CHAIN = "chain"
     """All actions, each with what it changes."""
+    JOINT = "joint"
+    """Reasoning, and below `Actions:` a line for each robot that is asked for."""
 
     @classmethod
     def asked_for(cls, request: ModelRequest) -> AnswerForm:
@@ -73,6 +75,8 @@ class AnswerForm(StrEnum):
         for role in ("user", "assistant"):
             first = next((m.content for m in request.messages if m.role == role), "")
             headings = {line.partition(":")[0] for line in first.splitlines() if ":" in line}
+            if {"Reasoning", "Actions"} <= headings:
+                return cls.JOINT
             if "Reasoning" in headings:
                 return cls.STEP
             if "Plan" in headings:
@@ -155,10 +159,12 @@ class SeededAnswers:
         if not actions:
             return "Reflection: Next time I shall start first what takes long."
         kind = rng.choices(list(self._kinds), list(self._kinds.values()))[0]
-        action = rng.choice(actions)
-        if kind is AnswerKind.PLAN:
-            action = self._plan(request) or action
-        return written(kind, action, rng.choice(actions), AnswerForm.asked_for(request))
+        form = AnswerForm.asked_for(request)
+        asked = _by_robot(actions) if form is AnswerForm.JOINT else {"": actions}
+        chosen = {robot: rng.choice(own) for robot, own in asked.items()}
+        if kind is AnswerKind.PLAN and (planned := self._plan(request)):
+            chosen[_robot(planned) if form is AnswerForm.JOINT else ""] = planned
+        return written(kind, tuple(chosen.values()), rng.choice(actions), form)
 
     def _draw(self, request: ModelRequest) -> str:
         digest = hashlib.sha256()
@@ -170,25 +176,46 @@ class SeededAnswers:
         return f"{self._seed}:{digest.hexdigest()}:{self._asked[key]}"
 
 
+def _robot(line: str) -> str:
+    """Whose action a line of a joint answer is."""
+    return line.partition(": ")[0]
+
+
+def _by_robot(lines: Iterable[str]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for line in lines:
+        found.setdefault(_robot(line), []).append(line)
+    return found
+
+
+def _wish(line: str, form: AnswerForm) -> str:
+    """An action in the middle of a sentence, without the robot's name before it."""
+    action = line.partition(": ")[2] if form is AnswerForm.JOINT else line
+    return f"{action[:1].lower()}{action[1:]}"
+
+
 def written(
-    kind: AnswerKind, action: str, other: str, form: AnswerForm = AnswerForm.STEP
+    kind: AnswerKind, chosen: Sequence[str], other: str, form: AnswerForm = AnswerForm.STEP
 ) -> Scripted:
-    """An answer of a kind and form around an action."""
+    """An answer of a kind and form around an action, or around those of several robots."""
     if kind is AnswerKind.EMPTY:
         return ModelError(ModelErrorKind.EMPTY, "an answer without text")
-    reasoning = f"Reasoning: I think that it is best to {action[:1].lower()}{action[1:]}."
+    wishes = ", and to ".join(_wish(line, form) for line in chosen)
+    reasoning = f"Reasoning: I think that it is best to {wishes}."
     if kind is AnswerKind.NO_ACTION:
         return reasoning
     if kind is AnswerKind.OTHER_LANGUAGE:
-        return f"Begründung: Das Beste ist nun dies.\nHandlung: {action}"
+        return "Begründung: Das Beste ist nun dies.\nHandlung: " + "\n".join(chosen)
     said = {
-        AnswerKind.WRONG_CASE: [action.upper()],
-        AnswerKind.FULL_STOP: [f"{action}."],
-        AnswerKind.SEVERAL: [action, other],
-        AnswerKind.IMPOSSIBLE: [f"{action} and then to the moon"],
-    }.get(kind, [action])
+        AnswerKind.WRONG_CASE: [line.upper() for line in chosen],
+        AnswerKind.FULL_STOP: [f"{line}." for line in chosen],
+        AnswerKind.SEVERAL: [*chosen, other],
+        AnswerKind.IMPOSSIBLE: [f"{line} and then to the moon" for line in chosen],
+    }.get(kind, chosen)
     if form is AnswerForm.PLAN:
         return "\n".join(["Plan:", *said])
+    if form is AnswerForm.JOINT:
+        return "\n".join([reasoning, "Actions:", *said])
     headed = [f"Action: {each}" for each in said]
     if form is AnswerForm.CHAIN:
         return "\n".join(f"{line}\nThen: it is done" for line in headed)

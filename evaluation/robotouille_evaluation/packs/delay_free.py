@@ -28,21 +28,29 @@ Progress = Callable[[int, int], None]
 """Called with the number of instances that are done, and of all."""
 
 
-def delay_free(pack: Pack, instances: Iterable[PackInstance], progress: Progress) -> Pack:
+def delay_free(
+    pack: Pack, instances: Iterable[PackInstance], progress: Progress, seats: int | None = None
+) -> Pack:
     """A pack of some instances without delays, with the shortest plans that a search finds.
 
     Plans for other numbers of players and published constants are left out: they are those of the
     kitchens with delays.
 
+    Args:
+        seats: How many players the plans are for; the usual number if None.
+
     Raises:
-        RobotouilleError: A delay of the domain cannot be set by problems.
+        RobotouilleError: A delay of the domain cannot be set by problems, or an instance is not
+            for so many players.
     """
     settings = _delay_settings(pack)
     chosen = tuple(instances)
+    if seats is not None:
+        pack.require_seats(chosen, seats)
     changed = []
     for number, instance in enumerate(chosen, start=1):
         bare = replace(instance, problem=_without_delays(instance.problem, settings), plans=())
-        changed.append(replace(bare, plans=tuple(_best(pack, bare, instance.best()))))
+        changed.append(replace(bare, plans=tuple(_best(pack, bare, instance.best(seats), seats))))
         progress(number, len(chosen))
     names = {instance.task for instance in chosen}
     tasks = tuple(
@@ -78,11 +86,14 @@ def _without_delays(problem: str, settings: Iterable[str]) -> str:
     return canonical_json({**raw, "config": {**raw.get("config", {}), **none}})
 
 
-def _best(pack: Pack, instance: PackInstance, earlier: KnownPlan | None) -> Iterator[KnownPlan]:
+def _best(
+    pack: Pack, instance: PackInstance, earlier: KnownPlan | None, seats: int | None
+) -> Iterator[KnownPlan]:
     """The shortest plan that a search finds, or the one for the kitchen with delays if that is
     shorter: waiting does no harm."""
-    world = World(pack.load(instance))
-    limits = Limits(expansions=max(1, EXPANSIONS // 50 ** (instance.seats - 1)))
+    world = World(pack.load(instance, seats=seats))
+    players = len(world.players)
+    limits = Limits(expansions=max(1, EXPANSIONS // 50 ** (players - 1)))
     *_, found = AnytimePlanner(world).search(world.initial, limits)
     plans = [] if found.plan is None else [found.plan]
     if earlier is not None:
@@ -91,4 +102,4 @@ def _best(pack: Pack, instance: PackInstance, earlier: KnownPlan | None) -> Iter
     if plans:
         best = min(plans, key=len)
         lines = tuple("; ".join(map(str, joint)) or "-" for joint in best)
-        yield KnownPlan(instance.seats, lines, found.bound)
+        yield KnownPlan(players, lines, found.bound)

@@ -44,6 +44,8 @@ InstanceKind = Literal["default", "free", "noisy"]
 """Where objects are: as the task has them; anywhere; or moved in groups, so that it is easier."""
 
 N = TypeVar("N")
+MAX_NAMED = 10
+"""Tasks that an error names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +270,22 @@ class Pack:
         source = f"{self.name}: {instance.id}"
         problem = validate(parse_json(instance.problem, source), ProblemFile, source)
         return build_task(instance.id, self._domain, problem, seats=seats, source=source)
+
+    def require_seats(self, instances: Iterable[PackInstance], seats: int) -> None:
+        """Raises RobotouilleError, which names the tasks, if some cannot be played by so many."""
+        refused: dict[str, str] = {}
+        for instance in instances:
+            task = self.load(instance)
+            possible = task.problem.seats or (task.seats,)
+            if seats not in possible:
+                refused[instance.task] = ", ".join(map(str, possible))
+        if refused:
+            named = [f"{task} (possible: {counts})" for task, counts in refused.items()]
+            more = f"; and {len(named) - MAX_NAMED} more" if len(named) > MAX_NAMED else ""
+            raise RobotouilleError(
+                f"{seats} players are not possible for {'; '.join(named[:MAX_NAMED])}{more}: "
+                "leave these tasks out"
+            )
 
     def plan(self, instance: PackInstance | str, world: World) -> Plan:
         """The shortest plan known of an instance, for as many players as its world has.

@@ -26,10 +26,17 @@ def by(rows: Iterable[EpisodeRow], key: Callable[[EpisodeRow], str]) -> Group:
 
 
 def named(rows: Sequence[EpisodeRow]) -> Group:
-    """Rows by player. Where packs, variants, kinds of instances, timings, budgets, or what the
-    world does meanwhile differ, they are groups of their own and named so: a mean over them would
-    say nothing."""
-    differing = [get for get in _SETTINGS if len({get(row) for row in rows}) > 1]
+    """Rows by player. Where packs, variants, kinds of instances, timings, budgets, what the world
+    does meanwhile, or the size of an instance's team differ, they are groups of their own and named
+    so: a mean over them would say nothing."""
+    played: dict[str, set[int]] = {}
+    for row in rows:
+        played.setdefault(row.instance, set()).add(row.seats)
+
+    def team(row: EpisodeRow) -> str:
+        return f"{row.seats} players" if len(played[row.instance]) > 1 else ""
+
+    differing = [get for get in (*_SETTINGS, team) if len({get(row) for row in rows}) > 1]
 
     def name(row: EpisodeRow) -> str:
         return " · ".join([row.player, *filter(None, (get(row) for get in differing))])

@@ -300,6 +300,7 @@ class _Episode:
             self._world,
             names,
             limit,
+            kind="model" if self._job.agent.kind == "model" else "bot",
             episode=self._job.id,
             answered=self._answered,
             undone=self._undone,

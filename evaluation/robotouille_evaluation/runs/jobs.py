@@ -140,10 +140,13 @@ def jobs(
 
     Raises:
         RobotouilleError: No number is known of which the budget could be made, two agents of
-            one name could not be told apart, or an agent cannot play under this control.
+            one name could not be told apart, an agent cannot play under this control, or a task
+            is not for so many seats.
     """
     agents, instances, seeds = tuple(agents), tuple(instances), tuple(seeds)
     _check_names(agents)
+    if seats is not None:
+        pack.require_seats(instances, seats)
     if control != "each":
         _check_control(control, pack, agents, real_time)
         if not any((each.seats if seats is None else seats) > 1 for each in instances):

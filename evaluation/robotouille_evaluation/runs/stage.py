@@ -14,6 +14,7 @@ from robotouille.episode.episode_state import Undone, nothing_undone
 from robotouille.episode.quota import MAX_NOTE
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.planning.policies import Did
+from robotouille.protocol.message_parts import Kind
 from robotouille.replay.model_calls import TOPIC, CallNotes
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.sentences import MAX_SENTENCE
@@ -122,6 +123,7 @@ class RecordedStage:
 
     Args:
         names: Who plays which player.
+        kind: What all of them are.
         answered: Is told each exchange with a model, as soon as it is over.
         undone: What chance takes back after each step.
         step_rate: Steps a second in real time; None where the world waits for its players.
@@ -133,6 +135,7 @@ class RecordedStage:
         names: Mapping[str, str],
         max_steps: int,
         *,
+        kind: Kind = "bot",
         step_rate: float | None = None,
         episode: str = "local",
         answered: Callable[[str, Exchange], None] | None = None,
@@ -151,7 +154,7 @@ class RecordedStage:
         self._notes = {player: CallNotes() for player in world.players}
         self._names = names
         for player in world.players:
-            self._episode.join(player, names[player], "bot", self._now)
+            self._episode.join(player, names[player], kind, self._now)
 
     @property
     def state(self) -> State:

@@ -21,6 +21,7 @@ from robotouille_evaluation.packs.store import read_pack, write_pack
 from robotouille_evaluation.runs import RunFolder
 
 SANDWICH = "synchronous/01_cheese_sandwich"
+TEAM = "multi_agent/01_lettuce_burger"
 MODEL = ["--tasks", SANDWICH, "--kinds", "default", "--agents", "react-none"]
 
 
@@ -45,6 +46,12 @@ def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
     assert first.exit_code == 0, first.output
     (row,) = RunFolder(run).rows()
     assert row.agent == "react-none (mock)"
+    assert first.stdout == f"{run / 'report' / 'report.html'}\n"
+    told = [line.split() for line in first.stderr.splitlines()]
+    assert ["agent", "episodes", "success", "errors"] in [
+        [word for word in line if word not in ("steps", "/", "optimum")] for line in told
+    ]
+    assert any(line[:3] == ["react-none", "(mock)", "1"] for line in told)
     before = {p: p.read_bytes() for p in run.rglob("*") if p.is_file()}
     again = called("run", run, *MODEL)
     assert again.exit_code == 1
@@ -52,6 +59,17 @@ def test_a_run_is_played_and_not_written_over(tmp_path: Path) -> None:
     assert {p: p.read_bytes() for p in run.rglob("*") if p.is_file()} == before
     assert called("resume", run).exit_code == 0
     assert (run / "rows.jsonl").read_bytes() == before[run / "rows.jsonl"]
+
+
+@pytest.mark.parametrize("variant", [[], ["--variant", "delay-free"]])
+def test_a_team_has_as_many_players_as_one_says(tmp_path: Path, variant: list[str]) -> None:
+    words = ["--tasks", TEAM, "--kinds", "default", "--agents", "react-none", "--seats", "3"]
+    result = called("run", tmp_path / "run", *words, *variant)
+    assert result.exit_code == 0, result.output
+    (row,) = RunFolder(tmp_path / "run").rows()
+    assert row.seats == 3
+    assert row.optimum.steps is not None, "the plan is one for three"
+    assert called("resume", tmp_path / "run").exit_code == 0
 
 
 def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
@@ -75,6 +93,10 @@ def test_a_run_in_real_time_says_how(tmp_path: Path) -> None:
         (["--clock", "realtime", "--charge", "token:3"], "expected wall, tokens:MILLISECONDS"),
         (["--helper", "planner"], "--helper is for --clock realtime"),
         (["--digest-tokens", "9"], "--digest-tokens is for --clock realtime"),
+        (["--seats", "5", "--tasks", f"{TEAM},{SANDWICH}"],
+          f"5 players are not possible for {SANDWICH} (possible: 1); {TEAM} (possible: 2, 3, 4)"),
+        (["--seats", "3"], "; and "),
+        (["--seats", "2", "--variant", "delay-free", "--tasks", SANDWICH], "2 players are not"),
         (["--kinds", "tidy"], "no kind of instance 'tidy'"),
         (["--tasks", "synchronous/99"], "synchronous/99"),
         (["--pack", "nowhere"], "nowhere"),

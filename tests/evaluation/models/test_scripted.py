@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from functools import cache
 
 import pytest
 
-from robotouille import World
+from robotouille import World, load_task
 from robotouille_evaluation.agents import Observation
-from robotouille_evaluation.agents.making import OWN_STRATEGIES, own_strategy
+from robotouille_evaluation.agents.making import OWN_STRATEGIES, own_strategy, team_strategy
+from robotouille_evaluation.agents.proposal import Exchange, Proposal
+from robotouille_evaluation.agents.teams.joint import Joint
 from robotouille_evaluation.models import (
     AnswerForm,
     AnswerKind,
@@ -101,6 +104,7 @@ def test_a_plan() -> None:
         ("Answer so:\nReasoning: why\nAction: what", AnswerForm.STEP),
         ("Answer so:\nPlan:\nall of it", AnswerForm.PLAN),
         ("Answer so:\nAction: what\nThen: what changes", AnswerForm.CHAIN),
+        ("Answer so:\nReasoning: why\nActions:\na line for each", AnswerForm.JOINT),
         ("Do as you like", AnswerForm.STEP),
     ],
 )
@@ -114,6 +118,7 @@ def test_it_answers_in_the_form_that_is_asked_for(instructions: str, form: Answe
         AnswerForm.STEP: "Reasoning: ",
         AnswerForm.PLAN: "Plan:\n",
         AnswerForm.CHAIN: "Action: ",
+        AnswerForm.JOINT: "Reasoning: ",
     }
     assert said.startswith(heads[form])
     assert any(action in said for action in ACTIONS)
@@ -133,3 +138,34 @@ def test_no_strategy_finds_it_malformed(name: str) -> None:
     proposal = stop.value.value
     assert proposal.actions and set(proposal.actions) <= set(valid)
     assert not any(exchange.verdict.rejected for exchange in proposal.exchanges)
+
+
+def joint_answer(kind: AnswerKind, seed: int) -> tuple[list[Exchange], dict[str, Proposal]]:
+    """What a team of three is told to do, and what the model was asked for it."""
+    state = World(load_task("multi_agent/01", seats=3)).initial
+    seen = {
+        player: Observation(
+            state.text_view(player), tuple(a.sentence for a in state.actions(player)), player, state
+        )
+        for player in ("robot1", "robot3")
+    }
+    strategy = team_strategy(own_pack(), "react-last-reasoning-action", "multi_agent", "joint")
+    model = ScriptedModel(SeededAnswers(seed, {kind: 1}))
+    taken: dict[str, Proposal] = {}
+    asyncio.run(Joint(strategy, model.complete).propose(seen, taken.__setitem__))
+    return list(taken["robot1"].exchanges), taken
+
+
+@pytest.mark.parametrize("kind", [k for k in AnswerKind if k is not AnswerKind.EMPTY])
+def test_a_joint_answer_has_a_line_for_each_robot_that_is_asked_for(kind: AnswerKind) -> None:
+    exchanges, taken = joint_answer(kind, 3)
+    assert set(taken) == {"robot1", "robot3"}
+    usable = {AnswerKind.PLAN, AnswerKind.RANDOM, AnswerKind.WRONG_CASE, AnswerKind.FULL_STOP}
+    if kind not in usable | {AnswerKind.SEVERAL}:
+        assert all(exchange.verdict.rejected for exchange in exchanges)
+        return
+    assert [exchange.verdict.rejected for exchange in exchanges] == [False]
+    assert all(player in taken[player].actions[0] for player in taken)
+    assert "Reasoning" not in exchanges[0].action
+    if kind in usable:
+        assert len(exchanges[0].action.splitlines()) == 2

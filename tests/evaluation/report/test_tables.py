@@ -179,3 +179,13 @@ def test_worlds_that_go_on_are_never_mixed_with_those_that_wait() -> None:
     assert line.cells[2:] == ("100 % (3–100)", "2", "2", "50 %", "3", "1")
     assert not real_time([waiting]).lines
     assert not comparisons([waiting, quick]).lines
+
+
+def test_teams_of_different_size_on_one_instance_are_groups_of_their_own() -> None:
+    rows = [
+        row(),
+        row(dataset="multi_agent", instance="team", seats=2),
+        row(dataset="multi_agent", instance="team", seats=3),
+    ]
+    assert list(named(rows)) == ["planner", "planner · 2 players", "planner · 3 players"]
+    assert list(named(rows[:2])) == ["planner"], "who plays alone is no other team"

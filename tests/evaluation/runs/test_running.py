@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.errors import FileError, RobotouilleError
+from robotouille.replay.controllers import controllers
 from robotouille.replay.recording import read_recording
 from robotouille_evaluation.metrics.rows import EpisodeRow, PackId
 from robotouille_evaluation.models import (
@@ -87,6 +88,7 @@ def test_an_episode_is_a_row_and_a_recording(tmp_path: Path, kind: str, task: st
     assert recording.verify().identical
     assert recording.outcome is not None
     assert (recording.outcome["reason"] == "goal") == row.outcome.success
+    assert set(controllers(recording)[1].values()) == {"bot"}
     if kind == "scripted" and row.seats == 1:  # In lockstep nobody steps onto what is just left.
         assert row.outcome.steps == row.optimum.steps
 
@@ -99,7 +101,9 @@ def test_a_model_plays_and_what_it_said_is_counted(tmp_path: Path) -> None:
     assert row.usage.prompt_tokens > 1000
     assert row.strategy == "react-last-reasoning-action"
     assert row.recording is not None
-    (seat,) = read_recording(tmp_path / row.recording).outcome["seats"]
+    recording = read_recording(tmp_path / row.recording)
+    assert controllers(recording)[1] == {"robot1": "model"}
+    (seat,) = recording.outcome["seats"]
     assert (seat["invalid"], seat["malformed"]) == (row.counts.invalid, row.counts.malformed)
     assert row.counts.malformed > 0
     assert play(folder, job, None) == row.model_copy(update={"seconds": 1.0}), "nobody is asked"

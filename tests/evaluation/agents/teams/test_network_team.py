@@ -13,6 +13,7 @@ import pytest
 
 from robotouille import World
 from robotouille.errors import RobotouilleError
+from robotouille.replay.controllers import controllers
 from robotouille.replay.model_calls import model_calls
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
@@ -109,7 +110,25 @@ def test_the_bot_of_the_command_line_takes_several_seats(
     (file,) = tmp_path.glob("*.rbt")
     recording = read_recording(file)
     assert {call.player for call in model_calls(recording)} >= {"robot1"}
+    assert controllers(recording)[1] == {"robot1": "model", "robot2": "model"}
     assert recording.verify().identical
+
+
+@pytest.mark.parametrize("seats", ["robot1,robot2", "robot2,robot7"])
+def test_seats_that_cannot_be_taken_say_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seats: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="host") as host:
+            opened = await host.create(TEAM, clock="lockstep")
+            await host.join(opened.code, seat="robot1")
+            several = tuple(seats.split(","))
+            with pytest.raises(RobotouilleError, match="the others in the game wait: take"):
+                await _run(server.url, "m", None, opened.code, None, mock("joint"), seats=several)
+
+    run(main())
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
