@@ -48,7 +48,11 @@ export async function conversation({ url, subprotocol, create, seats, plan }) {
     states.push(facts.names());
   }
   const outcome = (await first(eve, "ended")).outcome;
+  await ada.ask({ type: "get_rendering", ref: 8 }, "rendering");
+  await ada.ask({ type: "get_picture", ref: 9, digest: "0".repeat(64) }, "picture");
   await bob.ask({ type: "leave", ref: 8 }, "left");
+  const unused = await bob.ask({ type: "create", ref: 9, ...create }, "created");
+  await bob.ask({ type: "close", ref: 10, episode: unused.episode }, "closed");
   const again = await Session.open(url, [subprotocol]);
   const { resume } = await first(eve, "welcome");
   const welcome = await again.hello("eve", { resume });

@@ -20,7 +20,11 @@ pytestmark = pytest.mark.process
 TASK = "multi_agent/09_two_lettuce_cheeseburgers@2"
 """Its plan can be played in seat order, each action valid when it is sent."""
 CREATE = {"task": TASK, "clock": "lockstep", "seed": 7, "max_steps": 200, "move_budget": 600.5}
-ELSEWHERE = {"moved": "with several worker processes", "notice": "when an operator says it"}
+ELSEWHERE = {
+    "moved": "with several worker processes",
+    "notice": "when an operator says it",
+    "picture": "where a server has kitchens of its own",
+}
 """Types that this conversation does not bring about."""
 
 PRIVATE = ("session", "resume", "episode", "code")

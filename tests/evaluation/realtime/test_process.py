@@ -19,7 +19,7 @@ OPTIONS = ["--helper", "planner", "--late", "revalidate", "--digest-tokens", "50
 
 
 @pytest.mark.process
-@pytest.mark.slow
+@pytest.mark.nightly
 async def test_a_model_and_its_helper_finish_a_game(tmp_path: Path) -> None:
     with server_process(tmp_path) as server:
         async with connect(server.url, name="host") as client:
