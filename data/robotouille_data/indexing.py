@@ -6,6 +6,7 @@ import gc
 import multiprocessing
 import os
 import signal
+import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -115,7 +116,7 @@ def _recordings(root: str) -> Iterator[File]:
                 status = path.lstat()
             except FileNotFoundError:  # It has just been closed, and has another name.
                 continue
-            if path.is_file() and not path.is_symlink():
+            if stat.S_ISREG(status.st_mode):
                 yield str(path), Stamp(status.st_size, status.st_mtime_ns)
 
 

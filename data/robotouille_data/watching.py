@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event
@@ -48,7 +47,7 @@ def watch(
         try:
             found = index(url, folders, jobs=jobs)
         except UnavailableError as error:
-            pause = min(MAX_PAUSE, 2.0**failed) * random.uniform(0.75, 1.0)
+            pause = min(MAX_PAUSE, 2.0**failed)
             failed += 1
             trouble(str(error), pause)
             stop.wait(pause)

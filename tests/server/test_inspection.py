@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.protocol import messages
-from robotouille_server.rooms.recordings.inspection import LOOK_SECONDS
+from robotouille_server.rooms.lobby import INSPECTION_SECONDS
 from robotouille_server.rooms.recordings.journal import Journal
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -39,7 +39,7 @@ def test_a_file_that_a_thread_closes_is_not_looked_at(
 
             monkeypatch.setattr(Journal, "look", look_and_end_the_others)
             shutil.rmtree(folder)
-            await asyncio.sleep(LOOK_SECONDS + 1)
+            await asyncio.sleep(INSPECTION_SECONDS + 1)
             await server.lobby.closed()
             assert len(looked) == 1
             assert [file.name for file in folder.iterdir()] == [looked[0].name]

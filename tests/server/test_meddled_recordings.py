@@ -19,7 +19,7 @@ from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client import Game, connect
 from robotouille_server import Server
-from robotouille_server.rooms.recordings.inspection import LOOK_SECONDS
+from robotouille_server.rooms.lobby import INSPECTION_SECONDS
 from robotouille_server.rooms.recordings.storage import Appender, FileCondition, Folder
 from robotouille_server.rooms.room import Room
 from tests.support.servers import crash, serving
@@ -59,7 +59,7 @@ class TestRemoved:
             async with serving(folder) as server, playing(server) as (game, room, file):
                 before = game.step
                 shutil.rmtree(folder)
-                await asyncio.sleep(LOOK_SECONDS + 1)
+                await asyncio.sleep(INSPECTION_SECONDS + 1)
                 assert Recording(file.read_bytes()).length > before, "written anew, whole"
                 with pytest.raises(BlockingIOError):
                     Folder(folder).resume(file.name)
@@ -98,14 +98,14 @@ class TestRemoved:
                 async with playing(server) as (game, room, file):
                     disk.full = True
                     file.unlink()
-                    await asyncio.sleep(LOOK_SECONDS + 1)
+                    await asyncio.sleep(INSPECTION_SECONDS + 1)
                     assert "removed" in room.problem
                     assert "No space left" in room.problem
                     step = game.step
                     await asyncio.sleep(2)
                     assert game.step > step
                     disk.full = False
-                    await asyncio.sleep(LOOK_SECONDS + 1)
+                    await asyncio.sleep(INSPECTION_SECONDS + 1)
                     assert room.problem == ""
                     assert file.exists()
                     await end(server, room)
@@ -123,7 +123,7 @@ class TestCutShort:
                 step = game.step
                 while game.step < step + 2:  # What comes then makes the file long again.
                     await asyncio.sleep(0.1)
-                await asyncio.sleep(LOOK_SECONDS + 1)
+                await asyncio.sleep(INSPECTION_SECONDS + 1)
                 assert "cut" in room.problem
                 await end(server, room)
                 assert "not closed" in room.problem

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Set
 from pathlib import Path
 
 import pytest
@@ -11,10 +10,9 @@ import pytest
 from robotouille.replay import read_recording
 from robotouille_server.rooms.seats.round_trips import (
     LOOK_SECONDS,
-    MeasuredRoom,
     RoundTrips,
-    RoundTripWatch,
 )
+from robotouille_server.runtime.rounds import Rounds
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -46,8 +44,7 @@ class Room:
 def test_each_room_is_looked_at_in_a_turn_of_its_own() -> None:
     async def main() -> None:
         rooms = [Room() for _ in range(3)]
-        live: Set[MeasuredRoom] = set(rooms)
-        watch = RoundTripWatch(live)
+        watch = Rounds(set(rooms), LOOK_SECONDS, Room.record_round_trips)
         watch.begin()
         watch.begin()
         await asyncio.sleep(LOOK_SECONDS * 2.5)

@@ -100,7 +100,7 @@ def list_(
     found = _with_client(url, token, lambda client: client.episodes(labels, closed=closed))
     if found:
         write_table(map(listed_row, found), out, secret=False)
-    tell(f"{len(found)} episodes", err=True)
+    tell(f"{len(found)} episode{'s' * (len(found) != 1)}", err=True)
 
 
 @episodes.command()

@@ -25,19 +25,19 @@ from robotouille_server.rooms.listing import (
 )
 from robotouille_server.rooms.recordings import (
     ArchivedEpisode,
-    Inspection,
     Journal,
     Recovery,
     Storage,
     file_name,
 )
 from robotouille_server.rooms.room import Room, RoomHost
-from robotouille_server.rooms.seats.round_trips import RoundTripWatch
+from robotouille_server.rooms.seats.round_trips import LOOK_SECONDS
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorker
 from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
+from robotouille_server.runtime.rounds import Rounds
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.task_folder import TaskFolder, read_task_folder
 from robotouille_server.runtime.timer_queue import TimerQueue
@@ -47,6 +47,9 @@ __all__ = ["CODE_LENGTH", "Lobby"]
 
 CODE_LENGTH = 10
 LINGER_SECONDS = 120.0
+
+INSPECTION_SECONDS = 5.0
+"""From the end of one look at all open recordings to the next one."""
 
 
 class Lobby:
@@ -94,8 +97,8 @@ class Lobby:
             TimerQueue(),
             self._bot_scheduler,
         )
-        self._inspection = Inspection(self._live)
-        self._round_trips = RoundTripWatch(self._live)
+        self._inspection = Rounds(self._live, INSPECTION_SECONDS, _inspect)
+        self._round_trips = Rounds(self._live, LOOK_SECONDS, Room.record_round_trips)
         self._recovery: Recovery[Room] | None = None
         if storage is not None:
             now, seconds = self._host.timers.time, settings.recovery_seconds
@@ -461,6 +464,11 @@ def _check_players(treatments: Iterable[str], players: Collection[str]) -> None:
         if player not in players:
             message = f"no seat {player!r}; there are {', '.join(players)}"
             raise ProtocolError("seat/unknown", message, "treatments")
+
+
+def _inspect(room: Room) -> bool:
+    """Whether somebody has removed or cut the file that is written, which is mended."""
+    return room.journal is not None and room.journal.look()
 
 
 def _finish(journal: Journal, *, kept: bool) -> str:
