@@ -8,11 +8,7 @@ from pathlib import Path
 import pytest
 
 from robotouille.replay import read_recording
-from robotouille_server.rooms.seats.round_trips import (
-    LOOK_SECONDS,
-    RoundTrips,
-)
-from robotouille_server.runtime.rounds import Rounds
+from robotouille_server.rooms.seats.round_trips import RoundTrips
 from tests.support.servers import raw, serving
 from tests.support.virtual_time import run
 
@@ -30,30 +26,6 @@ def test_what_has_changed_enough_is_recorded(course: list[float], recorded: list
     trips = RoundTrips()
     assert [seconds for seconds in course if trips.changed("robot1", seconds)] == recorded
     assert trips.changed("robot2", course[-1])
-
-
-class Room:
-    def __init__(self) -> None:
-        self.asked: list[float] = []
-
-    def record_round_trips(self) -> bool:
-        self.asked.append(asyncio.get_running_loop().time())
-        return True
-
-
-def test_each_room_is_looked_at_in_a_turn_of_its_own() -> None:
-    async def main() -> None:
-        rooms = [Room() for _ in range(3)]
-        watch = Rounds(set(rooms), LOOK_SECONDS, Room.record_round_trips)
-        watch.begin()
-        watch.begin()
-        await asyncio.sleep(LOOK_SECONDS * 2.5)
-        watch.stop()
-        assert [len(room.asked) for room in rooms] == [2, 2, 2]
-        await asyncio.sleep(LOOK_SECONDS * 2)
-        assert [len(room.asked) for room in rooms] == [2, 2, 2]
-
-    run(main())
 
 
 def test_a_recording_says_what_time_it_was_and_how_far_away_the_players_were(

@@ -17,7 +17,7 @@ from tests.support.virtual_time import run
 
 LABELS = {"condition": "bot", "pair": "p7"}
 CREATE = {"type": "create", "task": "multi_agent/01", "open_for": 86_400.0, "labels": LABELS}
-DAY = 86_400.0
+HOUR, DAY = 3_600.0, 86_400.0
 
 
 class Wall:
@@ -39,11 +39,11 @@ def test_a_code_outlives_a_restart_and_is_closed_when_its_time_is_over(tmp_path:
         wall = Wall()
         async with serving(tmp_path, wall=wall) as first, opened(first) as lab:
             await host(lab, minted(first, Role.HOST, seconds=10 * DAY))
-            study = {"chat": "off", "treatments": {"robot2": {"delay_ms": 40}}}
+            study = {"open_for": HOUR, "chat": "off", "treatments": {"robot2": {"delay_ms": 40}}}
             code = (await lab.ask({**CREATE, **study}, "created"))["code"]
-            await asyncio.sleep(3600.0)
+            await asyncio.sleep(300.0)
             await crash(first)
-        wall.now += DAY / 2
+        wall.now += HOUR / 2
         async with serving(tmp_path, seed=2, wall=wall) as second, opened(second) as lab:
             await host(lab, minted(second, Role.HOST, seconds=10 * DAY))
             (listed,) = (await lab.ask({"type": "list"}, "episodes"))["episodes"]
@@ -52,8 +52,8 @@ def test_a_code_outlives_a_restart_and_is_closed_when_its_time_is_over(tmp_path:
             episode = second.lobby.find(code).episode
             assert episode.rules.chat == "off"
             assert episode.seat("robot2").treatment.delay_ms == 40
-            assert listed["closes"] == pytest.approx(DAY / 2, abs=20.0)
-            await asyncio.sleep(DAY / 2 + 300.0)
+            assert listed["closes"] == pytest.approx(HOUR / 2, abs=20.0)
+            await asyncio.sleep(HOUR / 2 + 300.0)
             late = await lab.ask({"type": "join", "episode": code}, "joined")
             assert late["code"] == "episode/over"
             assert "nobody came" in late["message"]
