@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ from robotouille_client.cli.episode_table import (
     write_table,
 )
 from robotouille_client.cli.main import app
+from tests.support.server_process import server_process
 
 TABLE = """task,clock,seats,label.condition,label.pair,shown_as.robot2,delay_ms.robot1,chat,phrases
 multi_agent/01,realtime,2,bot,p1,human,250,phrases,Yes|No
@@ -82,3 +85,24 @@ def test_what_was_written_names_what_to_close(tmp_path: Path) -> None:
     assert closed_codes(path) == ["A", "B"]
     with pytest.raises(TableError, match="no column 'code'"):
         closed_codes(table(tmp_path, "task\nx\n"))
+
+
+@pytest.mark.process
+def test_the_line_that_a_server_refuses_is_named(tmp_path: Path) -> None:
+    path = table(tmp_path, "task,label.pair\nmulti_agent/01,p1\nmulti_agent/none,p2\n")
+    opened, listed = tmp_path / "opened.csv", tmp_path / "listed.csv"
+    with server_process(tmp_path) as server:
+        where = ["--url", server.url]
+        refused = CliRunner().invoke(
+            app, ["episodes", "open", str(path), "--out", str(opened), *where]
+        )
+        CliRunner().invoke(app, ["episodes", "list", "--out", str(listed), *where])
+    assert refused.exit_code == 1
+    assert "line 3: " in refused.stderr
+    assert "multi_agent/none" in refused.stderr
+    assert "1 of 2 are open, and written" in refused.stderr
+    (first,) = csv.DictReader(opened.read_text("utf-8").splitlines())
+    rows = list(csv.DictReader(listed.read_text("utf-8").splitlines()))
+    (found,) = [row for row in rows if row["code"] == first["code"]]
+    assert found["label.pair"] == first["label.pair"] == "p1"
+    assert datetime.fromisoformat(found["closes"]) > datetime.now(UTC)

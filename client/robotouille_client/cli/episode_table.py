@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import IO, Any
 
@@ -139,8 +140,11 @@ def _number(kind: type[int] | type[float], name: str, value: str) -> float:
         raise TableError(f"{name}: {value!r} is no number") from None
 
 
-def listed_row(info: messages.EpisodeInfo) -> dict[str, Any]:
-    """An episode of a list as a row."""
+def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
+    """An episode of a list, which was asked for `now`, as a row; it closes at a time in UTC."""
+    closes = ""
+    if info.closes is not None:
+        closes = (now + timedelta(seconds=info.closes)).strftime("%Y-%m-%dT%H:%M:%SZ")
     seats = (f"{seat.player}: {seat.name}" for seat in info.seats if seat.name)
     return {
         "code": info.code,
@@ -153,7 +157,7 @@ def listed_row(info: messages.EpisodeInfo) -> dict[str, Any]:
         "seats": "; ".join(seats),
         "spectators": info.spectators,
         "created": info.created,
-        "closes": "" if info.closes is None else info.closes,
+        "closes": closes,
         "reason": info.reason,
         "detail": info.detail,
         **{f"label.{name}": value for name, value in info.labels.items()},

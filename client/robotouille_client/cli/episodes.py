@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
 
-from robotouille.errors import RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.program import printable, tell
 from robotouille.protocol import messages
 from robotouille_client.cli.episode_table import (
@@ -71,7 +72,14 @@ def open_(
             told = {"code": created.code, "episode": created.episode, **signed}
             opened.append({**rows[at], **told})
 
-        await _each(requests, lambda request: _create(client, request), noted, "opened")
+        async def create(line: int, request: messages.Create) -> messages.Created:
+            try:
+                return await _create(client, request)
+            except ProtocolError as error:
+                raise TableError(f"{table}: line {line}: {explain(error)}") from None
+
+        lines = list(enumerate(requests, 2))
+        await _each(lines, lambda row: create(*row), noted, "opened")
 
     try:
         _with_client(url, token, open_all)
@@ -99,7 +107,8 @@ def list_(
     labels = _labels(label)
     found = _with_client(url, token, lambda client: client.episodes(labels, closed=closed))
     if found:
-        write_table(map(listed_row, found), out, secret=False)
+        now = datetime.now(UTC)
+        write_table([listed_row(one, now) for one in found], out, secret=False)
     tell(f"{len(found)} episode{'s' * (len(found) != 1)}", err=True)
 
 
