@@ -10,6 +10,7 @@ import pytest
 
 from robotouille import GroundAction, State, Timing, World, load_task
 from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import FarewellView, PauseView, View
 from robotouille_client.window.window import Window
 
@@ -321,3 +322,43 @@ def test_another_world_in_the_same_window(window: Window, source: Script) -> Non
     window.frame(other)
     assert other.acted == ["walk anvil1 fitter1 trestle2"]
     assert dataclasses.is_dataclass(other.view())
+
+
+class Ruler:
+    """A strip of three lines that takes clicks, and the key S."""
+
+    lines = 3.0
+
+    def __init__(self) -> None:
+        self.areas: list[pygame.Rect] = []
+        self.clicks = 0
+
+    def draw(
+        self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int, view: View
+    ) -> None:
+        target.fill("red", area)
+        self.areas.append(area)
+
+    def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
+        if event.type == pygame.MOUSEBUTTONDOWN and area.collidepoint(event.pos):
+            self.clicks += 1
+            return True
+        return event.type == pygame.KEYDOWN and event.key == pygame.K_s
+
+
+def test_a_strip_has_room_of_its_own_and_is_asked_first() -> None:
+    source, ruler = Script(World(load_task("synchronous/01"))), Ruler()
+    window = Window(SIZE, headless=True, strip=ruler)
+    window.frame(source)
+    (area,) = ruler.areas
+    plan = layout(SIZE, source.world.task.problem.width, source.world.task.problem.height, 3.0)
+    assert area == plan.strip
+    assert area.height == 3 * plan.text
+    assert plan.kitchen.bottom <= area.top
+    assert area.right == plan.panel.left
+    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=area.center, button=1))
+    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_s, unicode="s", mod=0))
+    window.frame(source)
+    assert ruler.clicks == 1
+    assert not source.acted
+    window.close()

@@ -18,6 +18,7 @@ from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
@@ -36,8 +37,9 @@ class Window:
     """One pygame window.
 
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
-    itself, e.g. pause a recording. `look` is that of a kitchen which is not installed. `clock` and
-    `sleep` are injected for tests.
+    itself, e.g. pause a recording. `look` is that of a kitchen which is not installed. A `strip` is
+    drawn below the kitchen, and asked first about each event. `clock` and `sleep` are injected for
+    tests.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Window:
         screenshots: Path | None = None,
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
         look: KitchenLook | None = None,
+        strip: Strip | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -64,7 +67,10 @@ class Window:
         self._clock = clock
         self._sleep = sleep
         self._look = look
-        self._painter = Painter(look.rendering, look.pictures) if look else Painter()
+        self._strip = strip
+        self._painter = Painter(
+            look.rendering if look else None, look.pictures if look else None, strip
+        )
         self._chat = ChatLine()
         self._controls: Controls | None = None
         self._help = False
@@ -183,6 +189,8 @@ class Window:
     def _handle(self, event: pygame.Event, source: Source, view: View) -> None:
         if event.type == pygame.QUIT:
             self.closed = True
+        elif self._taken_by_strip(event, view):
+            return
         elif event.type == pygame.MOUSEMOTION:
             self._pointer = event.pos
         elif event.type == pygame.WINDOWLEAVE:
@@ -194,6 +202,12 @@ class Window:
             self._chat.text(event.text)
         elif event.type == pygame.KEYDOWN:
             self._key(event.key, source, view)
+
+    def _taken_by_strip(self, event: pygame.Event, view: View) -> bool:
+        if self._strip is None or self._surface is None or self._chat.typed is not None:
+            return False
+        area = self._painter.layout(self._surface.get_size(), view.world).strip
+        return self._strip.handle(event, area)
 
     def _click(self, button: Button | None, source: Source, view: View) -> None:
         target, me = self._target(view), view.me

@@ -66,13 +66,13 @@ class Notices:
         size = layout.text
         words = self._text.fit(prompt, size, layout.panel.left - 4 * size)
         plate = pill(self._text.line(words, size, TEXT), (*INK, 235))
-        middle = (layout.kitchen.centerx, layout.size[1] - 8)
+        middle = (layout.kitchen.centerx, layout.strip.top - 8)
         target.blit(plate, plate.get_rect(midbottom=middle))
 
     def _typing(self, target: pygame.Surface, layout: Layout, typed: str) -> None:
         size = layout.text
         area = pygame.Rect(8, 0, layout.panel.left - 16, size * 2 + 4)
-        area.bottom = layout.size[1] - 8
+        area.bottom = layout.strip.top - 8
         target.blit(box(area.size, PAPER, 8, INK), area)
         text = f"Say: {typed}|"
         while self._text.width(text, size) > area.width - 2 * size and len(text) > 8:

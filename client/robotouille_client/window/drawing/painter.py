@@ -19,6 +19,7 @@ from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import Stage
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import View
 
 __all__ = ["Painter", "paint"]
@@ -33,13 +34,18 @@ class Painter:
     Args:
         rendering: In place of the one that belongs to the domain.
         pictures: A folder in which they are looked for first.
+        strip: What is drawn below the kitchen.
     """
 
     def __init__(
-        self, rendering: RenderingFile | None = None, pictures: Path | None = None
+        self,
+        rendering: RenderingFile | None = None,
+        pictures: Path | None = None,
+        strip: Strip | None = None,
     ) -> None:
         self._rendering = rendering
         self._pictures = () if pictures is None else (pictures,)
+        self._strip = strip
         self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
@@ -59,12 +65,15 @@ class Painter:
         self._overlays.draw(surface, place, view, stage, poses, ui_overlay=ui_overlay)
         self._interruptions.draw(surface, place, view)
         self._panel.draw(surface, place, view)
+        if self._strip is not None:
+            self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._notices.draw(surface, place, view, ui_overlay)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
         """Where things are on a surface of a size."""
         problem = world.task.problem
-        return layout(size, problem.width, problem.height)
+        lines = 0.0 if self._strip is None else self._strip.lines
+        return layout(size, problem.width, problem.height, lines)
 
     def stage(self, state: State) -> Stage:
         """What there is to draw of a state; the newest few are kept."""

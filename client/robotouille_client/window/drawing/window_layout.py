@@ -17,7 +17,8 @@ _WALL = 1.0
 
 @dataclass(frozen=True)
 class Layout:
-    """The kitchen's grid of square tiles, with a row of wall above it, and the panel beside it."""
+    """The kitchen's grid of square tiles, with a row of wall above it, the panel beside it, and the
+    strip below it, which may have no height."""
 
     size: tuple[int, int]
     columns: int
@@ -26,6 +27,7 @@ class Layout:
     left: int
     top: int
     panel: pygame.Rect
+    strip: pygame.Rect
     text: int
 
     @property
@@ -54,15 +56,18 @@ class Layout:
 
 
 @lru_cache(maxsize=64)
-def layout(size: tuple[int, int], columns: int, rows: int) -> Layout:
-    """The largest tiles that leave room for a readable panel."""
+def layout(size: tuple[int, int], columns: int, rows: int, strip_lines: float = 0.0) -> Layout:
+    """The largest tiles that leave room for a readable panel, and for a strip of some lines."""
     width, height = max(size[0], 160), max(size[1], 120)
     text = max(11, min(22, height // 45, width // 60))
     panel = min(round(text * 18.5), width * 2 // 5)
-    room_x, room_y = width - panel - 2 * _MARGIN, height - 2 * _MARGIN - text * 3 // 2
+    strip = round(strip_lines * text)
+    room_x = width - panel - 2 * _MARGIN
+    room_y = height - strip - 2 * _MARGIN - text * 3 // 2
     tile = max(8, min(room_x // columns, int(room_y / (rows + _WALL))))
     left = _MARGIN + (room_x - tile * columns) // 2
     used = round((rows + _WALL) * tile)
     top = _MARGIN + (room_y - used) // 2 + round(_WALL * tile)
     side = pygame.Rect(width - panel, 0, panel, height)
-    return Layout((width, height), columns, rows, tile, left, top, side, text)
+    below = pygame.Rect(0, height - strip, width - panel, strip)
+    return Layout((width, height), columns, rows, tile, left, top, side, below, text)
