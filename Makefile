@@ -13,7 +13,7 @@ SEEDS ?= 0:2000
 HOSTILE ?= 1000000
 AGREEMENT ?= 10000000
 
-.PHONY: help demo test test-all nightly check docs bench format clean
+.PHONY: help install demo test test-all nightly check docs bench format clean
 
 help:  ## This list
 	@sed -nE 's/^([a-z-]+):.*## (.*)/\1|\2/p' $(MAKEFILE_LIST) | \
@@ -26,6 +26,8 @@ $(STAMP): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]' --group dev
 	@touch $@
+
+install: $(STAMP)  ## All that the others need, into .venv; each of them does it by itself
 
 demo: $(STAMP)  ## Two bots cook a meal on a live server while a window watches
 	$(BIN)/python examples/demo.py

@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import time
 from collections.abc import Generator
 from typing import Any
 
@@ -21,6 +22,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("scaled", max_examples=max(1, int(100 * FACTOR)))
 settings.load_profile("scaled")
+
+_BEGAN = time.monotonic()
+_SECONDS = float(os.environ.get("ROBOTOUILLE_TEST_SECONDS", "inf"))
+"""Tests that would begin later than this are skipped."""
 
 _started: list[str] = []
 """The programs that the running test has started."""
@@ -64,6 +69,8 @@ def pytest_collection_finish() -> None:
 
 def pytest_runtest_setup() -> None:
     _freezer.freeze_again()
+    if time.monotonic() - _BEGAN > _SECONDS:
+        pytest.skip(f"begins more than ROBOTOUILLE_TEST_SECONDS={_SECONDS:g} after the first")
 
 
 def pytest_sessionfinish() -> None:
