@@ -16,13 +16,12 @@ from typing import Any
 from robotouille.domain.catalogue import PROBLEM_KEYS, load_task, task_names
 from robotouille.domain.files import read_json
 from robotouille.domain.input_bindings import bindings_of
-from robotouille.domain.png import PictureError, picture_digest, plain_png
+from robotouille.domain.pictures import PictureError, picture_digest, plain_picture
 from robotouille.domain.rendering import rendering_of
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
-from robotouille_server.runtime.logs import get_logger
 
 __all__ = ["Look", "TaskFolder", "TaskFolderError", "read_task_folder"]
 
@@ -168,9 +167,6 @@ class _Reading:
             )
             if found is None or found.is_relative_to(data_folder("assets")):
                 continue
-            if found.suffix == ".svg":
-                get_logger().warning("not sent: a picture that is no PNG", file=str(found))
-                continue
             pictures[file] = self._picture(found)
         return Look(
             rendering.model_dump(mode="json", by_alias=True, exclude_defaults=True),
@@ -180,7 +176,7 @@ class _Reading:
 
     def _picture(self, path: Path) -> str:
         try:
-            content = plain_png(path.read_bytes())
+            content = plain_picture(path.name, path.read_bytes())
         except (OSError, PictureError) as error:
             why = error.strerror if isinstance(error, OSError) else error
             raise PictureError(f"{path.parent.name}/{path.name}: {why}") from None

@@ -356,7 +356,7 @@ class Rendering(FromServer):
 
 
 class Picture(FromServer):
-    """The answer to `get_picture`: a PNG file, in Base64."""
+    """The answer to `get_picture`: a PNG or SVG file, as its name says, in Base64."""
 
     type: Literal["picture"] = "picture"
     ref: Ref | None = None

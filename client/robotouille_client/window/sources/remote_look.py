@@ -1,7 +1,7 @@
 """What a kitchen looks like, from the server, over the connection on which one plays.
 
-Nothing of it is trusted: sizes, digests and schemas are checked, pictures are PNG and kept without
-all that is not needed to draw them, and their names are those that a rendering may have.
+Nothing of it is trusted: sizes, digests and schemas are checked, pictures are kept without all that
+is not needed to draw them, and their names are those that a rendering may have.
 """
 
 from __future__ import annotations
@@ -13,7 +13,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from robotouille.domain.png import MAX_PICTURE_BYTES, PictureError, picture_digest, plain_png
+from robotouille.domain.pictures import (
+    MAX_PICTURE_BYTES,
+    PictureError,
+    picture_digest,
+    plain_picture,
+)
 from robotouille.domain.rendering import RenderingFile
 from robotouille.domain.schema import InputFile
 from robotouille.errors import ProtocolError, RobotouilleError
@@ -48,7 +53,7 @@ async def fetch_look(client: Client, folder: Path) -> KitchenLook | None:
     wanted = {name: told.pictures[name] for name in rendering.files() if name in told.pictures}
     for name, digest in sorted(wanted.items())[:MAX_PICTURES]:
         try:
-            content = _checked(await _asked(client, digest), digest)
+            content = _checked(name, await _asked(client, digest), digest)
         except RobotouilleError as error:
             tell(printable(f"picture {name}: {error}"), err=True)
             continue
@@ -68,7 +73,7 @@ async def _asked(client: Client, digest: str) -> messages.Picture:
     raise PictureError("the server is too busy to send it")
 
 
-def _checked(picture: messages.Picture, digest: str) -> bytes:
+def _checked(name: str, picture: messages.Picture, digest: str) -> bytes:
     if len(picture.data) > MAX_PICTURE_BYTES * 4 // 3 + 4:
         raise PictureError("is too large")
     try:
@@ -77,4 +82,4 @@ def _checked(picture: messages.Picture, digest: str) -> bytes:
         raise PictureError("is no Base64") from None
     if picture_digest(content) != digest:
         raise PictureError("is not the one that was asked for")
-    return plain_png(content)
+    return plain_picture(name, content)

@@ -1,18 +1,17 @@
-"""Pictures from elsewhere: which PNG files are taken, and what of them is kept.
+"""Pictures of pixels from elsewhere: which PNG files are taken, and what of them is kept.
 
 W3C, Portable Network Graphics, https://www.w3.org/TR/png-3/, sections 5 and 11.
 """
 
 from __future__ import annotations
 
-import hashlib
 import struct
 import zlib
 from collections.abc import Iterator
 
 from robotouille.errors import RobotouilleError
 
-__all__ = ["MAX_PICTURE_BYTES", "MAX_SIDE", "PictureError", "picture_digest", "plain_png"]
+__all__ = ["MAX_PICTURE_BYTES", "MAX_SIDE", "PictureError", "plain_png"]
 
 MAX_PICTURE_BYTES = 256 * 1024
 MAX_SIDE = 1024
@@ -23,12 +22,7 @@ KEPT = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 
 
 class PictureError(RobotouilleError):
-    """A file that is no PNG picture, or not one that is taken."""
-
-
-def picture_digest(content: bytes) -> str:
-    """SHA-256 in hexadecimal: by it pictures are asked for, and known."""
-    return hashlib.sha256(content).hexdigest()
+    """A file that is no picture, or not one that is taken."""
 
 
 def plain_png(content: bytes) -> bytes:

@@ -1,0 +1,106 @@
+"""Pictures from elsewhere: what is taken, and what of it is kept."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robotouille.domain.pictures import (
+    MAX_PICTURE_BYTES,
+    MAX_SIDE,
+    PictureError,
+    plain_picture,
+    plain_png,
+)
+from robotouille.domain.pictures.svg import MAX_SHAPES, plain_svg
+from robotouille.resources import data_folder
+from tests.support.pixels import chunk, png
+
+SHIPPED = sorted(data_folder("assets").rglob("*.svg"))
+OPEN = '<svg xmlns="http://www.w3.org/2000/svg">'
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"GIF89a", "is no PNG"),
+        (png((1, 2, 3))[:-4], "torn"),
+        (png((1, 2, 3)).replace(b"IDAT", b"IDAX"), "torn"),
+        (b"\x89PNG\r\n\x1a\n" + chunk(b"IEND", b""), "without its beginning"),
+        (png((1, 2, 3), side=MAX_SIDE + 1), "pixels large"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(MAX_PICTURE_BYTES), "at most"),
+    ],
+)
+def test_what_is_no_picture_is_refused(content: bytes, words: str) -> None:
+    with pytest.raises(PictureError, match=words):
+        plain_png(content)
+
+
+def test_of_a_picture_only_what_is_drawn_is_kept() -> None:
+    text = chunk(b"zTXt", b"secret\0\0" + zlib.compress(bytes(100_000)))
+    assert plain_png(png((1, 2, 3), more=text)) == png((1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "is no SVG"),
+        ("<svg>", "is no SVG"),
+        ("<html/>", "first element is not svg"),
+        ("\x89PNG", "is no SVG"),
+        ('<!DOCTYPE svg [<!ENTITY a "aaaa">]><svg>&a;</svg>', "document type"),
+        ('<!DOCTYPE svg SYSTEM "file:///etc/passwd"><svg/>', "document type"),
+        (OPEN + "<g>" * 40 + "</g>" * 40 + "</svg>", "nested deeper"),
+        (OPEN + "<g/>" * MAX_SHAPES + "</svg>", "more than 2,000 elements"),
+        (OPEN + " " * MAX_PICTURE_BYTES + "</svg>", "at most"),
+    ],
+)
+def test_what_is_no_vector_picture_is_refused(text: str, words: str) -> None:
+    with pytest.raises(PictureError, match=words):
+        plain_svg(text.encode())
+
+
+def test_of_a_vector_picture_only_shapes_and_paint_are_kept() -> None:
+    text = """<?xml version="1.0"?><!-- me --><?go home?>
+<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"
+ xmlns:m="urn:m" viewBox="0 0 9 9" onload="go()" m:who="me">
+<metadata><rect width="9" height="9"/></metadata><title>mine</title>
+<script>go()</script><style>@import "http://a/b"</style>
+<image xlink:href="http://a/b.png"/><use href="#a"/><m:rect width="9"/>
+<svg><rect/></svg>
+<defs><linearGradient id="a"><stop offset="0" stop-color="#fff"/></linearGradient></defs>
+<g fill="url(#a)" stroke="url(http://a/b)"><path d="M0 0&lt;" onclick="go()"/></g></svg>"""
+    kept = plain_picture("a.svg", text.encode()).decode()
+    assert kept == (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">'
+        '<defs><linearGradient id="a"><stop offset="0" stop-color="#fff"></stop></linearGradient>'
+        '</defs><g fill="url(#a)"><path d="M0 0&lt;"></path></g></svg>'
+    )
+    assert plain_svg(kept.encode()).decode() == kept
+
+
+@given(st.text(alphabet='<>/ ="svgrect&;:#()urlx\n', max_size=60))
+def test_any_text_is_taken_or_refused(text: str) -> None:
+    try:
+        kept = plain_svg(f"{OPEN}{text}</svg>".encode())
+    except PictureError:
+        return
+    assert plain_svg(kept) == kept
+
+
+def test_shipped_pictures_are_drawn_alike(tmp_path: Path) -> None:
+    pygame = pytest.importorskip("pygame")
+    copy = tmp_path / "copy.svg"
+    assert SHIPPED
+    for path in SHIPPED:
+        copy.write_bytes(plain_svg(path.read_bytes()))
+        drawn, again = (
+            pygame.image.tobytes(pygame.image.load_sized_svg(os.fspath(one), (48, 48)), "RGBA")
+            for one in (path, copy)
+        )
+        assert drawn == again, path

@@ -1,0 +1,18 @@
+"""PNG files of one colour."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def png(colour: tuple[int, int, int], side: int = 8, more: bytes = b"") -> bytes:
+    """A square of one colour."""
+    rows = (b"\0" + bytes(colour) * side) * side
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0))
+    body = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + head + more + body
