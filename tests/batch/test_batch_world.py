@@ -160,6 +160,7 @@ def test_a_copy_with_too_few_slots_stands_still() -> None:
     assert batch.state(lost) == batch.world.initial
 
 
+@pytest.mark.slow
 def test_a_state_with_too_many_objects_is_refused() -> None:
     batch = BatchWorld(world_of("workshop/01"), 1, slots={"bolt": 2})
     roomy = BatchWorld(batch.world, 60)

@@ -248,6 +248,7 @@ def test_what_was_changed_is_noticed(
     assert words in faults
 
 
+@pytest.mark.slow
 def test_every_field_of_a_manifest_is_checked(folder: Path) -> None:
     certify_dataset(folder, proving, budget=BUDGET)
     path = folder / MANIFEST
@@ -271,6 +272,7 @@ def test_missing_and_stray_files(folder: Path) -> None:
     assert f"{NAMES[0]}.certificate.json: cannot be read" in faults
 
 
+@pytest.mark.slow
 def test_a_sample_is_proven_again(folder: Path) -> None:
     certify_dataset(folder, proving, budget=BUDGET)
 

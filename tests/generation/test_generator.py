@@ -174,6 +174,7 @@ def test_the_usual_solver_is_the_planner() -> None:
 # Difficulty
 
 
+@pytest.mark.slow
 def test_a_difficulty_is_met() -> None:
     """Attempts whose shortest plan has another length, or an unknown one, are passed over."""
     lengths = []
@@ -190,6 +191,7 @@ def test_a_difficulty_is_met() -> None:
     assert len(instance.results[1].plan or ()) == lengths[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", first_quickly(Kind))
 @pytest.mark.parametrize(
     ("parameters", "name"),
@@ -316,6 +318,7 @@ def test_a_task_with_faults_is_refused(tmp_path: Path) -> None:
 # Datasets
 
 
+@pytest.mark.slow
 def test_the_dataset() -> None:
     assert len(paper_tasks()) == 30
     assert seeds_from(42, 10) == (42, 84, 126, 168, 210, 252, 294, 336, 378, 420)

@@ -47,6 +47,7 @@ def test_nothing_left_to_do() -> None:
     assert (solution.reached, len(solution.plan)) == (True, 0)
 
 
+@pytest.mark.slow
 def test_spoiled_beyond_repair_is_not_claimed_to_be_solved() -> None:
     """An onion that has to be cut goes into the pot whole: there is no way back."""
     world = World("asynchronous/07")
