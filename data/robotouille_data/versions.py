@@ -13,7 +13,7 @@ from sqlalchemy.engine import Connection
 
 from robotouille_data.errors import CatalogueError
 
-__all__ = ["MIGRATIONS", "check_version", "migrate"]
+__all__ = ["MIGRATIONS", "catalogue_version", "check_version", "migrate"]
 
 MIGRATIONS = Path(__file__).with_name("migrations")
 
@@ -47,6 +47,11 @@ def check_version(connection: Connection, folder: Path = MIGRATIONS) -> None:
             "the catalogue is missing or of an earlier version: `robotouille data index` mends it"
         )
         raise CatalogueError(message)
+
+
+def catalogue_version(connection: Connection) -> str:
+    """The version that a catalogue's tables have; empty: it has none."""
+    return MigrationContext.configure(connection).get_current_revision() or ""
 
 
 def _script(folder: Path) -> ScriptDirectory:

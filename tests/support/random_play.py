@@ -4,6 +4,7 @@ ask for what is not possible, talk, and do nothing."""
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -26,8 +27,19 @@ def _world(timing: Timing) -> World:
     return World(load_task("multi_agent/01@2", timing=timing))
 
 
-def random_stream(seed: int, *, clock: Clock | None = None, steps: int = 30) -> bytes:
-    """The bytes of an open recording that has come to its end."""
+def random_stream(
+    seed: int,
+    *,
+    clock: Clock | None = None,
+    steps: int = 30,
+    labels: Mapping[str, str] | None = None,
+    people: Sequence[tuple[str, str]] = (("name0", "p0"), ("name1", "p1")),
+) -> bytes:
+    """The bytes of an open recording that has come to its end.
+
+    Args:
+        people: Name and pseudonym of each player.
+    """
     rng = random.Random(seed)
     world = _world(rng.choice(list(Timing)))
     rules = Rules(
@@ -38,10 +50,19 @@ def random_stream(seed: int, *, clock: Clock | None = None, steps: int = 30) -> 
         move_budget=0.5,
     )
     episode, recorder = Episode(world, rules), Recorder(world)
-    head = header(world.task, rules, episode=f"random{seed}", seed=seed, created="2026-01-01")
+    head = header(
+        world.task,
+        rules,
+        episode=f"random{seed}",
+        seed=seed,
+        created="2026-01-01",
+        code=f"CODE-{seed}",
+        owner="some-owner",
+        labels=labels,
+    )
     stream = recorder.begin(head)
-    for number, player in enumerate(world.players):
-        episode.join(player, f"name{number}", "human", 0.0, participant=f"p{number}")
+    for player, (name, pseudonym) in zip(world.players, people, strict=True):
+        episode.join(player, name, "human", 0.0, participant=pseudonym)
     now, seq = 0.0, 0
     while not episode.ended and now < 1000:
         now, seq = now + 0.1, seq + 1

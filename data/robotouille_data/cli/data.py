@@ -5,33 +5,26 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.program import printable, tell
-from robotouille_client.console import explain, fail
+from robotouille_data.cli.console import DatabaseOption, bar, errors_told
+from robotouille_data.cli.export import card, export
 
 __all__ = ["data"]
 
-data = typer.Typer(no_args_is_help=True, help="A catalogue of recordings: index, watch, query.")
+data = typer.Typer(
+    no_args_is_help=True, help="A catalogue of recordings: index, watch, query, export."
+)
+data.command()(export)
+data.command()(card)
 
-DatabaseOption = Annotated[
-    str | None,
-    typer.Option(
-        envvar="ROBOTOUILLE_DATABASE",
-        help="An SQLite file, or postgresql://USER@HOST/NAME; DIR/catalogue.sqlite if not given.",
-    ),
-]
 FoldersArgument = Annotated[list[Path], typer.Argument(help="Folders of recordings.")]
 JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes that read.")]
 JOBS = 2
-EXTRA = ("alembic", "psycopg", "sqlalchemy")
 
 
 @data.command()
@@ -49,12 +42,12 @@ def index(
     What is new or has changed is read, what is gone is forgotten. Damaged recordings are named,
     and left out.
     """
-    with _errors():
+    with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.indexing import index as index_folders
 
         url = database_url(database, folders[0])
-        with _bar() as progress:
+        with bar("recordings") as progress:
             report = index_folders(
                 url, folders, jobs=jobs, unfinished=unfinished, anew=anew, progress=progress
             )
@@ -81,7 +74,7 @@ def watch(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     told: dict[str, str] = {}
-    with _errors():
+    with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.indexing import Report
         from robotouille_data.watching import watch as watch_folders
@@ -119,7 +112,7 @@ def sql(
 
     The tables are described in docs/data.md. Whatever would write is refused.
     """
-    with _errors():
+    with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.query import asking
         from robotouille_data.saving import MAX_SHOWN, saving, table_lines
@@ -145,37 +138,3 @@ def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Ite
     yield f"indexed {indexed}, unchanged {unchanged}, forgotten {forgotten}"
     if unfinished:
         yield f"{unfinished} without an end were left out (--unfinished)"
-
-
-@contextmanager
-def _bar() -> Iterator[_Bar]:
-    columns = TextColumn("recordings"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        yield _Bar(progress)
-
-
-class _Bar:
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._task = progress.add_task("recordings", total=None)
-
-    def __call__(self, done: int, total: int) -> None:
-        self._progress.update(self._task, completed=done, total=total)
-
-
-@contextmanager
-def _errors() -> Iterator[None]:
-    """Errors are told in a line, and end with status 1."""
-    try:
-        yield
-    except RobotouilleError as error:
-        fail(explain(error))
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in EXTRA:
-            raise
-        fail(explain(MissingExtraError("a catalogue of recordings", "data")))
-    except OSError as error:
-        fail(printable(f"{error.filename}: {error.strerror}"))
-    except KeyboardInterrupt:
-        fail("interrupted", 130)

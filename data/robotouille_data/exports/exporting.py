@@ -1,0 +1,176 @@
+"""Write an export: a folder with data, a codebook, a card and `export.json`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy.engine import URL, Connection
+
+from robotouille_data.database import read_only, telling
+from robotouille_data.errors import CatalogueError
+from robotouille_data.exports.card import check_license, write_card
+from robotouille_data.exports.manifest import (
+    CODEBOOK,
+    MANIFEST,
+    codebook_text,
+    file_sums,
+    request_row,
+    summary,
+)
+from robotouille_data.exports.part import Entry, Part, Written
+from robotouille_data.exports.privacy import Privacy
+from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.exports.selection import Selection, select_episodes
+from robotouille_data.exports.splitting import groups, split
+from robotouille_data.exports.whole_folder import whole_folder
+from robotouille_data.versions import catalogue_version, check_version
+
+__all__ = ["Exported", "Progress", "export"]
+
+Progress = Callable[[int, int], None]
+"""Is told how many episodes are done, and how many there are."""
+
+TABLES = ("robotouille_data.exports.formats.tables", "write_tables")
+WRITERS = {
+    ExportFormat.PARQUET: TABLES,
+    ExportFormat.CSV: TABLES,
+    ExportFormat.JSONL: TABLES,
+    ExportFormat.CHAT: ("robotouille_data.exports.formats.chat", "write_chat"),
+    ExportFormat.ARRAYS: ("robotouille_data.exports.formats.arrays", "write_arrays"),
+    ExportFormat.MINARI: ("robotouille_data.exports.formats.minari_sets", "write_minari"),
+}
+"""What writes each format, imported where it is used: each needs other libraries."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What became of an export: how many episodes each part has (one without a name, if it is not
+    split), how many were left out for what reason, and why of some, by id, nothing was written."""
+
+    episodes: Mapping[str, int]
+    left_out: Mapping[str, int]
+    faults: Mapping[int, str]
+
+
+def export(
+    url: URL,
+    folder: Path,
+    request: Request,
+    progress: Progress = lambda done, total: None,
+) -> Exported:
+    """Write an export of a catalogue; the folder is whole, or not there.
+
+    Args:
+        url: Of the catalogue's database.
+        folder: A new one, or an empty one.
+        progress: Is called when some more are done.
+
+    Raises:
+        CatalogueError: There is no catalogue of this version, nothing is left of it, or there is
+            something in the folder.
+        UnavailableError: The database cannot be read now.
+        MissingExtraError: A library of the format is not installed.
+        OSError: The folder cannot be written.
+    """
+    check_license(request.about.license)
+    with whole_folder(folder) as draft, _reading(url) as connection:
+        selection = select_episodes(connection, url, request)
+        return _write(connection, draft, request, selection, progress)
+
+
+@contextmanager
+def _reading(url: URL) -> Iterator[Connection]:
+    """All that is read is of one moment, whoever writes meanwhile."""
+    with telling(url), read_only(url).connect() as connection:
+        if url.drivername == "sqlite":
+            connection.exec_driver_sql("BEGIN")
+        else:
+            connection.execution_options(isolation_level="REPEATABLE READ")
+        check_version(connection)
+        yield connection
+
+
+def _write(
+    connection: Connection,
+    folder: Path,
+    request: Request,
+    selection: Selection,
+    progress: Progress,
+) -> Exported:
+    ids, done = selection.ids, 0
+
+    def more(count: int) -> None:
+        nonlocal done
+        done += count
+        progress(done, len(ids))
+
+    parts, told = _split(connection, request, ids)
+    privacy = Privacy(connection, ids, names=request.names, texts=request.texts)
+    write, faults, codebook = _writer(request.format), dict[int, str](), dict[str, Entry]()
+    data: list[tuple[str, Written]] = []
+    more(0)
+    for name, its in parts.items():
+        part = Part(connection, request, privacy, folder, name, its, more, faults, codebook)
+        part.folder.mkdir(exist_ok=True)
+        data += [(name, written) for written in write(part)]
+    if not any(written.rows for _, written in data):
+        reasons = "; ".join(sorted(set(faults.values())))
+        raise CatalogueError(f"there is nothing to write{f': {reasons}' if reasons else ''}")
+    rows = [{"part": name, **asdict(written)} for name, written in data]
+    manifest = {
+        **request_row(request),
+        "catalogue": catalogue_version(connection),
+        **summary(connection, ids),
+        "split": told,
+        "left_out": selection.left_out,
+        "faults": {str(number): fault for number, fault in faults.items()},
+        "data": rows,
+    }
+    _write_words(folder, manifest, codebook_text(codebook, [written for _, written in data]))
+    counts = {name: len(its) for name, its in parts.items()}
+    return Exported(counts, selection.left_out, faults)
+
+
+def _split(
+    connection: Connection, request: Request, ids: Sequence[int]
+) -> tuple[dict[str, Sequence[int]], dict[str, Any]]:
+    """The parts, and what `export.json` says of them."""
+    if not request.split:
+        return {"": ids}, {}
+    together = groups(connection, ids, request.split_by)
+    parts = split(together, request.split)
+    if empty := [name for name, its in parts.items() if not its]:
+        message = (
+            f"nothing is left for {', '.join(empty)}: the episodes are {len(together)} groups that "
+            f"share participants or the label {request.split_by!r}"
+        )
+        raise CatalogueError(message)
+    told = {
+        "by": request.split_by,
+        "shares": dict(request.split),
+        "groups": len(together),
+        "episodes": {name: len(its) for name, its in parts.items()},
+    }
+    return dict(parts), told
+
+
+def _writer(format_: ExportFormat) -> Callable[[Part], Iterator[Written]]:
+    module, name = WRITERS[format_]
+    found: Callable[[Part], Iterator[Written]] = getattr(import_module(module), name)
+    return found
+
+
+def _write_words(folder: Path, manifest: dict[str, Any], codebook: str) -> None:
+    """The codebook, the card and `export.json`, which has the sums of all files but those that
+    `data card` writes anew."""
+    (folder / CODEBOOK).write_text(codebook, encoding="utf-8")
+    manifest["files"] = file_sums(folder)
+    text = json.dumps(manifest, ensure_ascii=False, indent=1)
+    (folder / MANIFEST).write_text(f"{text}\n", encoding="utf-8")
+    write_card(folder, manifest, json.loads(codebook))

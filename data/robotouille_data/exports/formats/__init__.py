@@ -1,0 +1,1 @@
+"""What the data is written as: tables, chat, arrays and Minari's data sets."""

@@ -1,0 +1,59 @@
+"""A catalogue of a small study, and exports of it."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+
+from sqlalchemy.engine import URL
+
+from robotouille_data.database import database_url
+from robotouille_data.exports.exporting import export
+from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.indexing import index
+from tests.support.studies import Write, write_study
+
+
+@pytest.fixture(scope="session")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of recordings with their catalogue; nobody changes it."""
+    folder = tmp_path_factory.mktemp("study")
+    write_study(folder)
+    index(database_url(None, folder), [folder])
+    return folder
+
+
+@pytest.fixture(scope="session")
+def url(study: Path) -> URL:
+    return database_url(None, study)
+
+
+@pytest.fixture
+def write(url: URL, tmp_path: Path) -> Write:
+    """Writes an export; its folder."""
+
+    def written(format_: str = "parquet", **options: Any) -> Path:
+        folder = tmp_path / f"export{len(list(tmp_path.iterdir()))}"
+        export(url, folder, Request(ExportFormat(format_), **options))
+        return folder
+
+    return written
+
+
+@pytest.fixture
+def hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Hugging Face's `datasets`, without the network and with a cache of its own."""
+    for name, value in (("HF_HUB_OFFLINE", "1"), ("HF_DATASETS_OFFLINE", "1")):
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        datasets = pytest.importorskip("datasets")
+        monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", str(tmp_path / "hub/cache"))
+        datasets.disable_progress_bars()
+        yield datasets

@@ -1,0 +1,170 @@
+"""Tables are loaded back by other software, with equal counts and sums."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+pytest.importorskip("polars", reason="needs the extra `data`")
+
+import polars as pl
+from sqlalchemy.engine import URL
+
+from robotouille_data.exports.codebook import UNITS
+from robotouille_data.exports.formats import tables
+from robotouille_data.query import asking
+from robotouille_data.schema import EPISODE_TABLES, METADATA
+from tests.support.studies import Write, manifest
+
+FORMATS = ("parquet", "csv", "jsonl")
+TYPES = {
+    "BigInteger": pl.Int64,
+    "Integer": pl.Int32,
+    "Double": pl.Float64,
+    "Boolean": pl.Boolean,
+    "Text": pl.String,
+}
+
+
+def loaded(folder: Path, table: str, format_: str) -> pl.DataFrame:
+    path = folder / f"{table}.{format_}"
+    schema = {c.name: TYPES[type(c.type).__name__] for c in METADATA.tables[table].columns}
+    match format_:
+        case "parquet":
+            return pl.read_parquet(path)
+        case "csv":
+            return pl.read_csv(path, schema=schema)
+    return pl.read_ndjson(path, schema=schema)
+
+
+def agrees(rows: int, sums: Mapping[str, Any], written: Mapping[str, Any]) -> None:
+    """Counts and sums are those that export.json tells."""
+    assert rows == written["rows"]
+    for column, total in written["sums"].items():
+        found = sums[column]
+        assert math.isclose(0 if found is None else found, total, rel_tol=1e-9), column
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_tables_are_those_of_the_catalogue(url: URL, write: Write, format_: str) -> None:
+    folder = write(format_)
+    for table in EPISODE_TABLES:
+        keys = ", ".join(column.name for column in table.primary_key.columns)
+        with asking(url, f"SELECT * FROM {table.name} ORDER BY {keys}") as answer:
+            expected = [tuple(row) for row in answer.rows]
+        frame = loaded(folder, table.name, format_)
+        assert frame.columns == [column.name for column in table.columns]
+        assert frame.dtypes == [TYPES[type(column.type).__name__] for column in table.columns]
+        assert frame.rows() == expected, table.name
+
+
+def test_long_tables_are_written_in_pieces(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = write()
+    monkeypatch.setattr(tables, "ROWS_AT_ONCE", 7)
+    pieces = write()
+    for table in EPISODE_TABLES:
+        name = f"{table.name}.parquet"
+        assert pl.read_parquet(whole / name).equals(pl.read_parquet(pieces / name))
+    assert manifest(whole)["episodes"] == manifest(pieces)["episodes"]
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_polars_counts_the_same(write: Write, format_: str) -> None:
+    folder = write(format_)
+    for written in manifest(folder)["data"]:
+        frame = loaded(folder, written["entry"], format_)
+        agrees(len(frame), frame.sum().row(0, named=True), written)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format_", FORMATS)
+def test_duckdb_counts_the_same(write: Write, format_: str) -> None:
+    duckdb = pytest.importorskip("duckdb")
+    folder = write(format_)
+    readers = {"parquet": "read_parquet", "csv": "read_csv", "jsonl": "read_json"}
+    for written in manifest(folder)["data"]:
+        if not written["rows"]:
+            continue
+        columns = ", ".join(f"sum({name}::DOUBLE)" for name in written["sums"]) or "0"
+        query = f"SELECT count(*), {columns} FROM {readers[format_]}('{folder / written['path']}')"
+        rows, *sums = duckdb.sql(query).fetchall()[0]
+        agrees(rows, dict(zip(written["sums"], sums, strict=False)), written)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format_", FORMATS)
+def test_pandas_counts_the_same(write: Write, format_: str) -> None:
+    pandas = pytest.importorskip("pandas")
+    folder = write(format_)
+    read: dict[str, Callable[[Path], Any]] = {
+        "parquet": pandas.read_parquet,
+        "csv": lambda path: pandas.read_csv(path, dtype_backend="numpy_nullable"),
+        "jsonl": lambda path: pandas.read_json(path, lines=True, dtype_backend="numpy_nullable"),
+    }
+    for written in manifest(folder)["data"]:
+        if not written["rows"]:
+            continue
+        frame = read[format_](folder / written["path"])
+        sums = {name: frame[name].astype("Float64").sum() for name in written["sums"]}
+        agrees(len(frame), sums, written)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("format_", FORMATS)
+@pytest.mark.parametrize("split", [{}, {"train": 0.5, "test": 0.5}])
+def test_datasets_counts_the_same(
+    write: Write, hub: Any, format_: str, split: dict[str, float]
+) -> None:
+    folder = write(format_, split=split)
+    written = [each for each in manifest(folder)["data"] if each["rows"]]
+    for name in {each["entry"] for each in written}:
+        parts = hub.load_dataset(str(folder), name)
+        for each in (each for each in written if each["entry"] == name):
+            frame = parts[each["part"] or "train"].to_pandas()
+            sums = {column: frame[column].astype("float64").sum() for column in each["sums"]}
+            agrees(len(frame), sums, each)
+
+
+def test_files_are_those_that_export_json_names(write: Write) -> None:
+    folder = write(split={"train": 0.5, "test": 0.5})
+    told = manifest(folder)["files"]
+    later = {"README.md", "export.json"}
+    found = {
+        path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()
+    }
+    assert found.keys() - later == told.keys()
+    for name, sums in told.items():
+        content = found[name].read_bytes()
+        assert (len(content), hashlib.sha256(content).hexdigest()) == (
+            sums["bytes"],
+            sums["sha256"],
+        )
+
+
+def test_the_codebook_has_all_columns(write: Write) -> None:
+    entries = json.loads((write() / "codebook.json").read_text())["entries"]
+    assert [entry["name"] for entry in entries] == [table.name for table in EPISODE_TABLES]
+    for entry, table in zip(entries, EPISODE_TABLES, strict=True):
+        assert [field["name"] for field in entry["fields"]] == [c.name for c in table.columns]
+        assert all(field["meaning"] and "](" not in field["meaning"] for field in entry["fields"])
+
+
+def test_units_are_of_columns_that_are_there() -> None:
+    columns = {f"{table.name}.{c.name}" for table in EPISODE_TABLES for c in table.columns}
+    assert UNITS.keys() <= columns
+
+
+def test_csv_tells_nothing_from_an_empty_text(write: Write) -> None:
+    folder = write("csv")
+    with (folder / "events.csv").open(newline="") as file:
+        assert next(csv.reader(file))[:3] == ["episode_id", "number", "step"]
+    frame = loaded(folder, "steps", "csv")
+    assert frame["action"].null_count() == (frame["applied"].is_null()).sum() > 0
