@@ -1,0 +1,78 @@
+"""The card is read by others, and made anew."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+pytest.importorskip("pyarrow", reason="needs the extra `data`")
+
+import yaml
+
+from robotouille_data.errors import CatalogueError
+from robotouille_data.exports.card import rewrite_card
+from robotouille_data.exports.request import About
+from tests.support.studies import Write, manifest
+
+ODD = 'A "kitchen": #1\n---\nlicense: mit'
+
+
+def front_matter(folder: Path) -> dict[str, object]:
+    _, matter, _ = (folder / "README.md").read_text().split("---\n", 2)
+    found: dict[str, object] = yaml.safe_load(matter)
+    return found
+
+
+def test_a_licence_is_in_the_card_and_beside_it(write: Write) -> None:
+    folder = write(about=About("Pairs", "Who waits?", "CC-BY-4.0", "lab@example.org"))
+    assert front_matter(folder)["license"] == "cc-by-4.0"
+    assert front_matter(folder)["pretty_name"] == "Pairs"
+    text = (folder / "LICENSE").read_text()
+    assert "SPDX-License-Identifier: CC-BY-4.0" in text
+    assert "lab@example.org" in text
+    assert "Who waits?" in (folder / "README.md").read_text()
+
+
+def test_without_a_licence_the_card_says_so(write: Write) -> None:
+    folder = write()
+    assert front_matter(folder)["license"] == "other"
+    assert "No licence was given" in (folder / "README.md").read_text()
+    assert not (folder / "LICENSE").exists()
+
+
+def test_a_card_is_made_anew(write: Write) -> None:
+    folder = write()
+    before, files = (folder / "README.md").read_text(), manifest(folder)["files"]
+    assert rewrite_card(folder, {}) == before
+    rewrite_card(folder, {"license": "CC0-1.0"})
+    card = rewrite_card(folder, {"title": "Better"})
+    assert card == (folder / "README.md").read_text() != before
+    assert (front_matter(folder)["license"], front_matter(folder)["pretty_name"]) == (
+        "cc0-1.0",
+        "Better",
+    )
+    assert manifest(folder)["files"] == files
+
+
+def test_words_do_not_break_the_front_matter(write: Write) -> None:
+    folder = write(about=About(title=ODD, description=ODD))
+    assert front_matter(folder)["pretty_name"] == ODD
+    assert front_matter(folder)["license"] == "other"
+
+
+def test_what_is_no_export_is_told(tmp_path: Path, write: Write) -> None:
+    with pytest.raises(CatalogueError, match="no export"):
+        rewrite_card(tmp_path, {})
+    folder = write()
+    with pytest.raises(CatalogueError, match="SPDX"):
+        rewrite_card(folder, {"license": "free for all"})
+    path = folder / "export.json"
+    path.write_text(json.dumps({"about": {}}))
+    with pytest.raises(CatalogueError, match="another version"):
+        rewrite_card(folder, {})
+    path.write_text("[]")
+    with pytest.raises(CatalogueError, match="no export"):
+        rewrite_card(folder, {})

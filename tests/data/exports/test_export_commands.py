@@ -1,0 +1,111 @@
+"""`robotouille data export` and `card` on the command line."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+pytest.importorskip("pyarrow", reason="needs the extra `data`")
+
+import polars as pl
+
+from robotouille_client.cli.main import app
+from robotouille_data.database import database_url
+from robotouille_data.exports.exporting import export
+from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.indexing import index
+from tests.support.random_play import write_recordings
+from tests.support.studies import manifest, write_study
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    found = tmp_path / "recordings"
+    write_study(found)
+    return found
+
+
+def run(*arguments: str | Path) -> Any:
+    return CliRunner().invoke(app, ["data", *map(str, arguments)])
+
+
+def test_a_folder_without_a_catalogue_is_exported_at_once(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = run(
+        *("export", out, "--folder", folder, "--label", "condition=a", "--consent", "consent=yes"),
+        *("--split", "train=2,test=1", "--no-names", "--title", "Pairs", "--license", "CC0-1.0"),
+    )
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines() == [
+        "indexed 8, forgotten 0",
+        "left out: 4 by label, 1 by consent",
+        f"{out}: 3 episodes (train 2, test 1)",
+    ]
+    assert len(pl.read_parquet(out / "train" / "episodes.parquet")) == 2
+    assert manifest(out)["about"]["title"] == "Pairs"
+
+
+def test_new_recordings_are_in_it(folder: Path, tmp_path: Path) -> None:
+    run("index", folder)
+    write_recordings(folder, 1, first=50)
+    result = run("export", tmp_path / "out", "--folder", folder)
+    assert "indexed 1, forgotten 0" in result.stdout
+    assert manifest(tmp_path / "out")["episodes"] == 9
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_catalogue_that_cannot_be_written_is_taken_as_it_is(folder: Path, tmp_path: Path) -> None:
+    run("index", folder)
+    folder.chmod(0o500)
+    result = run("export", tmp_path / "out", "--folder", folder)
+    folder.chmod(0o700)
+    assert result.exit_code == 0, result.output
+    assert "not brought up to date" in result.stderr
+
+
+def test_errors_are_a_line_and_nothing_is_written(folder: Path, tmp_path: Path) -> None:
+    run("index", folder)
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "x").touch()
+    out = tmp_path / "out"
+    for arguments in (
+        [full, "--folder", folder],
+        [out, "--folder", tmp_path / "nowhere"],
+        [out, "--database", tmp_path / "nothing.sqlite"],
+        [out, "--folder", folder, "--format", "excel"],
+        [out, "--folder", folder, "--label", "condition"],
+        [out, "--folder", folder, "--split", "train=much"],
+        [out, "--folder", folder, "--split", "../x=1"],
+        [out, "--folder", folder, "--license", "free for all"],
+        [out, "--folder", folder, "--query", "SELECT 1"],
+    ):
+        result = run("export", *arguments)
+        assert result.exit_code == 1, arguments
+        assert len(result.stderr.splitlines()) == 1, result.stderr
+        assert not out.exists()
+
+
+def test_a_card_is_printed_and_changed(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run("export", out, "--folder", folder, "--format", "csv")
+    assert "No licence was given" in run("card", out).stdout
+    result = run("card", out, "--license", "CC0-1.0", "--contact", "lab@example.org")
+    assert "CC0-1.0" in result.stdout
+    assert (out / "LICENSE").exists()
+    assert run("card", tmp_path).exit_code == 1
+
+
+def test_both_databases_give_the_same_files(database: str, folder: Path, tmp_path: Path) -> None:
+    other, own = database_url(database, folder), database_url(None, folder)
+    index(other, [folder])
+    index(own, [folder])
+    request = Request(ExportFormat.PARQUET, names=False, split={"train": 1, "test": 1})
+    export(own, tmp_path / "own", request)
+    export(other, tmp_path / "other", request)
+    assert manifest(tmp_path / "own") == manifest(tmp_path / "other")
