@@ -12,6 +12,7 @@ from typing import Any
 
 from sqlalchemy.engine import URL, Connection
 
+from robotouille.errors import MissingExtraError
 from robotouille_data.database import read_only, telling
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.card import check_license, write_card
@@ -26,7 +27,7 @@ from robotouille_data.exports.manifest import (
 from robotouille_data.exports.part import Entry, Part, Written
 from robotouille_data.exports.privacy import Privacy
 from robotouille_data.exports.request import ExportFormat, Request
-from robotouille_data.exports.selection import Selection, select_episodes
+from robotouille_data.exports.selection import Selection, select_episodes, task_slugs
 from robotouille_data.exports.splitting import groups, split
 from robotouille_data.exports.whole_folder import whole_folder
 from robotouille_data.versions import catalogue_version, check_version
@@ -46,6 +47,8 @@ WRITERS = {
     ExportFormat.MINARI: ("robotouille_data.exports.formats.minari_sets", "write_minari"),
 }
 """What writes each format, imported where it is used: each needs other libraries."""
+
+EXTRAS = {ExportFormat.ARRAYS: "rl", ExportFormat.MINARI: "minari"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +115,12 @@ def _write(
 
     parts, told = _split(connection, request, ids)
     privacy = Privacy(connection, ids, names=request.names, texts=request.texts)
+    tasks = task_slugs(connection, ids)
     write, faults, codebook = _writer(request.format), dict[int, str](), dict[str, Entry]()
     data: list[tuple[str, Written]] = []
     more(0)
     for name, its in parts.items():
-        part = Part(connection, request, privacy, folder, name, its, more, faults, codebook)
+        part = Part(connection, request, privacy, folder, name, its, tasks, more, faults, codebook)
         part.folder.mkdir(exist_ok=True)
         data += [(name, written) for written in write(part)]
     if not any(written.rows for _, written in data):
@@ -162,7 +166,12 @@ def _split(
 
 def _writer(format_: ExportFormat) -> Callable[[Part], Iterator[Written]]:
     module, name = WRITERS[format_]
-    found: Callable[[Part], Iterator[Written]] = getattr(import_module(module), name)
+    try:
+        found: Callable[[Part], Iterator[Written]] = getattr(import_module(module), name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("robotouille"):
+            raise
+        raise MissingExtraError(f"the format {format_}", EXTRAS.get(format_, "data")) from None
     return found
 
 

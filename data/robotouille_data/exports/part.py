@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,9 +51,10 @@ class Written:
 class Part:
     """A part of an export, to be written.
 
-    `name` is that of the part, empty if there is one alone; files go into `folder`. `done` is told
-    how many episodes more are done. What cannot be exported of an episode, and why, goes into
-    `faults`; what the codebook has to say into `codebook`, by name.
+    `name` is that of the part, empty if there is one alone; files go into `folder`. `tasks` says by
+    the digests of tasks what is called after them. `done` is told how many episodes more are done.
+    What cannot be exported of an episode, and why, goes into `faults`; what the codebook has to say
+    into `codebook`, by name.
     """
 
     connection: Connection
@@ -62,6 +63,7 @@ class Part:
     root: Path
     name: str
     ids: Sequence[int]
+    tasks: Mapping[str, str]
     done: Callable[[int], None]
     faults: dict[int, str]
     codebook: dict[str, Entry]

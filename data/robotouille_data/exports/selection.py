@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -13,8 +15,10 @@ from robotouille_data.exports.request import Request
 from robotouille_data.query import asking
 from robotouille_data.schema import EPISODES, LABELS
 
-__all__ = ["Selection", "in_pieces", "select_episodes"]
+__all__ = ["Selection", "in_pieces", "select_episodes", "task_slugs"]
 
+UNUSUAL = re.compile(r"[^A-Za-z0-9_]+")
+MAX_SLUG = 80
 COLUMNS = ("episode_id", "id")
 AT_ONCE = 50
 """Episodes of one statement."""
@@ -58,6 +62,21 @@ def in_pieces(ids: Sequence[int]) -> Iterator[Sequence[int]]:
     """Ids in their order, as many as a statement takes at once."""
     for at in range(0, len(ids), AT_ONCE):
         yield ids[at : at + AT_ONCE]
+
+
+def task_slugs(connection: Connection, ids: Sequence[int]) -> dict[str, str]:
+    """What files and data sets are called after the tasks of some episodes, by the tasks' digests:
+    by their names, with some of the digest where several tasks have one name."""
+    names: dict[str, str] = {}
+    for piece in in_pieces(ids):
+        query = sa.select(EPISODES.c.digest, EPISODES.c.task).where(EPISODES.c.id.in_(piece))
+        for digest, task in connection.execute(query.distinct()):
+            names[digest] = UNUSUAL.sub("-", task).strip("-")[:MAX_SLUG] or "task"
+    often = Counter(name.lower() for name in names.values())
+    return {
+        digest: f"{name}-{digest[:8]}" if often[name.lower()] > 1 else name
+        for digest, name in names.items()
+    }
 
 
 def _asked(url: URL, query: str, seconds: float) -> set[int]:

@@ -1,0 +1,237 @@
+"""What is made of recordings: conversations, arrays and Minari's data sets, read back."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
+pytest.importorskip("pyarrow", reason="needs the extra `data`")
+
+import numpy as np
+
+from robotouille.replay import Recording, read_recording
+from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame, plain
+from robotouille_data.database import database_url
+from robotouille_data.errors import CatalogueError
+from robotouille_data.exports.exporting import export
+from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.indexing import index
+from robotouille_data.recordings.reading import content_digest, episode_id
+from tests.support.studies import Write, manifest, write_study
+
+
+@pytest.fixture(scope="session")
+def recordings(study: Path) -> dict[int, Recording]:
+    """The recordings of the study, by the ids of their episodes."""
+    return {
+        episode_id(content_digest(path.read_bytes())): read_recording(path)
+        for path in study.glob("*.rbt")
+    }
+
+
+def own_moves(recording: Recording, player: str) -> list[Any]:
+    """What a player's participant did, by other code."""
+    return [
+        move
+        for move in recording.transitions()
+        if move.seat == player and move.valid and move.action is not None and move.seq > 0
+    ]
+
+
+# Chat
+
+
+def conversations(folder: Path) -> Iterator[tuple[dict[str, str], list[dict[str, str]]]]:
+    rows = (folder / "lines.csv").read_text().splitlines()
+    names = rows[0].split(",")
+    lines = (folder / "chat.jsonl").read_text().splitlines()
+    for number, (row, line) in enumerate(zip(rows[1:], lines, strict=True)):
+        told = dict(zip(names, row.split(","), strict=True))
+        assert int(told["line"]) == number
+        yield told, json.loads(line)["messages"]
+
+
+def test_a_conversation_is_what_the_seat_saw_and_did(
+    write: Write, recordings: dict[int, Recording]
+) -> None:
+    folder = write("chat", system="You cook.")
+    seen = set()
+    for told, messages in conversations(folder):
+        recording = recordings[int(told["episode_id"])]
+        player = recording.world.players[int(told["seat"])]
+        moves = own_moves(recording, player)
+        seen.add((recording, player))
+        assert messages[0] == {"role": "system", "content": "You cook."}
+        assert [m["role"] for m in messages[1:]] == ["user", "assistant"] * len(moves)
+        assert [m["content"] for m in messages[1::2]] == [m.state.text_view(player) for m in moves]
+        assert [m["content"] for m in messages[2::2]] == [f"Action: {m.text}" for m in moves]
+        assert (int(told["step"]), int(told["decisions"])) == (moves[0].step, len(moves))
+    expected = {(r, p) for r in recordings.values() for p in r.world.players if own_moves(r, p)}
+    assert seen == expected
+    rows = {each["entry"]: each["rows"] for each in manifest(folder)["data"]}
+    assert rows == {"chat": len(expected), "lines": len(expected)}
+
+
+def test_a_conversation_may_be_one_decision(write: Write, recordings: dict[int, Recording]) -> None:
+    folder = write("chat", per_decision=True)
+    found = list(conversations(folder))
+    total = sum(len(own_moves(r, p)) for r in recordings.values() for p in r.world.players)
+    assert len(found) == total == manifest(folder)["data"][1]["sums"]["decisions"]
+    assert all([m["role"] for m in messages] == ["user", "assistant"] for _, messages in found)
+
+
+@pytest.mark.slow
+def test_datasets_loads_chat(write: Write, hub: Any) -> None:
+    folder = write("chat", split={"train": 0.5, "test": 0.5})
+    parts = hub.load_dataset(str(folder), "chat")
+    for each in manifest(folder)["data"]:
+        if each["entry"] == "chat":
+            assert len(parts[each["part"]]) == each["rows"]
+    assert parts["train"][0]["messages"][0]["role"] == "user"
+
+
+# Arrays
+
+
+def test_arrays_are_what_the_recordings_say(write: Write, recordings: dict[int, Recording]) -> None:
+    folder = write("arrays")
+    told = manifest(folder)
+    codebook = {
+        each["name"]: each for each in json.loads((folder / "codebook.json").read_text())["entries"]
+    }
+    rows = 0
+    for written in told["data"]:
+        with np.load(folder / written["path"], allow_pickle=False) as file:
+            arrays = dict(file)
+        entry = codebook[written["entry"]]
+        assert [field["name"] for field in entry["fields"]] == list(arrays)
+        assert len({len(array) for array in arrays.values()}) == 1
+        assert len(arrays["step"]) == written["rows"] == entry["rows"]
+        for name, total in written["sums"].items():
+            assert arrays[name].sum() == total
+        assert arrays["observations"].shape[1] == len(entry["columns"])
+        rows += written["rows"]
+        for number in set(arrays["episode"].tolist()):
+            check_episode(recordings[number], arrays, arrays["episode"] == number, entry)
+    assert rows == told["steps"] * 2
+
+
+def check_episode(recording: Recording, arrays: Any, chosen: Any, entry: Any) -> None:
+    states = dict(recording.states())
+    for seat, player in enumerate(recording.world.players):
+        mine = chosen & (arrays["seat"] == seat)
+        assert arrays["step"][mine].tolist() == list(range(1, len(states)))
+        sentences = entry["actions"][player]
+        vectors = np.stack([states[step - 1].vector() for step in arrays["step"][mine]])
+        assert (arrays["observations"][mine] == vectors).all()
+        for step, mask in zip(arrays["step"][mine], arrays["masks"][mine], strict=True):
+            valid = {action.sentence for action in states[step - 1].actions(player)}
+            assert {sentences[number] for number in np.flatnonzero(mask)} == valid
+        own = mine & arrays["own"]
+        did = [
+            (step, sentences[number])
+            for step, number in zip(arrays["step"][own], arrays["actions"][own], strict=True)
+        ]
+        assert did == [(move.step, move.text) for move in own_moves(recording, player)]
+        assert arrays["rewards"][mine].sum() == states[len(states) - 1].goal_reached
+
+
+# Minari
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("split", [{}, {"train": 0.5, "test": 0.5}])
+def test_minari_loads_each_seat_s_data_set(
+    write: Write, monkeypatch: pytest.MonkeyPatch, split: dict[str, float]
+) -> None:
+    minari = pytest.importorskip("minari", reason="needs the extra `minari`")
+    folder, arrays = write("minari", split=split), write("arrays")
+    told, tables = manifest(folder), manifest(arrays)
+    steps = 0
+    for written in told["data"]:
+        monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder / written["part"]))
+        dataset = minari.load_dataset(written["entry"])
+        assert dataset.total_steps == written["rows"]
+        episodes = list(dataset.iterate_episodes())
+        assert sum(int(each.actions.sum()) for each in episodes) == written["sums"]["actions"]
+        assert sum(each.rewards.sum() for each in episodes) == written["sums"]["rewards"]
+        for each in episodes:
+            seen, masks = each.observations["observation"], each.observations["action_mask"]
+            assert dataset.observation_space["observation"].contains(seen[0])
+            assert len(seen) == len(each.actions) + 1
+            assert masks[np.arange(len(each.actions)), each.actions].all()
+            assert each.terminations[-1] != each.truncations[-1]
+            assert not (each.terminations | each.truncations)[:-1].any()
+        steps += written["rows"]
+    assert steps == sum(each["rows"] for each in tables["data"])
+
+
+def test_the_variable_of_minari_s_folder_is_as_before(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("minari", reason="needs the extra `minari`")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", "/somewhere")
+    folder = write("minari", query="SELECT id FROM episodes WHERE episode = 'random1'")
+    import os
+
+    assert os.environ["MINARI_DATASETS_PATH"] == "/somewhere"
+    assert len(manifest(folder)["data"]) == 2
+
+
+# Recordings that are gone, or others
+
+
+@pytest.fixture
+def own_study(tmp_path: Path) -> Path:
+    folder = tmp_path / "recordings"
+    write_study(folder)
+    index(database_url(None, folder), [folder])
+    return folder
+
+
+def test_recordings_that_are_gone_or_changed_are_told(own_study: Path, tmp_path: Path) -> None:
+    gone, changed, copied = (own_study / f"random{number}.rbt" for number in (1, 2, 4))
+    ids = [episode_id(content_digest(path.read_bytes())) for path in (gone, changed)]
+    shutil.copy(copied, own_study / "copy.rbt")
+    index(database_url(None, own_study), [own_study])
+    gone.unlink()
+    copied.unlink()
+    changed.write_bytes(changed.read_bytes()[:-3])
+    found = export(database_url(None, own_study), tmp_path / "out", Request(ExportFormat.CHAT))
+    assert [found.faults[number] for number in ids] == [
+        "its recording is gone",
+        "its recording was changed since it was indexed",
+    ]
+    assert len(found.faults) == 2
+    assert manifest(tmp_path / "out")["faults"].keys() == set(map(str, ids))
+
+
+def test_what_comes_out_otherwise_is_told(own_study: Path, tmp_path: Path) -> None:
+    """As a recording of rules that have changed since."""
+    path = own_study / "random3.rbt"
+    stream, _ = plain(path.read_bytes())
+    pieces, begin = [stream[:5]], 5
+    for end in frame_ends(stream):
+        frame = frame_value(stream, begin, end)
+        if frame["kind"] == "step" and frame["step"] == 10:
+            frame["hash"] = "0" * 32
+        pieces.append(pack_frame(frame))
+        begin = end
+    path.write_bytes(compress(b"".join(pieces)))
+    index(database_url(None, own_study), [own_study])
+    found = export(database_url(None, own_study), tmp_path / "out", Request(ExportFormat.ARRAYS))
+    assert list(found.faults.values()) == ["step 10 comes out otherwise by this version's rules"]
+
+
+def test_nothing_is_written_where_all_is_gone(own_study: Path, tmp_path: Path) -> None:
+    for path in own_study.glob("*.rbt"):
+        path.unlink()
+    with pytest.raises(CatalogueError, match="nothing to write: its recording is gone"):
+        export(database_url(None, own_study), tmp_path / "out", Request(ExportFormat.CHAT))
+    assert not (tmp_path / "out").exists()
