@@ -30,9 +30,10 @@ ContactOption = Annotated[str, typer.Option(help="Whom one may ask.")]
 
 def export(
     out: Annotated[Path, typer.Argument(help="A new folder.")],
-    format_: Annotated[
-        str, typer.Option("--format", help=f"One of {', '.join(FORMATS)}.")
-    ] = "parquet",
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", help=f"{', '.join(FORMATS)}; several may be given."),
+    ] = None,
     folder: Annotated[
         Path, typer.Option("--folder", help="Recordings; their catalogue is brought up to date.")
     ] = Path(),
@@ -72,8 +73,8 @@ def export(
 
     The folder is whole in the end, or not there.
     """
-    if format_ not in FORMATS:
-        fail(f"--format {format_}: one of {', '.join(FORMATS)}")
+    for strange in set(formats or ()) - set(FORMATS):
+        fail(printable(f"--format {strange}: one of {', '.join(FORMATS)}"))
     labels = dict(_pair(each, "--label") for each in label or ())
     consenting = _pair(consent, "--consent") if consent else None
     shares = _shares(split)
@@ -86,7 +87,7 @@ def export(
         if database is None:
             _bring_up_to_date(folder)
         request = Request(
-            ExportFormat(format_),
+            tuple(map(ExportFormat, dict.fromkeys(formats or ["parquet"]))),
             query,
             seconds,
             labels,

@@ -13,7 +13,7 @@ from typing import Any
 
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.manifest import CODEBOOK, MANIFEST, read_json
-from robotouille_data.exports.request import About
+from robotouille_data.exports.request import TABLES, About, ExportFormat
 
 __all__ = ["card_text", "check_license", "rewrite_card", "write_card"]
 
@@ -25,7 +25,7 @@ DTYPES = {
     "boolean": "bool",
     "text": "string",
 }
-LOADED = frozenset(("parquet", "csv", "jsonl", "chat"))
+LOADED = frozenset((*TABLES, ExportFormat.CHAT))
 """The formats that `datasets` loads."""
 LOADING = {
     "parquet": 'polars.read_parquet("{path}")',
@@ -127,12 +127,13 @@ def _front_matter(
     yield "language:\n- en"
     yield "tags:"
     yield from (f"- {tag}" for tag in ("robotouille", "multi-agent", "planning", "human-ai"))
-    if manifest["format"] not in LOADED:
-        return
     files: dict[str, list[Mapping[str, Any]]] = {}
     for written in manifest["data"]:
-        if written["rows"]:  # Of a file without rows `datasets` says that it is damaged.
+        # Of a file without rows `datasets` says that it is damaged.
+        if written["rows"] and written["format"] in LOADED:
             files.setdefault(written["entry"], []).append(written)
+    if not files:
+        return
     yield "configs:"
     for number, (name, its) in enumerate(files.items()):
         yield f"- config_name: {name}"
@@ -142,11 +143,12 @@ def _front_matter(
         for written in its:
             yield f"  - split: {written['part'] or 'train'}"
             yield f"    path: {json.dumps(written['path'])}"
-    if manifest["format"] != "chat":
+    typed = {name for name, its in files.items() if its[0]["format"] in TABLES}
+    if typed:
         yield "dataset_info:"
-        for entry in codebook["entries"]:
-            if entry["name"] in files:
-                yield from _features(entry)
+    for entry in codebook["entries"]:
+        if entry["name"] in typed:
+            yield from _features(entry)
 
 
 def _features(entry: Mapping[str, Any]) -> Iterator[str]:
@@ -173,13 +175,14 @@ def _contents(manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:
         f"`codebook.json` says what each column is, and in which unit; `{MANIFEST}` has the sums "
         "of all columns, and the size and SHA-256 of each file.",
     ]
-    if manifest["data"]:
-        first = manifest["data"][0]
-        folder = Path("FOLDER") / first["part"]
-        words = LOADING[manifest["format"]].format(
-            path=first["path"], name=first["entry"], folder=folder
+    examples = {written["format"]: written for written in reversed(manifest["data"])}
+    code = [
+        LOADING[name].format(
+            path=first["path"], name=first["entry"], folder=Path("FOLDER") / first["part"]
         )
-        lines.append(f"```python\n{words}\n```")
+        for name, first in sorted(examples.items())
+    ]
+    lines.append("\n".join(["```python", *code, "```"]))
     return "\n\n".join(lines)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from robotouille_data.exports.manifest import (
 )
 from robotouille_data.exports.part import Entry, Part, Written
 from robotouille_data.exports.privacy import Privacy
-from robotouille_data.exports.request import ExportFormat, Request
+from robotouille_data.exports.request import TABLES, ExportFormat, Request
 from robotouille_data.exports.selection import Selection, select_episodes, task_slugs
 from robotouille_data.exports.splitting import groups, split
 from robotouille_data.exports.whole_folder import whole_folder
@@ -37,11 +38,8 @@ __all__ = ["Exported", "Progress", "export"]
 Progress = Callable[[int, int], None]
 """Is told how many episodes are done, and how many there are."""
 
-TABLES = ("robotouille_data.exports.formats.tables", "write_tables")
 WRITERS = {
-    ExportFormat.PARQUET: TABLES,
-    ExportFormat.CSV: TABLES,
-    ExportFormat.JSONL: TABLES,
+    **dict.fromkeys(TABLES, ("robotouille_data.exports.formats.tables", "write_tables")),
     ExportFormat.CHAT: ("robotouille_data.exports.formats.chat", "write_chat"),
     ExportFormat.ARRAYS: ("robotouille_data.exports.formats.arrays", "write_arrays"),
     ExportFormat.MINARI: ("robotouille_data.exports.formats.minari_sets", "write_minari"),
@@ -82,6 +80,8 @@ def export(
         OSError: The folder cannot be written.
     """
     check_license(request.about.license)
+    if len([each for each in request.formats if each in TABLES]) > 1:
+        raise CatalogueError("tables are exported in one format at a time")
     with whole_folder(folder) as draft, _reading(url) as connection:
         selection = select_episodes(connection, url, request)
         return _write(connection, draft, request, selection, progress)
@@ -111,22 +111,25 @@ def _write(
     def more(count: int) -> None:
         nonlocal done
         done += count
-        progress(done, len(ids))
+        progress(done // len(request.formats), len(ids))
 
     parts, told = _split(connection, request, ids)
     privacy = Privacy(connection, ids, names=request.names, texts=request.texts)
     tasks = task_slugs(connection, ids)
-    write, faults, codebook = _writer(request.format), dict[int, str](), dict[str, Entry]()
-    data: list[tuple[str, Written]] = []
+    faults, codebook = dict[int, str](), dict[str, Entry]()
+    rows: list[dict[str, Any]] = []
     more(0)
-    for name, its in parts.items():
-        part = Part(connection, request, privacy, folder, name, its, tasks, more, faults, codebook)
+    for (name, its), format_ in product(parts.items(), request.formats):
+        part = Part(
+            *(connection, request, format_, privacy, folder, name, its, tasks),
+            *(more, faults, codebook),
+        )
         part.folder.mkdir(exist_ok=True)
-        data += [(name, written) for written in write(part)]
-    if not any(written.rows for _, written in data):
+        for written in _writer(format_)(part):
+            rows.append({"part": name, "format": format_.value, **asdict(written)})
+    if not any(row["rows"] for row in rows):
         reasons = "; ".join(sorted(set(faults.values())))
         raise CatalogueError(f"there is nothing to write{f': {reasons}' if reasons else ''}")
-    rows = [{"part": name, **asdict(written)} for name, written in data]
     manifest = {
         **request_row(request),
         "catalogue": catalogue_version(connection),
@@ -136,7 +139,7 @@ def _write(
         "faults": {str(number): fault for number, fault in faults.items()},
         "data": rows,
     }
-    _write_words(folder, manifest, codebook_text(codebook, [written for _, written in data]))
+    _write_words(folder, manifest, codebook_text(codebook, rows))
     counts = {name: len(its) for name, its in parts.items()}
     return Exported(counts, selection.left_out, faults)
 

@@ -15,7 +15,7 @@ from sqlalchemy.engine import Connection
 
 from robotouille.release import VERSION
 from robotouille_data.errors import CatalogueError
-from robotouille_data.exports.part import Entry, Written
+from robotouille_data.exports.part import Entry
 from robotouille_data.exports.request import Request
 from robotouille_data.exports.selection import in_pieces
 from robotouille_data.schema import EPISODES, LABELS
@@ -38,7 +38,7 @@ def request_row(request: Request) -> dict[str, Any]:
     query = request.query if request.names or not request.query else "left out with the names"
     return {
         "software": VERSION,
-        "format": request.format.value,
+        "formats": [each.value for each in request.formats],
         "query": query,
         "labels_asked": dict(request.labels),
         "consent": dict([request.consent]) if request.consent else {},
@@ -77,11 +77,15 @@ def summary(connection: Connection, ids: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def codebook_text(codebook: Mapping[str, Entry], written: Sequence[Written]) -> str:
-    """The codebook as JSON: of each table or array its rows and what its columns mean."""
+def codebook_text(codebook: Mapping[str, Entry], data: Sequence[Mapping[str, Any]]) -> str:
+    """The codebook as JSON: of each table or array its rows and what its columns mean.
+
+    Args:
+        data: What was written, as in `export.json`.
+    """
     rows: Counter[str] = Counter()
-    for each in written:
-        rows[each.entry] += each.rows
+    for each in data:
+        rows[each["entry"]] += each["rows"]
     entries = [
         {
             "name": entry.name,

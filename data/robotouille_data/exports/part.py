@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy.engine import Connection
 
 from robotouille_data.exports.privacy import Privacy
-from robotouille_data.exports.request import Request
+from robotouille_data.exports.request import ExportFormat, Request
 
 __all__ = ["Entry", "Field", "Part", "Written"]
 
@@ -59,6 +59,7 @@ class Part:
 
     connection: Connection
     request: Request
+    format: ExportFormat
     privacy: Privacy
     root: Path
     name: str

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from robotouille_data.query import SECONDS
 
-__all__ = ["About", "ExportFormat", "Request"]
+__all__ = ["TABLES", "About", "ExportFormat", "Request"]
 
 
 class ExportFormat(StrEnum):
@@ -20,6 +20,10 @@ class ExportFormat(StrEnum):
     CHAT = "chat"
     MINARI = "minari"
     ARRAYS = "arrays"
+
+
+TABLES = (ExportFormat.PARQUET, ExportFormat.CSV, ExportFormat.JSONL)
+"""Formats of the catalogue's tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,7 @@ class Request:
     """An export.
 
     Args:
+        formats: In each of them the episodes are written; of the tables' in one at most.
         query: SQL whose answer has a column `id` or `episode_id`; empty: all episodes.
         seconds: How long the query may take.
         labels: Only episodes that have all of these.
@@ -49,7 +54,7 @@ class Request:
         per_decision: For chat, a conversation for each decision instead of each seat.
     """
 
-    format: ExportFormat
+    formats: tuple[ExportFormat, ...]
     query: str = ""
     seconds: float = SECONDS
     labels: Mapping[str, str] = field(default_factory=dict)

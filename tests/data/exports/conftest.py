@@ -37,9 +37,9 @@ def url(study: Path) -> URL:
 def write(url: URL, tmp_path: Path) -> Write:
     """Writes an export; its folder."""
 
-    def written(format_: str = "parquet", **options: Any) -> Path:
+    def written(*formats: str, **options: Any) -> Path:
         folder = tmp_path / f"export{len(list(tmp_path.iterdir()))}"
-        export(url, folder, Request(ExportFormat(format_), **options))
+        export(url, folder, Request(tuple(map(ExportFormat, formats or ["parquet"])), **options))
         return folder
 
     return written

@@ -105,7 +105,7 @@ def test_both_databases_give_the_same_files(database: str, folder: Path, tmp_pat
     other, own = database_url(database, folder), database_url(None, folder)
     index(other, [folder])
     index(own, [folder])
-    request = Request(ExportFormat.PARQUET, names=False, split={"train": 1, "test": 1})
+    request = Request((ExportFormat.PARQUET,), names=False, split={"train": 1, "test": 1})
     export(own, tmp_path / "own", request)
     export(other, tmp_path / "other", request)
     assert manifest(tmp_path / "own") == manifest(tmp_path / "other")

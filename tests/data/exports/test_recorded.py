@@ -14,9 +14,13 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import numpy as np
+from sqlalchemy.engine import URL
 
+from robotouille import World, load_task
+from robotouille.episode import Episode, Rules
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame, plain
+from robotouille.replay.recorder import Recorder, header
 from robotouille_data.database import database_url
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.exporting import export
@@ -203,7 +207,7 @@ def test_recordings_that_are_gone_or_changed_are_told(own_study: Path, tmp_path:
     gone.unlink()
     copied.unlink()
     changed.write_bytes(changed.read_bytes()[:-3])
-    found = export(database_url(None, own_study), tmp_path / "out", Request(ExportFormat.CHAT))
+    found = export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.CHAT,)))
     assert [found.faults[number] for number in ids] == [
         "its recording is gone",
         "its recording was changed since it was indexed",
@@ -225,7 +229,7 @@ def test_what_comes_out_otherwise_is_told(own_study: Path, tmp_path: Path) -> No
         begin = end
     path.write_bytes(compress(b"".join(pieces)))
     index(database_url(None, own_study), [own_study])
-    found = export(database_url(None, own_study), tmp_path / "out", Request(ExportFormat.ARRAYS))
+    found = export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.ARRAYS,)))
     assert list(found.faults.values()) == ["step 10 comes out otherwise by this version's rules"]
 
 
@@ -233,5 +237,47 @@ def test_nothing_is_written_where_all_is_gone(own_study: Path, tmp_path: Path) -
     for path in own_study.glob("*.rbt"):
         path.unlink()
     with pytest.raises(CatalogueError, match="nothing to write: its recording is gone"):
-        export(database_url(None, own_study), tmp_path / "out", Request(ExportFormat.CHAT))
+        export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.CHAT,)))
     assert not (tmp_path / "out").exists()
+
+
+# Reasoning, and several formats at once
+
+
+@pytest.fixture
+def thoughtful(tmp_path: Path) -> Path:
+    """A folder with one recording, in which a model gives reasons."""
+    folder = tmp_path / "thoughtful"
+    folder.mkdir()
+    world = World(load_task("synchronous/01"))
+    rules = Rules(max_steps=2)
+    episode, recorder = Episode(world, rules), Recorder(world)
+    stream = recorder.begin(header(world.task, rules, episode="thoughtful"))
+    episode.join("robot1", "small", "model", 0.0)
+    for seq, why in ((1, "bread is there"), (2, "")):
+        episode.submit("robot1", seq, episode.state.actions("robot1")[0], seq, reasoning=why)
+    content = compress(stream + recorder.record(episode.events()))
+    (folder / "thoughtful.rbt").write_bytes(content)
+    index(database_url(None, folder), [folder])
+    return folder
+
+
+@pytest.mark.parametrize("texts", [True, False])
+def test_reasons_are_said_before_actions(thoughtful: Path, tmp_path: Path, texts: bool) -> None:
+    request = Request((ExportFormat.CHAT,), texts=texts)
+    export(database_url(None, thoughtful), tmp_path / "out", request)
+    [(_, messages)] = conversations(tmp_path / "out")
+    said = [message["content"] for message in messages[1::2]]
+    assert said[0].startswith("Reasoning: bread is there\nAction: " if texts else "Action: ")
+    assert said[1].startswith("Action: ")
+
+
+def test_formats_lie_side_by_side(url: URL, write: Write, tmp_path: Path) -> None:
+    folder = write("csv", "chat", "arrays")
+    told = manifest(folder)
+    assert {each["format"] for each in told["data"]} == set(told["formats"])
+    names = {path.suffix for path in folder.iterdir()}
+    assert names == {".csv", ".jsonl", ".npz", ".json", ".md"}
+    several = Request((ExportFormat.CSV, ExportFormat.PARQUET))
+    with pytest.raises(CatalogueError, match="one format at a time"):
+        export(url, tmp_path / "out", several)

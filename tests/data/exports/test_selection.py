@@ -67,7 +67,7 @@ def test_who_has_not_consented_is_left_out_and_counted(write: Write) -> None:
 def test_what_cannot_be_exported_leaves_nothing(
     url: URL, tmp_path: Path, options: dict[str, object], words: str
 ) -> None:
-    request = Request(ExportFormat.CSV, **options)  # type: ignore[arg-type]
+    request = Request((ExportFormat.CSV,), **options)  # type: ignore[arg-type]
     with pytest.raises(CatalogueError, match=words):
         export(url, tmp_path / "out", request)
     assert not list(tmp_path.iterdir())

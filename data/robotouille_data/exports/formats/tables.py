@@ -86,9 +86,9 @@ class TableFile:
         self._schema = pa.schema([
             pa.field(c.name, ARROW_TYPES[type(c.type).__name__], bool(c.nullable)) for c in columns
         ])  # fmt: skip
-        path = part.folder / f"{table.name}.{part.request.format}"
+        path = part.folder / f"{table.name}.{part.format}"
         self._name, self._path = table.name, part.path(path)
-        self._writer = open_writer(part.request.format, path, self._schema)
+        self._writer = open_writer(part.format, path, self._schema)
         self._rows: list[tuple[Any, ...]] = []
         self._count = 0
         numbers = (f.name for f in self._schema if f.type != pa.string() and f.name not in KEYS)
