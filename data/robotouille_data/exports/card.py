@@ -25,8 +25,8 @@ DTYPES = {
     "boolean": "bool",
     "text": "string",
 }
-LOADED = frozenset((*TABLES, ExportFormat.CHAT))
-"""The formats that `datasets` loads."""
+LOADED = (*TABLES, ExportFormat.CHAT)
+"""The formats that `datasets` loads, one of them from a folder: the first that is there."""
 LOADING = {
     "parquet": 'polars.read_parquet("{path}")',
     "csv": 'polars.read_csv("{path}")',
@@ -128,9 +128,10 @@ def _front_matter(
     yield "tags:"
     yield from (f"- {tag}" for tag in ("robotouille", "multi-agent", "planning", "human-ai"))
     files: dict[str, list[Mapping[str, Any]]] = {}
+    loaded = next((each for each in LOADED if each in manifest["formats"]), None)
     for written in manifest["data"]:
         # Of a file without rows `datasets` says that it is damaged.
-        if written["rows"] and written["format"] in LOADED:
+        if written["rows"] and written["format"] == loaded:
             files.setdefault(written["entry"], []).append(written)
     if not files:
         return
@@ -143,12 +144,11 @@ def _front_matter(
         for written in its:
             yield f"  - split: {written['part'] or 'train'}"
             yield f"    path: {json.dumps(written['path'])}"
-    typed = {name for name, its in files.items() if its[0]["format"] in TABLES}
-    if typed:
+    if loaded in TABLES:
         yield "dataset_info:"
-    for entry in codebook["entries"]:
-        if entry["name"] in typed:
-            yield from _features(entry)
+        for entry in codebook["entries"]:
+            if entry["name"] in files:
+                yield from _features(entry)
 
 
 def _features(entry: Mapping[str, Any]) -> Iterator[str]:

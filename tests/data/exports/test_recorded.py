@@ -51,13 +51,12 @@ def own_moves(recording: Recording, player: str) -> list[Any]:
 # Chat
 
 
-def conversations(folder: Path) -> Iterator[tuple[dict[str, str], list[dict[str, str]]]]:
-    rows = (folder / "lines.csv").read_text().splitlines()
-    names = rows[0].split(",")
+def conversations(folder: Path) -> Iterator[tuple[dict[str, int], list[dict[str, str]]]]:
+    rows = (folder / "lines.jsonl").read_text().splitlines()
     lines = (folder / "chat.jsonl").read_text().splitlines()
-    for number, (row, line) in enumerate(zip(rows[1:], lines, strict=True)):
-        told = dict(zip(names, row.split(","), strict=True))
-        assert int(told["line"]) == number
+    for number, (row, line) in enumerate(zip(rows, lines, strict=True)):
+        told = json.loads(row)
+        assert told["line"] == number
         yield told, json.loads(line)["messages"]
 
 
@@ -67,15 +66,15 @@ def test_a_conversation_is_what_the_seat_saw_and_did(
     folder = write("chat", system="You cook.")
     seen = set()
     for told, messages in conversations(folder):
-        recording = recordings[int(told["episode_id"])]
-        player = recording.world.players[int(told["seat"])]
+        recording = recordings[told["episode_id"]]
+        player = recording.world.players[told["seat"]]
         moves = own_moves(recording, player)
         seen.add((recording, player))
         assert messages[0] == {"role": "system", "content": "You cook."}
         assert [m["role"] for m in messages[1:]] == ["user", "assistant"] * len(moves)
         assert [m["content"] for m in messages[1::2]] == [m.state.text_view(player) for m in moves]
         assert [m["content"] for m in messages[2::2]] == [f"Action: {m.text}" for m in moves]
-        assert (int(told["step"]), int(told["decisions"])) == (moves[0].step, len(moves))
+        assert (told["step"], told["decisions"]) == (moves[0].step, len(moves))
     expected = {(r, p) for r in recordings.values() for p in r.world.players if own_moves(r, p)}
     assert seen == expected
     rows = {each["entry"]: each["rows"] for each in manifest(folder)["data"]}
@@ -93,11 +92,13 @@ def test_a_conversation_may_be_one_decision(write: Write, recordings: dict[int, 
 @pytest.mark.slow
 def test_datasets_loads_chat(write: Write, hub: Any) -> None:
     folder = write("chat", split={"train": 0.5, "test": 0.5})
-    parts = hub.load_dataset(str(folder), "chat")
+    parts = {name: hub.load_dataset(str(folder), name) for name in ("chat", "lines")}
     for each in manifest(folder)["data"]:
-        if each["entry"] == "chat":
-            assert len(parts[each["part"]]) == each["rows"]
-    assert parts["train"][0]["messages"][0]["role"] == "user"
+        found = parts[each["entry"]][each["part"]]
+        assert len(found) == each["rows"]
+        for column, total in each["sums"].items():
+            assert sum(found[column]) == total
+    assert parts["chat"]["train"][0]["messages"][0]["role"] == "user"
 
 
 # Arrays

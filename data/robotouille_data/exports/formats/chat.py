@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator
 
@@ -41,21 +40,21 @@ Message = dict[str, str]
 
 
 def write_chat(part: Part) -> Iterator[Written]:
-    """Write `chat.jsonl`, and `lines.csv` that says whose each line is."""
+    """Write `chat.jsonl`, and `lines.jsonl` that says whose each line is."""
     part.codebook.update({entry.name: entry for entry in (CHAT, LINES)})
-    chat, lines = part.folder / "chat.jsonl", part.folder / "lines.csv"
+    chat, lines = part.folder / "chat.jsonl", part.folder / "lines.jsonl"
     count = decisions = 0
     with (
         chat.open("w", encoding="utf-8", newline="") as file,
         lines.open("w", encoding="utf-8", newline="") as table,
     ):
-        writer = csv.writer(table, lineterminator="\n")
-        writer.writerow([field.name for field in LINES.fields])
+        names = [field.name for field in LINES.fields]
         for replay in replays(part):
             for seat, moments in _conversations(replay, part.request.per_decision):
                 messages = _messages(replay.world.players[seat], moments, part.request)
                 file.write(json.dumps({"messages": messages}, ensure_ascii=False) + "\n")
-                writer.writerow([count, replay.episode_id, seat, moments[0].step, len(moments)])
+                row = (count, replay.episode_id, seat, moments[0].step, len(moments))
+                table.write(json.dumps(dict(zip(names, row, strict=True))) + "\n")
                 count += 1
                 decisions += len(moments)
     yield Written("chat", part.path(chat), count)
