@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections import Counter
 from pathlib import Path
 
@@ -10,14 +11,18 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
+from typer.testing import CliRunner
+
 from robotouille.replay import read_recording
+from robotouille.replay.container import compress
+from robotouille_client.cli.main import app
 from robotouille_data.database import database_url
 from robotouille_data.indexing import index
 from robotouille_data.query import asking
 from robotouille_data.recordings.seat import ACTIVITIES
 from robotouille_data.schema import METADATA
-from tests.support.pages import read
-from tests.support.random_play import write_recordings
+from tests.support.pages import blocks, read
+from tests.support.random_play import random_stream, write_recordings
 
 PAGE = read("data.md")
 QUERIES = re.findall(r"```sql\n(.*?)```", PAGE, re.DOTALL)
@@ -85,3 +90,29 @@ def test_the_table_of_a_study_is_what_recordings_say(folder: Path) -> None:
         times = [ms for own, gone, ms in moves if own and not gone]
         if row["acted"] == len(times):  # None came just before a connection was lost.
             assert row["decision_ms"] == pytest.approx(sum(times) / len(times))
+
+
+@pytest.mark.slow
+def test_exports_are_made_as_the_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its commands one after the other, and then what reads the arrays."""
+    np = pytest.importorskip("numpy", reason="needs the extra `rl`")
+    pytest.importorskip("pyarrow", reason="needs the extra `data`")
+    monkeypatch.chdir(tmp_path)
+    Path("recordings").mkdir()
+    for seed in (1, 3, 6):  # Of one timing, and so of one task.
+        people = [(f"{name}{seed}", f"{name}{seed}") for name in ("ada", "bob")]
+        stream = random_stream(seed, people=people)
+        Path(f"recordings/{seed}.rbt").write_bytes(compress(stream))
+    section = PAGE.partition("\n## Exports\n")[2].partition("\n## ")[0]
+    commands = re.findall(r"^\$ robotouille (.*)", section, re.MULTILINE)
+    assert len(commands) == 5
+    for command in commands:
+        result = CliRunner().invoke(app, shlex.split(command))
+        assert result.exit_code == 0, (command, result.output)
+    names: dict[str, object] = {}
+    for block in blocks("data.md", "python"):
+        exec(compile(block, "data.md", "exec"), names)
+    seen, did = names["lessons"]  # type: ignore[misc]
+    assert len(seen) == len(did) > 0
+    assert (did >= 0).all()
+    assert np.load("out/models/test/multi_agent-01_lettuce_burger.npz")["own"].any()

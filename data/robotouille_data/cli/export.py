@@ -96,7 +96,7 @@ def export(
             texts=not no_text,
             split=shares,
             split_by=split_by,
-            system=system.read_text(encoding="utf-8").strip() if system else "",
+            system=system.read_text(encoding="utf-8", errors="replace").strip() if system else "",
             per_decision=per_decision,
             about=About(title, description, license_, contact),
         )

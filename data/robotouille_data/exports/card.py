@@ -11,6 +11,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from robotouille.program import printable
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.manifest import CODEBOOK, MANIFEST, read_json
 from robotouille_data.exports.request import TABLES, About, ExportFormat
@@ -164,8 +165,8 @@ def _features(entry: Mapping[str, Any]) -> Iterator[str]:
 
 def _contents(manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:
     counts = f"{manifest['episodes']:,} episodes, {manifest['seats']:,} seats, "
-    tasks = ", ".join(f"`{name}` ({count:,})" for name, count in manifest["tasks"].items())
-    labels = ", ".join(f"`{name}` ({n:,} values)" for name, n in manifest["labels"].items())
+    tasks = ", ".join(f"{_quoted(name)} ({count:,})" for name, count in manifest["tasks"].items())
+    labels = ", ".join(f"{_quoted(name)} ({n:,} values)" for name, n in manifest["labels"].items())
     lines = [
         f"{counts}{manifest['steps']:,} steps.",
         f"Tasks: {tasks}.",
@@ -187,7 +188,9 @@ def _contents(manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:
 
 
 def _entries(codebook: Mapping[str, Any]) -> list[Sequence[str]]:
-    return [(f"`{e['name']}`", f"{e['rows']:,}", e["meaning"]) for e in codebook["entries"]]
+    return [
+        (_quoted(e["name"]), f"{e['rows']:,}", printable(e["meaning"])) for e in codebook["entries"]
+    ]
 
 
 def _parts(manifest: Mapping[str, Any]) -> Iterator[str]:
@@ -195,16 +198,20 @@ def _parts(manifest: Mapping[str, Any]) -> Iterator[str]:
         parts = ", ".join(f"`{name}` {count:,}" for name, count in split["episodes"].items())
         yield (
             f"Parts, in episodes: {parts}. Episodes that share a human participant or the label "
-            f"`{split['by']}` are in the same part."
+            f"{_quoted(split['by'])} are in the same part."
         )
 
 
 def _origin(manifest: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{name} ({count:,})" for name, count in manifest["recorded_by"].items())
-    filters = [f"label `{name}={value}`" for name, value in manifest["labels_asked"].items()]
-    filters += [f"consent `{name}={value}`" for name, value in manifest["consent"].items()]
+    filters = [
+        f"label {_quoted(f'{name}={value}')}" for name, value in manifest["labels_asked"].items()
+    ]
+    filters += [
+        f"consent {_quoted(f'{name}={value}')}" for name, value in manifest["consent"].items()
+    ]
     if manifest["query"]:
-        filters.append(f"the query `{_one_line(manifest['query'])}`")
+        filters.append(f"the query {_quoted(manifest['query'])}")
     lines = [
         f"Recorded by Robotouille {versions}, exported by {manifest['software']} from a catalogue "
         f"of version {manifest['catalogue']}.",
@@ -239,8 +246,10 @@ def _people(manifest: Mapping[str, Any]) -> str:
     return f"{names} {texts} {rest}"
 
 
-def _one_line(text: str) -> str:
-    return " ".join(text.split()).replace("`", "'")
+def _quoted(text: str) -> str:
+    """What somebody has worded, such that it breaks no line, table or quotation."""
+    words = " ".join(text.split()).replace("`", "'").replace("|", "/")
+    return f"`{printable(words)}`"
 
 
 def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

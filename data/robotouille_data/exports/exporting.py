@@ -74,15 +74,14 @@ def export(
 
     Raises:
         CatalogueError: There is no catalogue of this version, nothing is left of it, or there is
-            something in the folder.
+            something in the folder, or it cannot be written.
         UnavailableError: The database cannot be read now.
         MissingExtraError: A library of the format is not installed.
-        OSError: The folder cannot be written.
     """
     check_license(request.about.license)
     if len([each for each in request.formats if each in TABLES]) > 1:
         raise CatalogueError("tables are exported in one format at a time")
-    with whole_folder(folder) as draft, _reading(url) as connection:
+    with _reading(url) as connection, whole_folder(folder) as draft:
         selection = select_episodes(connection, url, request)
         return _write(connection, draft, request, selection, progress)
 

@@ -18,16 +18,17 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """A new folder to write into, which becomes `folder` once all has gone well.
 
     Raises:
-        CatalogueError: There is something in its place.
-        OSError: It cannot be made or written.
+        CatalogueError: There is something in its place, or it cannot be written.
     """
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise CatalogueError(f"{folder} is there already: name a new folder, or remove it first")
-    folder.parent.mkdir(parents=True, exist_ok=True)
     draft = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    draft.mkdir()
     try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        draft.mkdir()
         yield draft
         draft.rename(folder)
+    except OSError as error:
+        raise CatalogueError(f"{folder} cannot be written: {error.strerror or error}") from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)

@@ -76,3 +76,9 @@ def test_what_is_no_export_is_told(tmp_path: Path, write: Write) -> None:
     path.write_text("[]")
     with pytest.raises(CatalogueError, match="no export"):
         rewrite_card(folder, {})
+
+
+def test_words_of_others_break_no_line(write: Write) -> None:
+    folder = write(labels={"condition": "a"}, query="SELECT id\n---\n, '`| \x1b[2J' FROM episodes")
+    card = (folder / "README.md").read_text()
+    assert "the query `SELECT id --- , ''/ \ufffd[2J' FROM episodes`" in card

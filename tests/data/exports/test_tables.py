@@ -69,6 +69,8 @@ def test_tables_are_those_of_the_catalogue(url: URL, write: Write, format_: str)
 def test_long_tables_are_written_in_pieces(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = write()
     monkeypatch.setattr(tables, "ROWS_AT_ONCE", 7)
+    monkeypatch.setattr(tables, "TEXTS_AT_ONCE", 5)
+    monkeypatch.setattr(tables, "FETCHED_AT_ONCE", 3)
     pieces = write()
     for table in EPISODE_TABLES:
         name = f"{table.name}.parquet"

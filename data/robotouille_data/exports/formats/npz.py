@@ -6,6 +6,7 @@ import shutil
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
@@ -31,17 +32,18 @@ class GrowingArrays:
     ) -> None:
         self._folder = folder
         self._fields = {name: (np.dtype(kind), shape) for name, (kind, shape) in fields.items()}
+        self._open = ExitStack()
         self._files: dict[str, IO[bytes]] = {}
         self.rows = 0
 
     def __enter__(self) -> GrowingArrays:
         for name in self._fields:
-            self._files[name] = tempfile.TemporaryFile(dir=self._folder)
+            file = tempfile.TemporaryFile(dir=self._folder)
+            self._files[name] = self._open.enter_context(file)
         return self
 
     def __exit__(self, *_: object) -> None:
-        for file in self._files.values():
-            file.close()
+        self._open.close()
 
     def append(self, **values: Any) -> None:
         """Add a row."""

@@ -19,13 +19,15 @@ from robotouille_data.exports.codebook import table_entry
 from robotouille_data.exports.part import Part, Written
 from robotouille_data.exports.request import ExportFormat
 from robotouille_data.exports.selection import in_pieces
-from robotouille_data.schema import EPISODE_TABLES, EPISODES
+from robotouille_data.schema import EPISODE_TABLES, EPISODES, EVENTS
 
 __all__ = ["write_tables"]
 
 ROWS_AT_ONCE = 100_000
 """Rows of a table that are held before they are written."""
-FETCHED_AT_ONCE = 5_000
+TEXTS_AT_ONCE = 2_000
+"""The same of events, whose texts may have tens of thousands of letters."""
+FETCHED_AT_ONCE = 2_000
 ARROW_TYPES: dict[str, pa.DataType] = {
     "BigInteger": pa.int64(),
     "Integer": pa.int32(),
@@ -90,6 +92,7 @@ class TableFile:
         self._name, self._path = table.name, part.path(path)
         self._writer = open_writer(part.format, path, self._schema)
         self._rows: list[tuple[Any, ...]] = []
+        self._at_once = TEXTS_AT_ONCE if table is EVENTS else ROWS_AT_ONCE
         self._count = 0
         numbers = (f.name for f in self._schema if f.type != pa.string() and f.name not in KEYS)
         self._sums: dict[str, float] = dict.fromkeys(numbers, 0)
@@ -99,7 +102,7 @@ class TableFile:
         query = self._query.where(self._key.in_(ids))
         for rows in _fetched(connection, query):
             self._rows += rows if self._change is None else map(self._change, rows)
-            if len(self._rows) >= ROWS_AT_ONCE:
+            if len(self._rows) >= self._at_once:
                 self._flush()
 
     def finish(self) -> Written:
