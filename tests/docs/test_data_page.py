@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 from robotouille.replay import read_recording
 from robotouille.replay.container import compress
 from robotouille_client.cli.main import app
+from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url
 from robotouille_data.indexing import index
-from robotouille_data.query import asking
 from robotouille_data.recordings.seat import ACTIVITIES
 from robotouille_data.schema import METADATA
 from tests.support.pages import blocks, read

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -14,7 +15,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.program import printable
 from robotouille_client.console import explain, fail
 
-__all__ = ["Bar", "DatabaseOption", "bar", "errors_told"]
+__all__ = ["Bar", "DatabaseOption", "FolderOption", "bar", "errors_told"]
 
 DatabaseOption = Annotated[
     str | None,
@@ -23,7 +24,10 @@ DatabaseOption = Annotated[
         help="An SQLite file, or postgresql://USER@HOST/NAME; DIR/catalogue.sqlite if not given.",
     ),
 ]
-EXTRA = ("alembic", "polars", "psycopg", "pyarrow", "sqlalchemy")
+FolderOption = Annotated[
+    Path, typer.Option("--folder", help="The folder whose catalogue.sqlite is read.")
+]
+EXTRA = ("alembic", "matplotlib", "numpy", "polars", "psycopg", "pyarrow", "sqlalchemy")
 
 
 class Bar:
@@ -37,11 +41,20 @@ class Bar:
         """Show it."""
         self._progress.update(self._task, completed=done, total=total)
 
+    def stage(self, what: str, done: int, total: int) -> None:
+        """Show it, of one thing after the other."""
+        self._progress.update(self._task, description=what, completed=done, total=total)
+
 
 @contextmanager
 def bar(what: str) -> Iterator[Bar]:
     """A bar that counts something."""
-    columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         yield Bar(progress, what)

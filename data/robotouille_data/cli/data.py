@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from robotouille.program import printable, tell
-from robotouille_data.cli.console import DatabaseOption, bar, errors_told
+from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
 from robotouille_data.cli.export import card, export
 
 __all__ = ["data"]
@@ -100,9 +100,7 @@ def watch(
 def sql(
     query: Annotated[str, typer.Argument(help="A query in SQL, that only reads.")],
     database: DatabaseOption = None,
-    folder: Annotated[
-        Path, typer.Option("--folder", help="The folder whose catalogue.sqlite is read.")
-    ] = Path(),
+    folder: FolderOption = Path(),
     csv: Annotated[Path | None, typer.Option("--csv", help="Write a file.")] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write a file.")] = None,
     parquet: Annotated[Path | None, typer.Option("--parquet", help="Write a file.")] = None,
@@ -113,9 +111,9 @@ def sql(
     The tables are described in docs/data.md. Whatever would write is refused.
     """
     with errors_told():
+        from robotouille_data.answers.query import asking
+        from robotouille_data.answers.saving import MAX_SHOWN, saving, table_lines
         from robotouille_data.database import database_url
-        from robotouille_data.query import asking
-        from robotouille_data.saving import MAX_SHOWN, saving, table_lines
 
         files = [(save, path) for save, path in zip(saving(), (csv, json, parquet), strict=True)]
         wanted = [(save, path) for save, path in files if path is not None]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from robotouille_data.query import SECONDS
+from robotouille_data.answers.query import SECONDS
 
 __all__ = ["TABLES", "About", "ExportFormat", "Request"]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection
 
+from robotouille_data.answers.query import asking
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.request import Request
-from robotouille_data.query import asking
 from robotouille_data.schema import EPISODES, LABELS
 
 __all__ = ["Selection", "in_pieces", "select_episodes", "task_slugs"]

@@ -18,9 +18,9 @@ pytest.importorskip("polars", reason="needs the extra `data`")
 import polars as pl
 from sqlalchemy.engine import URL
 
+from robotouille_data.answers.query import asking
 from robotouille_data.exports.codebook import UNITS
 from robotouille_data.exports.formats import tables
-from robotouille_data.query import asking
 from robotouille_data.schema import EPISODE_TABLES, METADATA
 from tests.support.studies import Write, manifest
 
