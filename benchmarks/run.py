@@ -15,6 +15,7 @@ from benchmarks import (
     core,
     environments,
     evaluation,
+    exports,
     joint,
     model_calls,
     planning,
@@ -30,6 +31,7 @@ if __name__ == "__main__":
     planning.main()
     evaluation.main([])
     catalogue.main([])
+    exports.main([])
     server.main()
     model_calls.main([])
     stand_ins.main(["--rooms", "100", "--seconds", "10"])

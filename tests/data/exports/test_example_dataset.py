@@ -78,10 +78,8 @@ def test_datasets_loads_it(hub: Any) -> None:
 @pytest.mark.slow
 def test_the_program_makes_the_same_episode_again() -> None:
     program = load_program()
-    streams = [
-        program.record("alone", 0, program.LAST, AnytimePlanner(program.World(task)))
-        for task in [program.load_task(program.TASK)] * 2
-    ]
+    planner = AnytimePlanner(program.World(program.load_task(program.TASK)))
+    streams = [program.record("alone", 0, program.LAST, planner) for _ in range(2)]
     assert streams[0] == streams[1]
     assert recording_of(streams[0], "example").verify().ok
 

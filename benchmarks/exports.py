@@ -1,0 +1,113 @@
+"""How fast a catalogue is written as files.
+
+python -m benchmarks.exports --episodes 1000 --formats parquet,csv,jsonl
+
+The rows are made up: 200 steps of two seats in each episode, and fifteen events. Beside the figures
+stands how long this machine takes for 20 million additions at present. Needs the extra `data`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+EPISODES, STEPS, EVENTS, SEATS = 1_000, 200, 15, (0, 1)
+WANTED, SECONDS = 2_000_000, 60.0
+ADDITIONS, QUIET = 20_000_000, 1.25
+"""How many, and the seconds that they take on a machine that has nothing else to do."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--episodes", type=int, default=EPISODES)
+    parser.add_argument("--formats", default="parquet")
+    options = parser.parse_args(arguments)
+    if not (find_spec("sqlalchemy") and find_spec("pyarrow")):
+        print("exports are left out: they need the extra `data`")
+        return
+    with tempfile.TemporaryDirectory() as name:
+        measure(Path(name), options.episodes, options.formats.split(","))
+
+
+def measure(folder: Path, episodes: int, formats: Sequence[str]) -> None:
+    """Make a catalogue, and write it in each format."""
+    from robotouille_data.database import database_url
+    from robotouille_data.exports.exporting import export
+    from robotouille_data.exports.request import ExportFormat, Request
+
+    url = database_url(None, folder)
+    fill(url, episodes)
+    steps = episodes * STEPS
+    for name in formats:
+        slower = _additions() / QUIET
+        began = time.perf_counter()
+        export(url, folder / name, Request((ExportFormat(name),)))
+        seconds = time.perf_counter() - began
+        print(
+            f"{name}: {steps:,} steps of two seats in {seconds:.1f} s; {WANTED:,} in "
+            f"{seconds * WANTED / steps:.0f} s (aim: {SECONDS:.0f} s), with a machine that takes "
+            f"{slower:.1f} times as long as a quiet one"
+        )
+
+
+def fill(url: Any, episodes: int) -> None:
+    """A catalogue with made-up rows."""
+    from robotouille_data import schema
+    from robotouille_data.database import insert, writing
+    from robotouille_data.versions import migrate
+
+    with writing(url).begin() as connection:
+        migrate(connection)
+        for number in range(episodes):
+            insert(connection, schema.EPISODES, [_episode(number)])
+            insert(connection, schema.SEATS, [_seat(number, seat) for seat in SEATS])
+            insert(connection, schema.STEPS, list(_steps(number)))
+            insert(connection, schema.EVENTS, list(_events(number)))
+            insert(connection, schema.LABELS, [(number, "condition", f"c{number % 2}")])
+            insert(connection, schema.MEASURES, [(number, True, 40, STEPS / 40, 3, 4)])
+
+
+def _episode(number: int) -> tuple[Any, ...]:
+    task = ("multi_agent/01_lettuce_burger", "0" * 32, "people", 0)
+    rules = ("realtime", 5.0, STEPS, "bot", len(SEATS))
+    course = ("goal", "", STEPS, STEPS / 5, "ABCDE-FGHIJ", "")
+    return number, f"e{number}", "ended", "2026-01-01T00:00:00Z", "0", *task, *rules, *course
+
+
+def _seat(number: int, seat: int) -> tuple[Any, ...]:
+    who = (f"robot{seat + 1}", f"name{number % 100}", "human", f"p{number % 100}")
+    return number, seat, *who, 100, 60, 10, 10, 10, 10, 1, 2, 3, 6, 2, 30_000, 1.5, 0.5
+
+
+def _steps(number: int) -> Iterator[tuple[Any, ...]]:
+    for step in range(1, STEPS + 1):
+        for seat in SEATS:
+            begin = (number, step, seat, step * 200)
+            if (number + step + seat) % 2:
+                yield *begin, "busy", "human", None, None, None, None, None
+            else:
+                arguments = f"robot{seat + 1} table{step % 9} table{number % 9}"
+                yield *begin, "acted", "human", "move", arguments, True, 7 * step % 997, 0
+
+
+def _events(number: int) -> Iterator[tuple[Any, ...]]:
+    for place in range(EVENTS):
+        when = (place * 10, place * 2_000)
+        yield number, place, *when, "said", 0, f"name{number % 100}", "one moment", "{}"
+
+
+def _additions() -> float:
+    began, total = time.perf_counter(), 0
+    for _ in range(ADDITIONS):
+        total += 1  # noqa: SIM113
+    return time.perf_counter() - began
+
+
+if __name__ == "__main__":
+    main()
