@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -114,18 +114,26 @@ def _write(
 
     parts, told = _split(connection, request, ids)
     privacy = Privacy(connection, ids, names=request.names, texts=request.texts)
-    tasks = task_slugs(connection, ids)
     faults, codebook = dict[int, str](), dict[str, Entry]()
-    rows: list[dict[str, Any]] = []
+    begun = Part(
+        connection=connection,
+        request=request,
+        format=request.formats[0],
+        privacy=privacy,
+        root=folder,
+        name="",
+        ids=ids,
+        tasks=task_slugs(connection, ids),
+        done=more,
+        faults=faults,
+        codebook=codebook,
+    )
     more(0)
-    for (name, its), format_ in product(parts.items(), request.formats):
-        part = Part(
-            *(connection, request, format_, privacy, folder, name, its, tasks),
-            *(more, faults, codebook),
-        )
-        part.folder.mkdir(exist_ok=True)
-        for written in _writer(format_)(part):
-            rows.append({"part": name, "format": format_.value, **asdict(written)})
+    rows = [
+        row
+        for (name, its), format_ in product(parts.items(), request.formats)
+        for row in _write_part(replace(begun, name=name, ids=its, format=format_))
+    ]
     if not any(row["rows"] for row in rows):
         reasons = "; ".join(sorted(set(faults.values())))
         raise CatalogueError(f"there is nothing to write{f': {reasons}' if reasons else ''}")
@@ -141,6 +149,13 @@ def _write(
     _write_words(folder, manifest, codebook_text(codebook, rows))
     counts = {name: len(its) for name, its in parts.items()}
     return Exported(counts, selection.left_out, faults)
+
+
+def _write_part(part: Part) -> Iterator[dict[str, Any]]:
+    """Write the files of a part; what `export.json` says of each."""
+    part.folder.mkdir(exist_ok=True)
+    for written in _writer(part.format)(part):
+        yield {"part": part.name, "format": part.format.value, **asdict(written)}
 
 
 def _split(
