@@ -40,6 +40,8 @@ def select_episodes(connection: Connection, url: URL, request: Request) -> Selec
     """
     left_out: dict[str, int] = {}
     found = set(connection.scalars(sa.select(EPISODES.c.id)))
+    if not found:
+        raise CatalogueError("the catalogue has no episodes: --folder says where recordings are")
     if request.query:
         asked = _asked(url, request.query, request.seconds)
         left_out["unknown"] = len(asked - found)

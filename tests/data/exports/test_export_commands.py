@@ -91,6 +91,21 @@ def test_errors_are_a_line_and_nothing_is_written(folder: Path, tmp_path: Path) 
         assert not out.exists()
 
 
+def test_a_folder_without_recordings_is_told(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    result = run("export", tmp_path / "out", "--folder", tmp_path / "empty")
+    assert (result.exit_code, "--folder says where" in result.stderr) == (1, True)
+
+
+def test_damaged_recordings_are_told_and_left_out(folder: Path, tmp_path: Path) -> None:
+    path = folder / "random1.rbt"
+    path.write_bytes(path.read_bytes()[:200])
+    result = run("export", tmp_path / "out", "--folder", folder, "--format", "chat")
+    assert result.exit_code == 0, result.output
+    assert "random1.rbt: " in result.stderr
+    assert manifest(tmp_path / "out")["episodes"] == 7
+
+
 def test_a_card_is_printed_and_changed(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     run("export", out, "--folder", folder, "--format", "csv")
