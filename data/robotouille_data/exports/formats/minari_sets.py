@@ -94,13 +94,13 @@ def _write_task(part: Part, task: str, episodes: Iterator[Replay]) -> Iterator[W
             SeatSet(f"robotouille/{task}-seat{seat}-v0", world, seat)
             for seat in range(len(world.players))
         ]
+        if not 0 < len(replay.moments) <= MAX_STEPS:
+            part.faults[replay.episode_id] = f"it has no step, or more than {MAX_STEPS:,}"
+            continue
         try:
             buffers = [_buffer(replay, seat) for seat in range(len(world.players))]
         except (SlotOverflowError, UnknownNameError) as error:
             part.faults[replay.episode_id] = str(error)
-            continue
-        if not 0 < len(replay.moments) <= MAX_STEPS:
-            part.faults[replay.episode_id] = f"it has no step, or more than {MAX_STEPS:,}"
             continue
         for each, buffer in zip(sets, buffers, strict=True):
             each.add(replay, buffer)
@@ -125,7 +125,7 @@ def _buffer(replay: Replay, seat: int) -> EpisodeBuffer:
         actions=[nothing if number == NOTHING else number for number in numbers],
         rewards=[moment.reward for moment in moments],
         terminations=reached,
-        truncations=[*([False] * (len(moments) - 1)), not reached[-1]] if moments else [],
+        truncations=[*([False] * (len(moments) - 1)), not reached[-1]],
         infos={"own": [*own, False]},
     )
 
