@@ -171,8 +171,13 @@ def test_minari_loads_each_seat_s_data_set(
             assert dataset.observation_space["observation"].contains(seen[0])
             assert len(seen) == len(each.actions) + 1
             assert masks[np.arange(len(each.actions)), each.actions].all()
+            assert len(each.infos["own"]) == len(seen)
+            nothing = dataset.action_space.n - 1
+            assert (each.actions[each.infos["own"][:-1].astype(bool)] < nothing).all()
             assert each.terminations[-1] != each.truncations[-1]
             assert not (each.terminations | each.truncations)[:-1].any()
+        told_of = dataset.storage.get_episode_metadata(dataset.episode_indices)
+        assert all(each["reason"] and each["episode"] for each in told_of)
         steps += written["rows"]
     assert steps == sum(each["rows"] for each in tables["data"])
 
