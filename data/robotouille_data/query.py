@@ -15,7 +15,7 @@ from robotouille_data.database import driver_errors, read_only, telling
 from robotouille_data.errors import CatalogueError
 from robotouille_data.versions import check_version
 
-__all__ = ["SECONDS", "Answer", "asking"]
+__all__ = ["SECONDS", "Answer", "asking", "reading"]
 
 SECONDS = 60.0
 """How long a query may take, if nothing else is said."""
@@ -58,6 +58,25 @@ def asking(url: URL, query: str, seconds: float = SECONDS) -> Iterator[Answer]:
         else:
             with _asking_postgresql(connection, query, seconds) as answer:
                 yield answer
+
+
+@contextmanager
+def reading(url: URL) -> Iterator[Connection]:
+    """A connection that reads one state of a catalogue, whatever is written meanwhile.
+
+    Raises:
+        UnavailableError: The database cannot be read now.
+        CatalogueError: There is no catalogue of this version.
+    """
+    engine = read_only(url)
+    with telling(url), engine.connect() as connection:
+        check_version(connection)
+        connection.rollback()
+        if url.drivername == "sqlite":
+            connection.exec_driver_sql("BEGIN")
+        else:
+            connection.execution_options(isolation_level="REPEATABLE READ")
+        yield connection
 
 
 def _ask_sqlite(connection: Connection, query: str, seconds: float) -> Answer:

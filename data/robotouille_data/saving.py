@@ -15,7 +15,15 @@ from robotouille.errors import MissingExtraError
 from robotouille.program import printable
 from robotouille_data.query import Answer
 
-__all__ = ["MAX_SHOWN", "save_csv", "save_json", "save_parquet", "saving", "table_lines"]
+__all__ = [
+    "MAX_SHOWN",
+    "save_csv",
+    "save_json",
+    "save_parquet",
+    "saving",
+    "table_lines",
+    "whole_file",
+]
 
 MAX_SHOWN = 1000
 """Rows that a terminal is shown."""
@@ -36,7 +44,7 @@ def table_lines(answer: Answer, limit: int = MAX_SHOWN) -> tuple[list[str], bool
 
 def save_csv(answer: Answer, path: Path) -> int:
     """Write CSV with a heading; how many rows there are. OSError if it cannot be written."""
-    with _whole(path) as file:
+    with whole_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(answer.columns)
         count = 0
@@ -49,7 +57,7 @@ def save_csv(answer: Answer, path: Path) -> int:
 def save_json(answer: Answer, path: Path) -> int:
     """Write a list of objects, one a line; how many there are. OSError as in `save_csv`."""
     count = 0
-    with _whole(path) as file:
+    with whole_file(path) as file:
         file.write("[")
         for count, row in enumerate(answer.rows, 1):
             file.write(",\n" if count > 1 else "\n")
@@ -87,7 +95,7 @@ def saving() -> tuple[Callable[[Answer, Path], int], ...]:
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[IO[str]]:
+def whole_file(path: Path) -> Iterator[IO[str]]:
     """A file that is whole, or as it was before."""
     temporary = path.with_name(f"{path.name}.tmp")
     try:

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille.program import printable, tell
+from robotouille.program import printable, quoted, tell
 from robotouille_client.console import explain, fail
 
 __all__ = ["data"]
@@ -30,8 +30,11 @@ DatabaseOption = Annotated[
 ]
 FoldersArgument = Annotated[list[Path], typer.Argument(help="Folders of recordings.")]
 JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes that read.")]
+FolderOption = Annotated[
+    Path, typer.Option("--folder", help="The folder whose catalogue.sqlite is read.")
+]
 JOBS = 2
-EXTRA = ("alembic", "psycopg", "sqlalchemy")
+EXTRA = ("alembic", "matplotlib", "numpy", "psycopg", "sqlalchemy")
 
 
 @data.command()
@@ -107,9 +110,7 @@ def watch(
 def sql(
     query: Annotated[str, typer.Argument(help="A query in SQL, that only reads.")],
     database: DatabaseOption = None,
-    folder: Annotated[
-        Path, typer.Option("--folder", help="The folder whose catalogue.sqlite is read.")
-    ] = Path(),
+    folder: FolderOption = Path(),
     csv: Annotated[Path | None, typer.Option("--csv", help="Write a file.")] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write a file.")] = None,
     parquet: Annotated[Path | None, typer.Option("--parquet", help="Write a file.")] = None,
@@ -141,6 +142,55 @@ def sql(
             tell(f"there are more than {MAX_SHOWN} rows: --csv writes all", err=True)
 
 
+@data.command()
+def report(
+    query: Annotated[
+        str | None,
+        typer.Argument(help="SQL with a column `id` or `episode_id`; all episodes if not given."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("report.html"),
+    database: DatabaseOption = None,
+    folder: FolderOption = Path(),
+    label: Annotated[
+        list[str] | None,
+        typer.Option("--label", metavar="NAME=VALUE", help="Only episodes that have it."),
+    ] = None,
+    by: Annotated[str, typer.Option("--by", help="The label that is compared.")] = "condition",
+    text: Annotated[
+        bool, typer.Option("--text/--no-text", help="Also what was said in the chat.")
+    ] = True,
+    title: Annotated[
+        str, typer.Option("--title", help="The page's.")
+    ] = "Robotouille: a first look",
+    seconds: Annotated[float, typer.Option(min=0.001, help="How long it may take.")] = 60.0,
+) -> None:
+    """Compare episodes by a label, on one HTML page: outcomes, what seats did, time lines, chat.
+
+    The page needs nothing beside it and asks nobody for anything.
+    """
+    with _errors():
+        from robotouille_data.database import database_url
+        from robotouille_data.report.write import write_report
+
+        url = database_url(database, folder)
+        with _bar("report") as progress:
+            count = write_report(
+                url, out, query=query, labels=_labels(label or []), by=by, text=text, title=title,
+                seconds=seconds, progress=progress.stage,
+            )  # fmt: skip
+    tell(printable(f"{out}: {count} episodes"))
+
+
+def _labels(pairs: list[str]) -> dict[str, str]:
+    found = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name:
+            raise RobotouilleError(f"a label is NAME=VALUE, not {quoted(pair)}")
+        found[name] = value
+    return found
+
+
 def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Iterator[str]:
     yield f"indexed {indexed}, unchanged {unchanged}, forgotten {forgotten}"
     if unfinished:
@@ -148,20 +198,29 @@ def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Ite
 
 
 @contextmanager
-def _bar() -> Iterator[_Bar]:
-    columns = TextColumn("recordings"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+def _bar(what: str = "recordings") -> Iterator[_Bar]:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        yield _Bar(progress)
+        yield _Bar(progress, what)
 
 
 class _Bar:
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: Progress, what: str) -> None:
         self._progress = progress
-        self._task = progress.add_task("recordings", total=None)
+        self._task = progress.add_task(what, total=None)
 
     def __call__(self, done: int, total: int) -> None:
         self._progress.update(self._task, completed=done, total=total)
+
+    def stage(self, what: str, done: int, total: int) -> None:
+        """The same, of one thing after the other."""
+        self._progress.update(self._task, description=what, completed=done, total=total)
 
 
 @contextmanager
