@@ -96,12 +96,15 @@ def saving() -> tuple[Callable[[Answer, Path], int], ...]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[str]]:
-    """A file that is whole, or as it was before."""
+    """A file that is whole, or as it was before; an OSError has its name."""
     temporary = path.with_name(f"{path.name}.tmp")
     try:
         with temporary.open("w", encoding="utf-8", newline="") as file:
             yield file
         temporary.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -151,7 +151,8 @@ def _paths(connection: Connection, some: Sequence[int]) -> dict[int, str]:
     """The recording of each episode; of copies, the first by name."""
     its = RECORDINGS.c
     query = sa.select(its.episode_id, sa.func.min(its.path)).where(its.episode_id.in_(some))
-    return dict(connection.execute(query.group_by(its.episode_id)).tuples().all())
+    rows = connection.execute(query.group_by(its.episode_id))
+    return {row[0]: row[1] for row in rows}
 
 
 def _seats(
