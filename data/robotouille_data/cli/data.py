@@ -5,36 +5,23 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille.program import printable, quoted, tell
-from robotouille_client.console import explain, fail
+from robotouille.program import printable, tell
+from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
+from robotouille_data.cli.report import report
 
 __all__ = ["data"]
 
 data = typer.Typer(no_args_is_help=True, help="A catalogue of recordings: index, watch, query.")
+data.command()(report)
 
-DatabaseOption = Annotated[
-    str | None,
-    typer.Option(
-        envvar="ROBOTOUILLE_DATABASE",
-        help="An SQLite file, or postgresql://USER@HOST/NAME; DIR/catalogue.sqlite if not given.",
-    ),
-]
 FoldersArgument = Annotated[list[Path], typer.Argument(help="Folders of recordings.")]
 JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes that read.")]
-FolderOption = Annotated[
-    Path, typer.Option("--folder", help="The folder whose catalogue.sqlite is read.")
-]
 JOBS = 2
-EXTRA = ("alembic", "matplotlib", "numpy", "psycopg", "sqlalchemy")
 
 
 @data.command()
@@ -52,12 +39,12 @@ def index(
     What is new or has changed is read, what is gone is forgotten. Damaged recordings are named,
     and left out.
     """
-    with _errors():
+    with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.indexing import index as index_folders
 
         url = database_url(database, folders[0])
-        with _bar() as progress:
+        with bar("recordings") as progress:
             report = index_folders(
                 url, folders, jobs=jobs, unfinished=unfinished, anew=anew, progress=progress
             )
@@ -84,7 +71,7 @@ def watch(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     told: dict[str, str] = {}
-    with _errors():
+    with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.indexing import Report
         from robotouille_data.watching import watch as watch_folders
@@ -120,7 +107,7 @@ def sql(
 
     The tables are described in docs/data.md. Whatever would write is refused.
     """
-    with _errors():
+    with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.query import asking
         from robotouille_data.saving import MAX_SHOWN, saving, table_lines
@@ -142,99 +129,7 @@ def sql(
             tell(f"there are more than {MAX_SHOWN} rows: --csv writes all", err=True)
 
 
-@data.command()
-def report(
-    query: Annotated[
-        str | None,
-        typer.Argument(help="SQL with a column `id` or `episode_id`; all episodes if not given."),
-    ] = None,
-    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("report.html"),
-    database: DatabaseOption = None,
-    folder: FolderOption = Path(),
-    label: Annotated[
-        list[str] | None,
-        typer.Option("--label", metavar="NAME=VALUE", help="Only episodes that have it."),
-    ] = None,
-    by: Annotated[str, typer.Option("--by", help="The label that is compared.")] = "condition",
-    text: Annotated[
-        bool, typer.Option("--text/--no-text", help="Also what was said in the chat.")
-    ] = True,
-    title: Annotated[
-        str, typer.Option("--title", help="The page's.")
-    ] = "Robotouille: a first look",
-    seconds: Annotated[float, typer.Option(min=0.001, help="How long it may take.")] = 60.0,
-) -> None:
-    """Compare episodes by a label, on one HTML page: outcomes, what seats did, time lines, chat.
-
-    The page needs nothing beside it and asks nobody for anything.
-    """
-    with _errors():
-        from robotouille_data.database import database_url
-        from robotouille_data.report.write import write_report
-
-        url = database_url(database, folder)
-        with _bar("report") as progress:
-            count = write_report(
-                url, out, query=query, labels=_labels(label or []), by=by, text=text, title=title,
-                seconds=seconds, progress=progress.stage,
-            )  # fmt: skip
-    tell(printable(f"{out}: {count} episodes"))
-
-
-def _labels(pairs: list[str]) -> dict[str, str]:
-    found = {}
-    for pair in pairs:
-        name, equals, value = pair.partition("=")
-        if not equals or not name:
-            raise RobotouilleError(f"a label is NAME=VALUE, not {quoted(pair)}")
-        found[name] = value
-    return found
-
-
 def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Iterator[str]:
     yield f"indexed {indexed}, unchanged {unchanged}, forgotten {forgotten}"
     if unfinished:
         yield f"{unfinished} without an end were left out (--unfinished)"
-
-
-@contextmanager
-def _bar(what: str = "recordings") -> Iterator[_Bar]:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        yield _Bar(progress, what)
-
-
-class _Bar:
-    def __init__(self, progress: Progress, what: str) -> None:
-        self._progress = progress
-        self._task = progress.add_task(what, total=None)
-
-    def __call__(self, done: int, total: int) -> None:
-        self._progress.update(self._task, completed=done, total=total)
-
-    def stage(self, what: str, done: int, total: int) -> None:
-        """The same, of one thing after the other."""
-        self._progress.update(self._task, description=what, completed=done, total=total)
-
-
-@contextmanager
-def _errors() -> Iterator[None]:
-    """Errors are told in a line, and end with status 1."""
-    try:
-        yield
-    except RobotouilleError as error:
-        fail(explain(error))
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in EXTRA:
-            raise
-        fail(explain(MissingExtraError("a catalogue of recordings", "data")))
-    except OSError as error:
-        fail(printable(f"{error.filename}: {error.strerror}"))
-    except KeyboardInterrupt:
-        fail("interrupted", 130)
