@@ -73,6 +73,27 @@ def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
     assert ask(filled, ALL) == ROWS
 
 
+@pytest.mark.parametrize(
+    ("query", "told"),
+    [
+        ("SELECT episode FROM seats", "no column `episode` in seats; there is one in episode"),
+        ("SELECT episod_id FROM seats", "no column `episod_id` in seats; did you mean `ep"),
+        ("SELECT s.waitng FROM episodes e JOIN seats AS s ON s.episode_id = e.id",
+         "no column `waitng` in seats; did you mean `waiting`"),
+        ("SELECT stepz FROM episodes, measures", "no column `stepz` in episodes, measures; did you"
+         " mean `steps`"),
+        ("SELECT x.steps FROM episodes e", "no table of the query is called `x`; it has episodes, e"),
+        ("SELECT count(*) FROM seat", "no table `seat`; did you mean `seats`. The tables: "),
+        ("SELECT * FROM zzzz", "no table `zzzz`. The tables: "),
+    ],
+)  # fmt: skip
+def test_unknown_names_are_told_with_the_nearest(filled: str, query: str, told: str) -> None:
+    with pytest.raises(CatalogueError) as error:
+        ask(filled, query)
+    assert told in str(error.value)
+    assert "LINE" not in str(error.value)
+
+
 def test_time_is_limited(filled: str) -> None:
     endless = (
         "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x % 9 + 1 FROM n) SELECT sum(x) FROM n"

@@ -22,7 +22,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "later"
-down_revision = "0001"
+down_revision = "0002"
 
 def upgrade():
     op.add_column("episodes", sa.Column("later", sa.Text()))
