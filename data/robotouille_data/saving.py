@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from decimal import Decimal
 from itertools import islice
@@ -20,7 +20,6 @@ __all__ = [
     "save_csv",
     "save_json",
     "save_parquet",
-    "saving",
     "table_lines",
     "whole_file",
 ]
@@ -80,26 +79,18 @@ def save_parquet(answer: Answer, path: Path) -> int:
         raise MissingExtraError("Parquet", "data") from None
     rows = [tuple(map(_plain, row)) for row in answer.rows]
     frame = pl.DataFrame(rows, list(answer.columns), orient="row", infer_schema_length=None)
-    temporary = path.with_name(f"{path.name}.tmp")
-    try:
-        frame.write_parquet(temporary, compression="zstd")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path, text=False) as file:
+        frame.write_parquet(file, compression="zstd")
     return len(rows)
 
 
-def saving() -> tuple[Callable[[Answer, Path], int], ...]:
-    """What writes CSV, JSON and Parquet."""
-    return save_csv, save_json, save_parquet
-
-
 @contextmanager
-def whole_file(path: Path) -> Iterator[IO[str]]:
-    """A file that is whole, or as it was before; an OSError has its name."""
+def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
+    """A file of text or bytes that is whole, or as it was before; an OSError has its name."""
     temporary = path.with_name(f"{path.name}.tmp")
     try:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
+        kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
+        with temporary.open("w" if text else "wb", **kind) as file:
             yield file
         temporary.replace(path)
     except OSError as error:

@@ -18,7 +18,8 @@ UNKNOWN_COLUMN = re.compile(r'no such column: (\S+)|column "?([^\s"]+)"? does no
 UNKNOWN_SOURCE = re.compile(r'missing FROM-clause entry for table "([^"]+)"')
 """As SQLite and PostgreSQL say it."""
 SOURCE = re.compile(r"\b(?:from|join|,)\s+(\w+)(?:\s+(?:as\s+)?(\w+))?", re.IGNORECASE)
-NEAR = 0.5
+LABELS_HINT = " (labels are rows of the table labels)"
+NEAR = 0.6
 
 
 def explain_unknown(error: str, query: str) -> str | None:
@@ -50,7 +51,9 @@ def _about_column(name: str, query: str) -> str:
     asked = [own] if own is not None else list({t.name: t for t in sources.values()}.values())
     asked = asked or list(TABLES.values())
     where = f" in {_listed(table.name for table in asked)}" if len(asked) < len(TABLES) else ""
-    near = _did_you_mean(column, {name for table in asked for name in _columns(table)})
+    near = LABELS_HINT + _did_you_mean(
+        column, {name for table in asked for name in _columns(table)}
+    )
     if others := [table.name for table in TABLES.values() if column in table.columns]:
         near = f"; there is one in {_listed(others)}"
     columns = (f"{table.name} has {_listed(_columns(table))}" for table in _few(asked))

@@ -77,12 +77,13 @@ def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
     ("query", "told"),
     [
         ("SELECT episode FROM seats", "no column `episode` in seats; there is one in episode"),
-        ("SELECT episod_id FROM seats", "no column `episod_id` in seats; did you mean `ep"),
+        ("SELECT episod_id FROM seats", "no column `episod_id` in seats (labels are rows of the table labels); did you mean `ep"),
         ("SELECT s.waitng FROM episodes e JOIN seats AS s ON s.episode_id = e.id",
-         "no column `waitng` in seats; did you mean `waiting`"),
-        ("SELECT stepz FROM episodes, measures", "no column `stepz` in episodes, measures; did you"
-         " mean `steps`"),
-        ("SELECT x.steps FROM episodes e", "no table of the query is called `x`; it has episodes, e"),
+         "no column `waitng` in seats (labels are rows of the table labels); did you mean `waiting`"),
+        ("SELECT stepz FROM episodes, measures", "in episodes, measures (labels are rows of the table"
+         " labels); did you mean `steps`"),
+        ("SELECT x.steps FROM seats s", "no table of the query is called `x`; it has seats, s"),
+        ("SELECT condition FROM seats", "no column `condition` in seats (labels are rows of the table labels)"),
         ("SELECT count(*) FROM seat", "no table `seat`; did you mean `seats`. The tables: "),
         ("SELECT * FROM zzzz", "no table `zzzz`. The tables: "),
     ],

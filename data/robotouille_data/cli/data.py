@@ -101,18 +101,28 @@ def sql(
     csv: Annotated[Path | None, typer.Option("--csv", help="Write a file.")] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write a file.")] = None,
     parquet: Annotated[Path | None, typer.Option("--parquet", help="Write a file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Draw it, as .svg or .png: bars or lines.")
+    ] = None,
     seconds: Annotated[float, typer.Option(min=0.001, help="How long it may take.")] = 60.0,
 ) -> None:
-    """Ask a catalogue: print a table, or write files.
+    """Ask a catalogue: print a table, or write files, or draw.
 
     The tables are described in docs/data.md. Whatever would write is refused.
     """
     with errors_told():
         from robotouille_data.database import database_url
+        from robotouille_data.plotting import save_plot
         from robotouille_data.query import asking
-        from robotouille_data.saving import MAX_SHOWN, saving, table_lines
+        from robotouille_data.saving import (
+            MAX_SHOWN,
+            save_csv,
+            save_json,
+            save_parquet,
+            table_lines,
+        )
 
-        files = [(save, path) for save, path in zip(saving(), (csv, json, parquet), strict=True)]
+        files = ((save_csv, csv), (save_json, json), (save_parquet, parquet), (save_plot, plot))
         wanted = [(save, path) for save, path in files if path is not None]
         url = database_url(database, folder)
         for save, path in wanted:
