@@ -121,10 +121,12 @@ def _bars(axes: Axes, places: Sequence[Any], series: Series) -> None:
 
 def _lines(axes: Axes, places: Sequence[Any], series: Series) -> None:
     """A line for each column, in the order of the numbers that they are drawn by."""
+    from matplotlib.ticker import MaxNLocator
+
     order = sorted((place, row) for row, place in enumerate(places) if place is not None)
     at = [float(place) for place, _ in order]
     if all(place.is_integer() for place in at):
-        axes.xaxis.get_major_locator().set_params(integer=True)
+        axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
     for number, (name, values) in enumerate(series):
         marker = MARKERS[number] if len(order) <= MAX_MARKED else ""
         heights = [values[row] for _, row in order]
