@@ -15,10 +15,10 @@ import sqlalchemy as sa
 
 from robotouille.replay.container import MAX_FILE, compress
 from robotouille_data import indexing
+from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url, insert, writing
 from robotouille_data.errors import CatalogueError, UnavailableError
 from robotouille_data.indexing import Report, index
-from robotouille_data.query import asking
 from robotouille_data.recordings import reading
 from robotouille_data.schema import LABELS, METADATA
 from tests.support.postgresql import PostgreSQL

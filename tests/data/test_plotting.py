@@ -12,9 +12,9 @@ import pytest
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("matplotlib", reason="needs the extra `data`")
 
+from robotouille_data.answers.plotting import MAX_BARS, save_plot
+from robotouille_data.answers.query import Answer
 from robotouille_data.errors import CatalogueError
-from robotouille_data.plotting import MAX_BARS, save_plot
-from robotouille_data.query import Answer
 
 HOSTILE = "<script>$x^2$\x07</script>"
 

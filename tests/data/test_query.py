@@ -12,10 +12,10 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
+from robotouille_data.answers.query import asking
+from robotouille_data.answers.saving import save_csv, save_json, save_parquet, table_lines
 from robotouille_data.database import database_url, insert, writing
 from robotouille_data.errors import CatalogueError, UnavailableError
-from robotouille_data.query import asking
-from robotouille_data.saving import save_csv, save_json, save_parquet, table_lines
 from robotouille_data.schema import LABELS
 from robotouille_data.versions import migrate
 

@@ -23,16 +23,16 @@ import sqlalchemy as sa
 
 from robotouille.replay import read_recording
 from robotouille_client.cli.main import app
+from robotouille_data.answers.query import reading
+from robotouille_data.answers.report.facts import Facts, read_facts
+from robotouille_data.answers.report.grouping import grouped, in_order
+from robotouille_data.answers.report.intervals import median_interval, share_interval
+from robotouille_data.answers.report.write import write_report
+from robotouille_data.answers.selection import select_episodes
 from robotouille_data.database import database_url, insert, writing
 from robotouille_data.errors import CatalogueError
 from robotouille_data.indexing import index
-from robotouille_data.query import reading
-from robotouille_data.report.facts import Facts, read_facts
-from robotouille_data.report.grouping import grouped, in_order
-from robotouille_data.report.intervals import median_interval, share_interval
-from robotouille_data.report.write import write_report
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS
-from robotouille_data.selection import select_episodes
 from robotouille_data.versions import migrate
 from tests.support.random_play import write_recordings
 from tests.support.study import write_study

@@ -11,9 +11,9 @@ import pytest
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 from robotouille.replay import read_recording
+from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url
 from robotouille_data.indexing import index
-from robotouille_data.query import asking
 from robotouille_data.recordings.seat import ACTIVITIES
 from robotouille_data.schema import METADATA, VIEWS
 from tests.support.pages import read

@@ -111,16 +111,16 @@ def sql(
     The tables are described in docs/data.md. Whatever would write is refused.
     """
     with errors_told():
-        from robotouille_data.database import database_url
-        from robotouille_data.plotting import save_plot
-        from robotouille_data.query import asking
-        from robotouille_data.saving import (
+        from robotouille_data.answers.plotting import save_plot
+        from robotouille_data.answers.query import asking
+        from robotouille_data.answers.saving import (
             MAX_SHOWN,
             save_csv,
             save_json,
             save_parquet,
             table_lines,
         )
+        from robotouille_data.database import database_url
 
         files = ((save_csv, csv), (save_json, json), (save_parquet, parquet), (save_plot, plot))
         wanted = [(save, path) for save, path in files if path is not None]

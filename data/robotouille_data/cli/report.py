@@ -40,8 +40,8 @@ def report(
     The page needs nothing beside it and asks nobody for anything.
     """
     with errors_told():
+        from robotouille_data.answers.report.write import write_report
         from robotouille_data.database import database_url
-        from robotouille_data.report.write import write_report
 
         url = database_url(database, folder)
         with bar("report") as progress:

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING
 from robotouille.planning import Plan
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
-from robotouille_client.pages.drawing import COLOURS, FAINT, INK, SOFT, Picture, drawn, plain
+from robotouille_client.console.pages.drawing import (
+    COLOURS,
+    FAINT,
+    INK,
+    SOFT,
+    Picture,
+    drawn,
+    plain,
+)
 from robotouille_evaluation.metrics.action_kinds import is_asynchronous, is_work
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from robotouille_client.pages.drawing import (
+from robotouille_client.console.pages.drawing import (
     COLOURS,
     INK,
     SOFT,

@@ -14,8 +14,8 @@ from html import escape
 from pathlib import Path
 from string import Template
 
-from robotouille_client.pages.drawing import Picture, inline_svg
-from robotouille_client.pages.page_style import STYLE
+from robotouille_client.console.pages.drawing import Picture, inline_svg
+from robotouille_client.console.pages.page_style import STYLE
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.report import published

@@ -9,7 +9,7 @@ from pathlib import Path
 from robotouille import World, load_task
 from robotouille.certification.shipped_plan import plan_beside
 from robotouille.errors import MissingExtraError, RobotouilleError
-from robotouille_client.pages.drawing import Picture
+from robotouille_client.console.pages.drawing import Picture
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
 from robotouille_evaluation.report.figures import all_figures

@@ -15,7 +15,7 @@ import pytest
 
 from robotouille import World, load_task
 from robotouille.certification.shipped_plan import plan_beside
-from robotouille_client.pages.drawing import distinct_labels, inline_svg
+from robotouille_client.console.pages.drawing import distinct_labels, inline_svg
 from robotouille_evaluation.metrics import EpisodeRow, PackId, Result
 from robotouille_evaluation.report import write_report
 from robotouille_evaluation.report.dependency_graph import dependency_graph

@@ -11,9 +11,9 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille_data.answers.selection import Selection, in_pieces
 from robotouille_data.recordings.seat import ACTIVITIES
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, RECORDINGS, SEATS, STEPS
-from robotouille_data.selection import Selection, in_pieces
 
 __all__ = ["Episode", "Facts", "Progress", "Seat", "read_facts"]
 

@@ -9,8 +9,8 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection
 
+from robotouille_data.answers.query import SECONDS, asking, reading
 from robotouille_data.errors import CatalogueError
-from robotouille_data.query import SECONDS, asking, reading
 from robotouille_data.schema import EPISODES, LABELS
 
 __all__ = ["Selection", "in_pieces", "select_episodes"]

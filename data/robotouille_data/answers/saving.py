@@ -13,7 +13,7 @@ from typing import IO, Any
 
 from robotouille.errors import MissingExtraError
 from robotouille.program import printable
-from robotouille_data.query import Answer
+from robotouille_data.answers.query import Answer
 
 __all__ = [
     "MAX_SHOWN",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille_client.pages.drawing import FAINT, INK, SOFT
+from robotouille_client.console.pages.drawing import FAINT, INK, SOFT
 
 __all__ = ["STYLE"]
 

@@ -15,12 +15,12 @@ from urllib.parse import quote
 
 from robotouille.program import printable
 from robotouille.release import RELEASE
-from robotouille_client.pages.drawing import Picture, inline_svg
-from robotouille_client.pages.page_style import STYLE
-from robotouille_data.report.facts import Episode
-from robotouille_data.report.grouping import Group
-from robotouille_data.report.tables import Table
-from robotouille_data.report.time_lines import MAX_SAID, Course
+from robotouille_client.console.pages.drawing import Picture, inline_svg
+from robotouille_client.console.pages.page_style import STYLE
+from robotouille_data.answers.report.facts import Episode
+from robotouille_data.answers.report.grouping import Group
+from robotouille_data.answers.report.tables import Table
+from robotouille_data.answers.report.time_lines import MAX_SAID, Course
 
 __all__ = [
     "MAX_LISTED",

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robotouille_client.pages.drawing import INK, Picture, drawn
+from robotouille_client.console.pages.drawing import INK, Picture, drawn
+from robotouille_data.answers.report.facts import Episode, Seat
+from robotouille_data.answers.report.grouping import Group
+from robotouille_data.answers.report.intervals import Interval, median_interval, share_interval
 from robotouille_data.recordings.seat import ACTIVITIES
-from robotouille_data.report.facts import Episode, Seat
-from robotouille_data.report.grouping import Group
-from robotouille_data.report.intervals import Interval, median_interval, share_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from robotouille_client.pages.drawing import plain
-from robotouille_data.report.facts import Episode, Facts, Seat
+from robotouille_client.console.pages.drawing import plain
+from robotouille_data.answers.report.facts import Episode, Facts, Seat
 
 __all__ = ["KINDS", "MAX_GROUPS", "Group", "Groups", "grouped", "in_order"]
 

@@ -12,13 +12,12 @@ from pathlib import Path
 from sqlalchemy.engine import URL
 
 from robotouille.errors import MissingExtraError
-from robotouille_data.errors import CatalogueError
-from robotouille_data.query import SECONDS, reading
-from robotouille_data.report import tables
-from robotouille_data.report.facts import Facts, Progress, read_facts
-from robotouille_data.report.figures import MAX_POINTS, all_figures
-from robotouille_data.report.grouping import MAX_GROUPS, Group, Groups, grouped
-from robotouille_data.report.html import (
+from robotouille_data.answers.query import SECONDS, reading
+from robotouille_data.answers.report import tables
+from robotouille_data.answers.report.facts import Facts, Progress, read_facts
+from robotouille_data.answers.report.figures import MAX_POINTS, all_figures
+from robotouille_data.answers.report.grouping import MAX_GROUPS, Group, Groups, grouped
+from robotouille_data.answers.report.html import (
     MAX_LISTED,
     Page,
     Section,
@@ -29,15 +28,16 @@ from robotouille_data.report.html import (
     render_page,
     table_html,
 )
-from robotouille_data.report.time_lines import (
+from robotouille_data.answers.report.time_lines import (
     MAX_SHOWN,
     MAX_STEPS,
     Course,
     draw_courses,
     read_courses,
 )
-from robotouille_data.saving import whole_file
-from robotouille_data.selection import select_episodes
+from robotouille_data.answers.saving import whole_file
+from robotouille_data.answers.selection import select_episodes
+from robotouille_data.errors import CatalogueError
 
 __all__ = ["BY", "write_report"]
 

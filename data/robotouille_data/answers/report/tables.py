@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 
-from robotouille_data.recordings.seat import ACTIVITIES
-from robotouille_data.report.facts import Facts, Seat
-from robotouille_data.report.figures import (
+from robotouille_data.answers.report.facts import Facts, Seat
+from robotouille_data.answers.report.figures import (
     by_round,
     median_of_seats,
     median_of_steps,
     success_of,
 )
-from robotouille_data.report.grouping import Group, Groups
-from robotouille_data.report.intervals import Interval, median_interval
+from robotouille_data.answers.report.grouping import Group, Groups
+from robotouille_data.answers.report.intervals import Interval, median_interval
+from robotouille_data.recordings.seat import ACTIVITIES
 
 __all__ = [
     "Table",

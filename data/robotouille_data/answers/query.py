@@ -11,9 +11,9 @@ from typing import Any
 
 from sqlalchemy.engine import URL, Connection
 
+from robotouille_data.answers.unknown_names import explain_unknown
 from robotouille_data.database import driver_errors, read_only, telling
 from robotouille_data.errors import CatalogueError
-from robotouille_data.unknown_names import explain_unknown
 from robotouille_data.versions import check_version
 
 __all__ = ["SECONDS", "Answer", "asking", "reading"]

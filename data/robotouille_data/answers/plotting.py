@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robotouille.errors import MissingExtraError
-from robotouille_client.pages.drawing import drawn, plain
+from robotouille_client.console.pages.drawing import drawn, plain
+from robotouille_data.answers.query import Answer
+from robotouille_data.answers.saving import whole_file
 from robotouille_data.errors import CatalogueError
-from robotouille_data.query import Answer
-from robotouille_data.saving import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

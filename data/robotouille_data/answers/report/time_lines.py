@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_client.pages.drawing import INK, Picture, drawn, plain
-from robotouille_data.report.facts import Episode
-from robotouille_data.report.figures import ACTIVITY_COLOURS, WIDTH
-from robotouille_data.report.grouping import Group
+from robotouille_client.console.pages.drawing import INK, Picture, drawn, plain
+from robotouille_data.answers.report.facts import Episode
+from robotouille_data.answers.report.figures import ACTIVITY_COLOURS, WIDTH
+from robotouille_data.answers.report.grouping import Group
+from robotouille_data.answers.selection import in_pieces
 from robotouille_data.schema import EVENTS, STEPS
-from robotouille_data.selection import in_pieces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
