@@ -199,6 +199,27 @@ def test_a_read_only_database_is_told(server: PostgreSQL, folder: Path) -> None:
         indexed(f"{server.url}&{options}", folder)
 
 
+def test_a_read_only_file_is_told(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To SQLite a connection that may only read is what such a file is."""
+    database = str(tmp_path / "c.sqlite")
+    indexed(database, folder)
+    before = dump(database)
+
+    def read_only(url: sa.URL) -> sa.Engine:
+        engine = writing(url)
+        sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA query_only=ON"))
+        return engine
+
+    monkeypatch.setattr(indexing, "writing", read_only)
+    (folder / "random0.rbt").unlink()
+    with pytest.raises(UnavailableError, match="readonly"):
+        indexed(database, folder)
+    monkeypatch.undo()
+    assert dump(database) == before
+
+
 @pytest.mark.parametrize("database_name", ["mysql://x/y", "://", "oracle://"])
 def test_other_databases_are_refused(database_name: str) -> None:
     with pytest.raises(CatalogueError):

@@ -331,6 +331,20 @@ def test_a_full_disk_leaves_the_page_as_it_was(folder: Path, tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [out]
 
 
+@pytest.mark.slow
+@pytest.mark.process
+def test_a_full_disk_leaves_a_catalogue_that_can_be_gone_on_with(tmp_path: Path) -> None:
+    write_recordings(tmp_path, 60)
+    result = limited("index", str(tmp_path), "--jobs", "1")
+    assert result.returncode == 1
+    assert "catalogue.sqlite" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    url = database_url(None, tmp_path)
+    report = index(url, [tmp_path])
+    assert report.indexed + report.unchanged == 60
+    assert len(select_episodes(url).ids) == 60
+
+
 # How sure a number is
 
 
