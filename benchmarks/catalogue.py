@@ -58,7 +58,6 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     """Index, ask, and forget."""
     import sqlalchemy as sa
 
-    from robotouille_data.answers.report.write import write_report
     from robotouille_data.database import database_url, insert, writing
     from robotouille_data.indexing import index
     from robotouille_data.schema import LABELS
@@ -76,6 +75,8 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     index(url, [folder], jobs=jobs)
     print(f"again, with nothing new: {time.perf_counter() - began:.2f} s")
     if find_spec("matplotlib"):
+        from robotouille_data.answers.report.write import write_report
+
         began = time.perf_counter()
         count = write_report(url, folder / "report.html")
         size = (folder / "report.html").stat().st_size

@@ -157,6 +157,9 @@ MEASURES = Table(
            doc="steps that repeat an earlier one: same state, same actions"),
     Column("blocking", Integer, nullable=False,
            doc="actions refused or lost because of another player"),
+    Column("steps_to_go_least", Integer, doc="steps from its end to the goal, at least; or null"),
+    Column("steps_to_go_most", Integer, doc="the same at most; null: not known, or nobody asked"),
+    Column("out_of_reach", Boolean, doc="whether no plan leads to the goal; null: nobody asked"),
 )  # fmt: skip
 
 VIEWS = MetaData()

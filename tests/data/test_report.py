@@ -262,7 +262,7 @@ def fill(connection: sa.Connection, count: int, *, groups: int = 2, text: str = 
         rows[LABELS].append((number, text or "condition", text or f"c{number % groups}"))
         if not text:
             rows[LABELS].append((number, "round", str(1 + number % 3)))
-        rows[MEASURES].append((number, won, None, None, 0, 0))
+        rows[MEASURES].append((number, won, None, None, 0, 0, None, None, None))
     for table, values in rows.items():
         insert(connection, table, values)
 

@@ -33,6 +33,9 @@ def index(
         bool, typer.Option("--unfinished", help="Also recordings without an end (.rbt.part).")
     ] = False,
     anew: Annotated[bool, typer.Option("--anew", help="Also read what has not changed.")] = False,
+    steps_to_go: Annotated[
+        bool, typer.Option("--steps-to-go", help="Also how far from the goal episodes ended: slow.")
+    ] = False,
 ) -> None:
     """Bring a catalogue up to date with folders of recordings.
 
@@ -46,8 +49,9 @@ def index(
         url = database_url(database, folders[0])
         with bar("recordings") as progress:
             report = index_folders(
-                url, folders, jobs=jobs, unfinished=unfinished, anew=anew, progress=progress
-            )
+                url, folders, jobs=jobs, unfinished=unfinished, anew=anew,
+                steps_to_go=steps_to_go, progress=progress,
+            )  # fmt: skip
     for path, fault in report.faults.items():
         tell(printable(f"{path}: {fault}"), err=True)
     for line in _lines(report.indexed, report.unchanged, report.forgotten, report.unfinished):
