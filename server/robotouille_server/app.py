@@ -101,6 +101,7 @@ class Server:
     ) -> None:
         self.settings = settings
         self.metrics = Metrics()
+        self.wall = wall
         self._admission = Admission(
             self.metrics, settings.max_connections + MAX_SURPLUS_CONNECTIONS, settings.hello_seconds
         )
