@@ -11,7 +11,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -149,13 +149,16 @@ def _program(name: str) -> str | None:
 class Mosquitto:
     """The broker, on a port of its own: `start` and `stop` it as often as needed."""
 
-    def __init__(self, folder: Path, users: dict[str, str], acl: str) -> None:
+    def __init__(
+        self, folder: Path, users: dict[str, str], acl: str, options: Sequence[str]
+    ) -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port: int = free.getsockname()[1]
         self._process: subprocess.Popen[bytes] | None = None
         self._config = folder / "mosquitto.conf"
-        lines = [f"listener {self.port} 127.0.0.1", "set_tcp_nodelay true", "persistence false"]
+        lines = [f"listener {self.port} 127.0.0.1", *options]
+        lines += ["set_tcp_nodelay true", "persistence false"]
         if users:
             lines += ["allow_anonymous false", f"password_file {folder / 'passwords'}"]
             self._add_users(folder / "passwords", users)
@@ -207,14 +210,18 @@ class Mosquitto:
 
 @contextmanager
 def mosquitto(
-    folder: Path, users: dict[str, str] | None = None, acl: str = ""
+    folder: Path,
+    users: dict[str, str] | None = None,
+    acl: str = "",
+    options: Sequence[str] = (),
 ) -> Iterator[Mosquitto]:
-    """A Mosquitto that runs; with `users` (names and passwords) it asks for one."""
+    """A Mosquitto that runs; with `users` (names and passwords) it asks for one. `options` are
+    lines about its listener."""
     folder.mkdir(exist_ok=True)
     for above in (folder, *folder.parents):  # It reads its files as somebody else, if we are root.
         if above.stat().st_mode & 0o777 == 0o700:
             above.chmod(0o711)
-    broker = Mosquitto(folder, users or {}, acl)
+    broker = Mosquitto(folder, users or {}, acl, options)
     broker.start()
     try:
         yield broker

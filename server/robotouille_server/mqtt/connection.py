@@ -117,15 +117,16 @@ def broker(address: BrokerAddress, name: str, will: tuple[str, bytes]) -> Connec
 
 async def _cut(client: aiomqtt.Client) -> None:
     """Nothing is left of a connection, also where the broker has not answered: aiomqtt would keep
-    its socket and look at it once a second."""
-    paho = client._client
+    its socket and look at it once a second, and its future would complain of the end."""
     for _ in range(CLOSE_TURNS):
-        open_socket = paho.socket()
+        open_socket = client._client.socket()
         if not isinstance(open_socket, socket.socket):
-            return
+            break
         with contextlib.suppress(OSError):
             open_socket.shutdown(socket.SHUT_RDWR)
         await asyncio.sleep(0)
+    if client._disconnected.done():
+        client._disconnected.exception()
 
 
 class MqttConnection:
