@@ -264,7 +264,7 @@ def test_too_many_commands_are_refused(tmp_path: Path) -> None:
         async with told(tmp_path) as (server, broker):
             lab = Lab(server, broker)
             for number in range(100):
-                broker.command({"type": "list", "ref": str(number), "token": lab.token})
+                broker.command({"type": "unwatch", "ref": str(number), "token": lab.token})
             await asyncio.sleep(1)
             answers = [Answer.model_validate(each) for each in broker.on("answers")]
             assert len(answers) == 100
@@ -295,6 +295,9 @@ def test_watches_are_bounded_replaced_and_ended(tmp_path: Path) -> None:
             assert await lab.refused("watch", labels={"pair": "x"}) == "rate/limited"
             assert (await lab.ask("watch", labels={"pair": "1"})).ok
             assert (await lab.ask("unwatch", labels={"pair": "1"})).done == "1 watches ended"
+            both = {"episode": "a", "labels": {"pair": "2"}}
+            assert await lab.refused("watch", **both) == "message/invalid-field"
+            assert (await lab.ask("unwatch", episode="gone")).done == "0 watches ended"
             assert (await lab.ask("unwatch")).done == f"{MAX_WATCHES - 1} watches ended"
 
     run(main())

@@ -248,3 +248,19 @@ def test_pauses_double_are_drawn_at_random_and_bounded() -> None:
 def test_where_many_are_watched_each_message_has_more_steps() -> None:
     assert steps_interval(0) == steps_interval(40) == 0.2
     assert steps_interval(200) == 1.0
+
+
+def test_a_command_is_carried_out_whole_though_the_connection_breaks(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            await asyncio.sleep(1)
+            broker.command({"type": "open", "ref": "o", "token": role_token(server), "count": 20})
+            while not server.lobby.rooms:
+                await asyncio.sleep(0)
+            broker.break_off()
+            await asyncio.sleep(5)
+            assert len(server.lobby.rooms) == 20
+            (answer,) = broker.on("answers")
+            assert len(answer["opened"]) == 20
+
+    run(main())

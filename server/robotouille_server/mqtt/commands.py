@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from robotouille.errors import ProtocolError
@@ -43,6 +44,8 @@ ROLES: dict[type[models.Command], Role] = {
     models.Resume: Role.OPERATOR,
 }
 """The least role that each takes. Hosts watch, list and close what they have opened."""
+COSTS: dict[type[models.Command], float] = {models.List: 3}
+"""What a command takes of the budget, where that is not one."""
 
 
 class Commands:
@@ -73,6 +76,7 @@ class Commands:
             plain = _plain(payload)
             ref = _ref(plain)
             command = validated(plain, models.commands)
+            self._budget.owe(self._now(), COSTS.get(type(command), 1) - 1)
             grant = self._server.tokens.check_role(command.token)
             return await self._once(command, grant)
         except ProtocolError as error:
@@ -119,11 +123,13 @@ class Commands:
 
     # Watching
 
-    def _watched(self, command: models.Watch | models.Unwatch, grant: RoleGrant) -> Watched:
+    def _watched(self, command: models.Watch, grant: RoleGrant) -> Watched:
+        _check_either(command)
         owner = None if grant.role is Role.OPERATOR else grant.subject
         if command.episode is None:
             if grant.episode:
-                check_scope(grant.episode, "", "")
+                text = "your token is for one episode; name it"
+                raise ProtocolError("auth/episode", text, "episode")
             return Watched(grant.subject, owner, labels=command.labels)
         room = self._server.lobby.find(command.episode)
         check_scope(grant.episode, room.id, room.code)
@@ -139,11 +145,14 @@ class Commands:
         return Answer(ref=command.ref, ok=True, done=f"watched for {command.seconds:g} s")
 
     async def _unwatch(self, command: models.Unwatch, grant: RoleGrant) -> Answer:
-        if command.episode is None:
-            watched = Watched(grant.subject, None, labels=command.labels)
-        else:
-            watched = Watched(grant.subject, None, episode=command.episode)
-        ended = self._watches.remove(watched)
+        _check_either(command)
+        episode = command.episode or ""
+        if episode:
+            with suppress(ProtocolError):  # It may be over, and forgotten.
+                episode = self._server.lobby.find(episode).id
+        ended = self._watches.remove(
+            Watched(grant.subject, None, episode=episode, labels=command.labels)
+        )
         return Answer(ref=command.ref, ok=True, done=f"{ended} watches ended")
 
     async def _list(self, command: models.List, grant: RoleGrant) -> Answer:
@@ -207,6 +216,12 @@ def _plain(payload: bytes) -> dict[str, Any]:
         return read_object(payload.decode())
     except UnicodeDecodeError:
         raise ProtocolError("message/malformed", "is not UTF-8") from None
+
+
+def _check_either(command: models.Watch | models.Unwatch) -> None:
+    if command.episode is not None and command.labels:
+        text = "name an episode or labels, not both"
+        raise ProtocolError("message/invalid-field", text, "labels")
 
 
 def _ref(plain: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pydantic import BaseModel
 
 from robotouille_server.mqtt.commands import Commands
-from robotouille_server.mqtt.connection import BrokerError, Connect, Connection
+from robotouille_server.mqtt.connection import BrokerError, Connect, Connection, Received
 from robotouille_server.mqtt.models import Presence
 from robotouille_server.mqtt.outbox import Outbox, TakenStep
 from robotouille_server.mqtt.topics import Topics
@@ -91,6 +91,7 @@ class BrokerLink:
         self._rng = rng
         self._stopping = asyncio.Event()
         self._loop = asyncio.get_running_loop()
+        self._answering: set[asyncio.Future[None]] = set()
         self._steps_due = 0.0
         self._logged = -LOG_SECONDS
 
@@ -141,6 +142,7 @@ class BrokerLink:
     async def _finish(self, connection: Connection) -> None:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STOP_SECONDS):
+                await asyncio.gather(*self._answering)
                 await self._send_messages(connection)
                 await self._send_steps(connection)
                 await self._publish_presence(connection, Presence(state="stopped"))
@@ -159,8 +161,15 @@ class BrokerLink:
     async def _receive(self, connection: Connection) -> None:
         while True:
             received = await connection.receive()
-            if not received.retained:  # A stale one must not be carried out once more.
-                self._outbox.add(await self._commands.answer(received))
+            if received.retained:  # A stale one must not be carried out once more.
+                continue
+            task = asyncio.ensure_future(self._answer(received))
+            self._answering.add(task)
+            task.add_done_callback(self._answering.discard)
+            await asyncio.shield(task)  # It is carried out whole, whatever the broker does.
+
+    async def _answer(self, received: Received) -> None:
+        self._outbox.add(await self._commands.answer(received))
 
     # Publishing
 
