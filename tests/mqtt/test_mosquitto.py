@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
+import shutil
 import signal
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from subprocess import PIPE
 from typing import Any
 
-import aiomqtt
 import pytest
 import trustme
+
+pytest.importorskip("aiomqtt")
+
+import aiomqtt
 
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
 from robotouille_server import Server
+from robotouille_server.auth import Role
 from robotouille_server.mqtt import connection as connection_module
 from robotouille_server.mqtt import link as link_module
 from robotouille_server.mqtt import on_broker
@@ -347,6 +354,34 @@ def test_a_stopped_broker_costs_bounded_memory_and_what_is_dropped_is_counted(
                 await heard.until(lambda: any(each.get("dropped") for each in heard.on("steps")))
                 events = [life["event"] for life in heard.on("life")]
                 assert events[-2:] == ["paused", "resumed"]
+
+    with mosquitto(tmp_path / "broker") as broker:
+        asyncio.run(main(broker))
+
+
+def test_the_documented_command_opens_episodes(tmp_path: Path) -> None:
+    """By Mosquitto's own client, with a response topic of MQTT 5."""
+    program = shutil.which("mosquitto_rr")
+    if program is None:
+        pytest.skip("Mosquitto's clients are not installed")
+    shown = (DOCS / "mqtt.md").read_text().split("$ mosquitto_rr ")[1].split("\n{")[0]
+    words = shlex.split(shown.replace("\\\n", " "))
+
+    async def main(broker: Mosquitto) -> None:
+        async with on_mosquitto(tmp_path / "r", broker) as server:
+            await reached(lambda: server.metrics.mqtt_connected)
+            token = role_token(server, Role.HOST, "study-7")
+            asked = [word.replace("$TOKEN", token) for word in words]
+            asked[asked.index("-h") + 1] = "127.0.0.1"
+            del asked[asked.index("-u") : asked.index("-P") + 2]
+            process = await asyncio.create_subprocess_exec(
+                str(program), "-p", str(broker.port), "-W", "30", *asked, stdout=PIPE
+            )
+            answer = json.loads((await process.communicate())[0])
+            assert answer["ref"] == "round-1"
+            assert len(answer["opened"]) == len(server.lobby.rooms) == 2
+            labels = [dict(room.labels) for room in server.lobby.rooms.values()]
+            assert labels == [{"condition": "a"}] * 2
 
     with mosquitto(tmp_path / "broker") as broker:
         asyncio.run(main(broker))
