@@ -191,6 +191,7 @@ def test_without_a_good_token_nothing_is_done(tmp_path: Path) -> None:
         (b"[]", "message/malformed", ""),
         (b'{"ref": "a", "ref": "b"}', "message/malformed", ""),
         (b'{"ref": "a", "type": "zap"}', "message/unknown-type", "a"),
+        (b'{"ref": "a", "type": "\\ud800"}', "message/malformed", ""),
         (b'{"ref": "a\\n", "type": "list", "token": "t"}', "message/invalid-field", ""),
         (b'{"ref": 1, "type": "list", "token": "t"}', "message/invalid-field", ""),
         (b'{"ref": "a", "type": "list", "token": "t", "x": 1}', "message/unknown-field", "a"),

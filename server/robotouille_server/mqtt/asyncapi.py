@@ -73,7 +73,7 @@ def _last_will() -> dict[str, Any]:
     return {
         "topic": TOPICS.presence,
         "qos": 1,
-        "message": Presence(state="gone").model_dump_json(exclude_defaults=True),
+        "message": '{"state":"gone"}',
         "retain": True,
     }
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from robotouille_server.mqtt.commands import Commands
 from robotouille_server.mqtt.connection import BrokerError, Connect, Connection, Received
 from robotouille_server.mqtt.models import Presence
-from robotouille_server.mqtt.outbox import Outbox, TakenStep
+from robotouille_server.mqtt.outbox import Outbox, Outgoing, TakenStep
 from robotouille_server.mqtt.topics import Topics
 from robotouille_server.mqtt.watches import Watches
 from robotouille_server.runtime.logs import get_logger
@@ -56,8 +56,10 @@ def steps_interval(watched: int) -> float:
 
 
 def encoded(content: BaseModel) -> bytes:
-    """A message's payload; fields at their defaults are left out."""
-    return content.model_dump_json(exclude_defaults=True).encode()
+    """A message's payload; fields at their defaults are left out. Half of a surrogate pair, which
+    is in no UTF-8, becomes a question mark."""
+    plain = content.model_dump(mode="json", exclude_defaults=True)
+    return json.dumps(plain, separators=(",", ":"), ensure_ascii=False).encode(errors="replace")
 
 
 class BrokerLink:
@@ -185,27 +187,24 @@ class BrokerLink:
 
     async def _send_messages(self, connection: Connection) -> None:
         while batch := self._outbox.take(MESSAGES_AT_ONCE):
+            sending = [asyncio.ensure_future(self._send_one(connection, each)) for each in batch]
             published = 0
             try:
-                sending = [
-                    asyncio.ensure_future(
-                        connection.publish(
-                            message.topic, encoded(message.content), correlation=message.correlation
-                        )
-                    )
-                    for message in batch
-                ]
                 for each in sending:
                     await each
                     published += 1
             except BaseException:
                 self._outbox.put_back(batch[published:])
-                for each in sending:
-                    each.cancel()
-                await asyncio.gather(*sending, return_exceptions=True)
                 raise
             finally:
                 self._metrics.mqtt_published += published
+                for each in sending:
+                    each.cancel()
+                await asyncio.gather(*sending, return_exceptions=True)
+
+    async def _send_one(self, connection: Connection, message: Outgoing) -> None:
+        payload = encoded(message.content)
+        await connection.publish(message.topic, payload, correlation=message.correlation)
 
     async def _send_steps(self, connection: Connection) -> None:
         waiting = [

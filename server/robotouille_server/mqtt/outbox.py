@@ -26,7 +26,6 @@ class Outgoing:
     topic: str
     content: BaseModel
     correlation: bytes | None = None
-    retain: bool = False
 
 
 class TakenMove(NamedTuple):
