@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -28,6 +29,9 @@ MAX_PACKET_BYTES = 2 * 1024 * 1024
 MAX_RECEIVED = 100
 """Commands that wait; more are dropped."""
 CLOSE_TURNS = 10
+SILENT = logging.getLogger("robotouille.mqtt")
+"""For what the library says of each connection that breaks: the link says it once a minute."""
+SILENT.setLevel(logging.CRITICAL)
 
 
 class BrokerError(RobotouilleError):
@@ -100,6 +104,7 @@ def broker(address: BrokerAddress, name: str, will: tuple[str, bytes]) -> Connec
             keepalive=KEEPALIVE_SECONDS,
             max_queued_incoming_messages=MAX_RECEIVED,
             properties=limits,
+            logger=SILENT,
             tls_context=address.tls,
             socket_options=[(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)],
         )
