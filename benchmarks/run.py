@@ -17,6 +17,7 @@ from benchmarks import (
     evaluation,
     joint,
     model_calls,
+    mqtt,
     planning,
     server,
     stand_ins,
@@ -31,6 +32,7 @@ if __name__ == "__main__":
     evaluation.main([])
     catalogue.main([])
     server.main()
+    mqtt.main([])
     model_calls.main([])
     stand_ins.main(["--rooms", "100", "--seconds", "10"])
     floods.main(["--runs", "3", "--seconds", "2"])
