@@ -1,4 +1,5 @@
-"""How fast recordings become tables, and a label is found among 100,000 episodes.
+"""How fast recordings become tables, a page is made of them, and a label is found among 100,000
+episodes.
 
 python -m benchmarks.catalogue --recordings 10000
 python -m benchmarks.catalogue --database postgresql://postgres@/postgres?host=/run/postgresql
@@ -32,7 +33,9 @@ def write_copies(folder: Path, count: int) -> None:
     for number in range(count):
         stream = streams[number % COURSES]
         end = next(frame_ends(stream))
-        head = {**frame_value(stream, 5), "episode": f"copy{number}"}
+        pair = f"p{number // 6}"
+        labels = {"condition": f"c{number // 6 % 2}", "pair": pair, "round": str(number % 3 + 1)}
+        head = {**frame_value(stream, 5), "episode": f"copy{number}", "labels": labels}
         content = stream[:5] + pack_frame(head) + stream[end:]
         (folder / f"copy{number}.rbt").write_bytes(compress(content))
 
@@ -71,6 +74,14 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     began = time.perf_counter()
     index(url, [folder], jobs=jobs)
     print(f"again, with nothing new: {time.perf_counter() - began:.2f} s")
+    if find_spec("matplotlib"):
+        from robotouille_data.answers.report.write import write_report
+
+        began = time.perf_counter()
+        count = write_report(url, folder / "report.html")
+        size = (folder / "report.html").stat().st_size
+        print(f"a report of {count:,} episodes, {size / 1e6:.1f} MB: "
+              f"{time.perf_counter() - began:.1f} s")  # fmt: skip
     with writing(url).begin() as connection:
         rows = [
             (number, name, value)

@@ -70,7 +70,7 @@ def fill(url: Any, episodes: int) -> None:
             insert(connection, schema.STEPS, list(_steps(number)))
             insert(connection, schema.EVENTS, list(_events(number)))
             insert(connection, schema.LABELS, [(number, "condition", f"c{number % 2}")])
-            insert(connection, schema.MEASURES, [(number, True, 40, STEPS / 40, 3, 4)])
+            insert(connection, schema.MEASURES, [_measures(number)])
 
 
 def _episode(number: int) -> tuple[Any, ...]:
@@ -100,6 +100,10 @@ def _events(number: int) -> Iterator[tuple[Any, ...]]:
     for place in range(EVENTS):
         when = (place * 10, place * 2_000)
         yield number, place, *when, "said", 0, f"name{number % 100}", "one moment", "{}"
+
+
+def _measures(number: int) -> tuple[Any, ...]:
+    return number, True, 40, STEPS / 40, 3, 4, 0, 0, False
 
 
 def _additions() -> float:

@@ -18,6 +18,7 @@ from benchmarks import (
     exports,
     joint,
     model_calls,
+    mqtt,
     planning,
     server,
     stand_ins,
@@ -33,6 +34,7 @@ if __name__ == "__main__":
     catalogue.main([])
     exports.main([])
     server.main()
+    mqtt.main([])
     model_calls.main([])
     stand_ins.main(["--rooms", "100", "--seconds", "10"])
     floods.main(["--runs", "3", "--seconds", "2"])

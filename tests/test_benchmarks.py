@@ -10,7 +10,7 @@ from typing import Any
 
 import msgpack
 import pytest
-from benchmarks import batch, core, flat, joint, model_calls, planning
+from benchmarks import batch, core, flat, joint, model_calls, mqtt, planning
 from benchmarks.flat import Growth, Memory, memory_over_steps
 from benchmarks.server import BARE, OURS, STEPS, Bench, memory_row, print_rows, server
 from rich.console import Console
@@ -149,3 +149,11 @@ def test_calls_of_models_are_measured(
     model_calls.main(["--episodes", "2", "--calls", "1", "--thinking", "0.05"])
     scripted, endpoint = re.findall(r"(\S+) ms \(under", capsys.readouterr().out)
     assert float(scripted) > 0 and float(endpoint) > 0
+
+
+def test_what_mqtt_costs_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mqtt, "CALLS", 100)
+    used = {mqtt.OFF: [0.2], mqtt.SILENT: [0.2], mqtt.WATCHED: [0.25]}
+    found = {row.name.strip(): row for row in mqtt.rows(used)}
+    assert found["more for that, of a core"].met
+    assert 0 < mqtt.tap_seconds(watched=False) < mqtt.tap_seconds(watched=True)

@@ -31,6 +31,7 @@ from robotouille.protocol.codec import SUBPROTOCOLS
 from robotouille_client.cli.lazy_group import LazyGroup
 from robotouille_server.admin import openapi
 from robotouille_server.limit_table import limits_page
+from robotouille_server.mqtt import asyncapi as mqtt_asyncapi
 from robotouille_server.runtime.settings import ServerSettings
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -277,6 +278,7 @@ def commands() -> dict[str, typer.Typer]:
             ("robotouille-bot", "bots"),
             ("robotouille-loadtest", "loadtest"),
             ("robotouille-mcp", "mcp_server"),
+            ("robotouille-lsl", "lsl"),
         ]
     }
     applications = {
@@ -386,6 +388,7 @@ def outputs() -> Iterator[tuple[Path, str]]:
     }
     yield DOCS / "plan_lengths.md", page(DOCS / "plan_lengths.md", parts)
     yield DOCS / "asyncapi.json", as_json(asyncapi())
+    yield DOCS / "asyncapi-mqtt.json", as_json(mqtt_asyncapi.document())
     yield DOCS / "openapi.json", as_json(openapi())
     for name, model in FILES.items():
         yield DOCS / "schemas" / f"{name}.json", as_json(file_schema(name, model))

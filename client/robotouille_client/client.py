@@ -247,6 +247,19 @@ class Client:
         """
         return await self._ask(messages.GetPicture(digest=digest), messages.Picture)
 
+    async def round_trip(self) -> float:
+        """The seconds that a message takes to the server and back, measured now.
+
+        Raises:
+            ConnectionFailedError: There is no connection, or it is lost.
+        """
+        if self._socket is None:
+            raise ConnectionFailedError(f"{self.url}: there is no connection")
+        try:
+            return await (await self._socket.ping())
+        except ConnectionClosed:
+            raise ConnectionFailedError(f"{self.url}: the connection was lost") from None
+
     async def leave(self) -> None:
         """Leave the episode; one's seats become free.
 

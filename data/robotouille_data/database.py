@@ -115,7 +115,10 @@ def read_only(url: URL) -> Engine:
         return sa.create_engine(url, poolclass=NullPool, connect_args=options)
     path = Path(url.database or "")
     if not path.is_file():
-        raise CatalogueError(f"{path}: there is no catalogue; `robotouille data index` makes one")
+        raise CatalogueError(
+            f"{path}: there is no catalogue: `robotouille data index FOLDER` makes one of the"
+            " recordings in a folder, --folder or --database says where it is"
+        )
 
     mode = "mode=ro"
     if not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():

@@ -26,7 +26,14 @@ from robotouille_data.recordings.reading import (
     read_content,
     recorded_rows,
 )
-from robotouille_data.store import ReadFile, Stamp, forget, known_files, store
+from robotouille_data.store import (
+    ReadFile,
+    Stamp,
+    forget,
+    known_files,
+    lacking_steps_to_go,
+    store,
+)
 from robotouille_data.versions import migrate
 
 __all__ = ["Progress", "Report", "index"]
@@ -62,6 +69,7 @@ def index(
     jobs: int = 1,
     unfinished: bool = False,
     anew: bool = False,
+    steps_to_go: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> Report:
     """Read what is new or has changed below some folders, and forget what is gone.
@@ -71,6 +79,8 @@ def index(
         jobs: Processes that read.
         unfinished: Also those recordings that have no end yet.
         anew: Also those that have not changed.
+        steps_to_go: Also how far from the goal episodes ended, which takes a search; of those, too,
+            that have not changed and of which it is not known.
         progress: Is called when some more are done.
 
     Raises:
@@ -86,12 +96,14 @@ def index(
                 report.unfinished += 1
             else:
                 found[path] = stamp
-    known = _prepare(url, roots, found, report)
+    known, lacking = _prepare(url, roots, found, report)
+    if steps_to_go:
+        known = {path: stamp for path, stamp in known.items() if path not in lacking}
     changed = [(p, s) for p, s in sorted(found.items()) if anew or known.get(p) != s]
     report.unchanged = len(found) - len(changed)
     done = 0
     progress(done, len(changed))
-    for count, faults in _read_all(url, changed, jobs):
+    for count, faults in _read_all(url, changed, jobs, steps_to_go):
         report.indexed += count - len(faults)
         report.faults |= faults
         done += count
@@ -122,8 +134,9 @@ def _recordings(root: str) -> Iterator[File]:
 
 def _prepare(
     url: URL, roots: Sequence[str], found: Mapping[str, Stamp], report: Report
-) -> dict[str, Stamp]:
-    """Migrate the catalogue and forget what is gone; what it knows of the rest."""
+) -> tuple[dict[str, Stamp], set[str]]:
+    """Migrate the catalogue and forget what is gone; what it knows of the rest, and of which it
+    lacks steps to go."""
     engine, known = writing(url), dict[str, Stamp]()
     with telling(url), engine.begin() as connection:
         migrate(connection)
@@ -131,22 +144,27 @@ def _prepare(
             known |= known_files(connection, root)
         gone = known.keys() - found.keys()
         forget(connection, gone)
+        lacking = lacking_steps_to_go(connection)
     report.forgotten = len(gone)
-    return known
+    return known, lacking
 
 
-def _read_all(url: URL, files: Sequence[File], jobs: int) -> Iterator[tuple[int, dict[str, str]]]:
+def _read_all(
+    url: URL, files: Sequence[File], jobs: int, steps_to_go: bool
+) -> Iterator[tuple[int, dict[str, str]]]:
     """How many files were done, and their faults, in pieces."""
     pieces = list(_pieces(files))
     text = url.render_as_string(hide_password=False)
     if min(jobs, len(pieces)) < 2:
         for piece in pieces:
-            yield len(piece), _index_files(text, piece)
+            yield len(piece), _index_files(text, piece, steps_to_go)
         return
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, spawn, _begin_reading) as pool:
         try:
-            futures = {pool.submit(_index_files, text, piece): len(piece) for piece in pieces}
+            futures = {
+                pool.submit(_index_files, text, piece, steps_to_go): len(piece) for piece in pieces
+            }
             for future in as_completed(futures):
                 yield futures[future], future.result()
         except BrokenProcessPool:
@@ -184,10 +202,10 @@ def _engine(url: str) -> Engine:
     return writing(make_url(url))
 
 
-def _index_files(url: str, files: Sequence[File]) -> dict[str, str]:
+def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str, str]:
     """Read some files and write their rows; the faults of those that have none."""
     faults: dict[str, str] = {}
-    read = [each for file in files if (each := _read(*file, faults))]
+    read = [each for file in files if (each := _read(*file, faults, steps_to_go))]
     engine = _engine(url)
     with telling(engine.url):
         try:
@@ -195,12 +213,12 @@ def _index_files(url: str, files: Sequence[File]) -> dict[str, str]:
                 store(connection, read)
         except RecordingError:  # A long one is damaged far behind: which one, is seen one by one.
             for each in read:
-                _store_alone(engine, each, faults)
+                _store_alone(engine, each, faults, steps_to_go)
     return faults | {each.path: each.fault for each in read if each.fault}
 
 
-def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str]) -> None:
-    again = _read(file.path, file.stamp, faults)
+def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str], steps_to_go: bool) -> None:
+    again = _read(file.path, file.stamp, faults, steps_to_go)
     if again is None:
         return
     try:
@@ -213,7 +231,7 @@ def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str]) -> None
             store(connection, [broken])
 
 
-def _read(path: str, stamp: Stamp, faults: dict[str, str]) -> ReadFile | None:
+def _read(path: str, stamp: Stamp, faults: dict[str, str], steps_to_go: bool) -> ReadFile | None:
     """A recording, with its rows or its fault; None if it cannot be read now.
 
     Of a short one all is known then; a long one is read on as it is written.
@@ -222,7 +240,7 @@ def _read(path: str, stamp: Stamp, faults: dict[str, str]) -> ReadFile | None:
     try:
         content = read_content(Path(path))
         digest = content_digest(content)
-        parts = recorded_rows(content, episode_id(digest))
+        parts = recorded_rows(content, episode_id(digest), steps_to_go=steps_to_go)
         beginning = [part for _, part in zip(range(2), parts, strict=False)]
     except RecordingError as error:
         return ReadFile(path, stamp, digest, _fault(error))

@@ -5,6 +5,8 @@ Migrations make them: a change here needs a new one in `migrations`.
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import (
     BigInteger,
     Boolean,
@@ -19,6 +21,7 @@ from sqlalchemy import (
 
 __all__ = [
     "EPISODES",
+    "EPISODE_SEATS",
     "EPISODE_TABLES",
     "EVENTS",
     "LABELS",
@@ -27,6 +30,7 @@ __all__ = [
     "RECORDINGS",
     "SEATS",
     "STEPS",
+    "VIEWS",
 ]
 
 METADATA = MetaData()
@@ -153,6 +157,32 @@ MEASURES = Table(
            doc="steps that repeat an earlier one: same state, same actions"),
     Column("blocking", Integer, nullable=False,
            doc="actions refused or lost because of another player"),
+    Column("steps_to_go_least", Integer, doc="steps from its end to the goal, at least; or null"),
+    Column("steps_to_go_most", Integer, doc="the same at most; null: not known, or nobody asked"),
+    Column("out_of_reach", Boolean, doc="whether no plan leads to the goal; null: nobody asked"),
+)  # fmt: skip
+
+VIEWS = MetaData()
+"""What is made of the tables, and holds nothing of its own."""
+
+
+def _same(table: Table, *names: str) -> list[Column[Any]]:
+    """Columns as a table has them."""
+    columns = [table.c[name] for name in names]
+    return [Column(its.name, its.type, nullable=its.nullable, doc=its.doc) for its in columns]
+
+
+EPISODE_SEATS = Table(
+    "episode_seats",
+    VIEWS,
+    Column("episode_id", BigInteger, nullable=False, doc="`episodes.id`"),
+    *_same(EPISODES, "episode", "state", "created", "task", "clock", "reason"),
+    *_same(MEASURES, "success"),
+    *_same(EPISODES, "steps", "seconds"),
+    *_same(SEATS, "seat", "player", "name", "kind", "participant", "acted", "busy", "waiting",
+           "idle", "away", "substituted", "lost", "invalid", "malformed", "rejected", "said",
+           "thinking_ms", "staleness", "contribution"),
+    Column("decision_ms", Double, doc="mean `steps.ms` of the steps with an action of its own"),
 )  # fmt: skip
 
 EPISODE_TABLES = (EPISODES, SEATS, STEPS, EVENTS, LABELS, MEASURES)

@@ -11,9 +11,9 @@ from sqlalchemy.engine import Connection
 
 from robotouille_data.database import insert
 from robotouille_data.recordings.reading import TableRows, episode_id
-from robotouille_data.schema import EPISODE_TABLES, EPISODES, RECORDINGS
+from robotouille_data.schema import EPISODE_TABLES, EPISODES, MEASURES, RECORDINGS
 
-__all__ = ["ReadFile", "Stamp", "forget", "known_files", "store"]
+__all__ = ["ReadFile", "Stamp", "forget", "known_files", "lacking_steps_to_go", "store"]
 
 AT_ONCE = 500
 """Values in one list of a statement."""
@@ -44,6 +44,14 @@ def known_files(connection: Connection, folder: str) -> dict[str, Stamp]:
     below = RECORDINGS.c.path.startswith(folder.rstrip("/") + "/", autoescape=True)
     found = connection.execute(sa.select(*columns).where(below))
     return {path: Stamp(size, mtime_ns) for path, size, mtime_ns in found}
+
+
+def lacking_steps_to_go(connection: Connection) -> set[str]:
+    """The files whose episodes did not reach the goal, and nobody asked how far it was."""
+    its = MEASURES.c
+    joined = RECORDINGS.join(MEASURES, its.episode_id == RECORDINGS.c.episode_id)
+    wanted = (its.success == sa.false()) & its.out_of_reach.is_(None)
+    return set(connection.scalars(sa.select(RECORDINGS.c.path).select_from(joined).where(wanted)))
 
 
 def forget(connection: Connection, paths: Collection[str]) -> None:

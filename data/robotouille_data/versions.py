@@ -44,7 +44,8 @@ def check_version(connection: Connection, folder: Path = MIGRATIONS) -> None:
     """
     if not _is_current(connection, _script(folder)):
         message = (
-            "the catalogue is missing or of an earlier version: `robotouille data index` mends it"
+            "the catalogue is missing or of an earlier version: `robotouille data index FOLDER`"
+            " mends it"
         )
         raise CatalogueError(message)
 

@@ -25,7 +25,6 @@ from websockets.typing import Subprotocol
 from robotouille.episode import Phase
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.protocol.codec import MAX_CLIENT_BYTES, SUBPROTOCOLS, codec_for
-from robotouille_server.alerts import Alert, alerts
 from robotouille_server.auth import (
     REVOKED_FILE,
     CodeGuessLimiter,
@@ -45,7 +44,7 @@ from robotouille_server.auth import (
     visitor,
 )
 from robotouille_server.conversation import Conversation, Services, ShutdownNotice
-from robotouille_server.health import Health
+from robotouille_server.health import Alert, Health, alerts
 from robotouille_server.rooms.lobby import Lobby
 from robotouille_server.rooms.recordings import Folder, Storage
 from robotouille_server.rooms.session import JoinedRoom, Session
@@ -101,6 +100,7 @@ class Server:
     ) -> None:
         self.settings = settings
         self.metrics = Metrics()
+        self.wall = wall
         self._admission = Admission(
             self.metrics, settings.max_connections + MAX_SURPLUS_CONNECTIONS, settings.hello_seconds
         )

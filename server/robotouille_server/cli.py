@@ -158,6 +158,7 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
     async with (
         serve(settings, worker=worker) as server,
         _operator(server) as operator,
+        _broker(server),
         rare_collections(lambda: server.open_count, lambda: server.closed_count),
     ):
         loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
@@ -166,6 +167,8 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
         if await signals.get() is signal.SIGTERM:
             await _drain(server, signals)
             await server.stop("the server is restarted", hand_over=True)
+        else:
+            await server.stop()
 
 
 @asynccontextmanager
@@ -195,6 +198,18 @@ async def _operator(server: Server) -> AsyncIterator[str]:
         url = ""
     async with stack:
         yield url
+
+
+@asynccontextmanager
+async def _broker(server: Server) -> AsyncIterator[None]:
+    """The server on the broker of the settings, if there is one."""
+    if not server.settings.mqtt:
+        yield
+        return
+    from robotouille_server.mqtt import on_broker
+
+    async with on_broker(server):
+        yield
 
 
 def _operator_port(server: Server) -> int:

@@ -105,6 +105,16 @@ class Services:
     loop_budget: LoopBudget
     shutdown_notice: Callable[[], ShutdownNotice | None]
 
+    def seat_tokens(self, room: Room) -> dict[str, str]:
+        """A token for each seat of an episode, good for a day after it may have begun."""
+        seconds = (room.episode.rules.open_for or 0.0) + DAY_SECONDS
+        return {
+            player: self.tokens.mint_role(
+                Role.PLAYER, f"{room.id}-{number}", seconds=seconds, episode=room.id, seat=player
+            )
+            for number, player in enumerate(room.world.players, 1)
+        }
+
 
 class Conversation:
     """Takes the messages of one connection, as they come, and answers each."""
@@ -419,20 +429,9 @@ class Conversation:
     def _create(self, session: Session, message: messages.Create) -> None:
         check_opening(session.only_episode)
         room = self._services.lobby.create(message, owner=_owner(session))
-        tokens = self._seat_tokens(room) if message.tokens else {}
+        tokens = self._services.seat_tokens(room) if message.tokens else {}
         created = messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
         self.peer.send(created)
-
-    def _seat_tokens(self, room: Room) -> dict[str, str]:
-        """A token for each seat of an episode, good for a day after it may have begun."""
-        seconds = (room.episode.rules.open_for or 0.0) + DAY_SECONDS
-        mint = self._services.tokens.mint_role
-        return {
-            player: mint(
-                Role.PLAYER, f"{room.id}-{number}", seconds=seconds, episode=room.id, seat=player
-            )
-            for number, player in enumerate(room.world.players, 1)
-        }
 
     def _close(self, session: Session, message: messages.Close) -> None:
         check_opening(session.only_episode)

@@ -48,6 +48,11 @@ from robotouille_server.auth.revocation import KEPT_SECONDS
 from robotouille_server.auth.revocation import MAX_ENTRIES as MAX_REVOKED
 from robotouille_server.auth.visitors import WRONG_CODES_A_MINUTE
 from robotouille_server.conversation import COSTS, MAX_HELLO_BYTES, MAX_REFUSED
+from robotouille_server.mqtt.commands import COMMANDS_A_SECOND, COMMANDS_BURST, KEPT_ANSWERS
+from robotouille_server.mqtt.connection import MAX_PACKET_BYTES
+from robotouille_server.mqtt.models import MAX_OPENED, MAX_WATCH_SECONDS
+from robotouille_server.mqtt.outbox import MAX_MESSAGES, MAX_STEPS
+from robotouille_server.mqtt.watches import MAX_WATCHES
 from robotouille_server.rooms.listing import MAX_CODES
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.rooms.recordings import archive
@@ -396,6 +401,22 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               value=f"{REFUSED_A_MINUTE} a minute"),
         Limit("a file of the audit log", f"put aside; {KEPT_FILES} of those are kept",
               value=_size(MAX_AUDIT_BYTES)),
+    ),
+    "MQTT": (
+        Limit("a command", "refused, and not read", "message/too-large",
+              value=_size(MAX_CLIENT_BYTES)),
+        Limit("what a broker may deliver", "it delivers it not", value=_size(MAX_PACKET_BYTES)),
+        Limit("commands of all laboratories together", "refused", "rate/limited",
+              value=f"{COMMANDS_A_SECOND:g} a second, {COMMANDS_BURST:g} at once"),
+        Limit("commands that are known again", "the oldest are carried out again",
+              value=f"{KEPT_ANSWERS}"),
+        Limit("episodes that one command opens", "refused", INVALID, value=f"{MAX_OPENED}"),
+        Limit("watches", "refused", "rate/limited", value=f"{MAX_WATCHES}"),
+        Limit("time for which one holds", "refused", INVALID, value=f"{MAX_WATCH_SECONDS:,.0f} s"),
+        Limit("messages that wait for the broker", "the oldest are dropped and counted",
+              value=f"{MAX_MESSAGES:,}"),
+        Limit("steps that wait for it", "the oldest are dropped and counted",
+              value=f"{MAX_STEPS:,}"),
     ),
 }  # fmt: skip
 

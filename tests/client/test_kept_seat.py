@@ -11,7 +11,7 @@ import pytest
 from robotouille_client import Game
 from robotouille_client.bots import cli as bots
 from robotouille_client.bots.kinds import BotKind, policy_maker
-from robotouille_client.kept_seat import kept_seat
+from robotouille_client.console.kept_seat import kept_seat
 from robotouille_client.window import cli
 from robotouille_server import Server
 from tests.support.servers import serving

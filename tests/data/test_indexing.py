@@ -13,6 +13,9 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 import sqlalchemy as sa
 
+from robotouille.planning.search_result import Limits
+from robotouille.planning.steps_to_go import StepsToGo
+from robotouille.replay import read_recording
 from robotouille.replay.container import MAX_FILE, compress
 from robotouille_data import indexing
 from robotouille_data.answers.query import asking
@@ -199,6 +202,27 @@ def test_a_read_only_database_is_told(server: PostgreSQL, folder: Path) -> None:
         indexed(f"{server.url}&{options}", folder)
 
 
+def test_a_read_only_file_is_told(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To SQLite a connection that may only read is what such a file is."""
+    database = str(tmp_path / "c.sqlite")
+    indexed(database, folder)
+    before = dump(database)
+
+    def read_only(url: sa.URL) -> sa.Engine:
+        engine = writing(url)
+        sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA query_only=ON"))
+        return engine
+
+    monkeypatch.setattr(indexing, "writing", read_only)
+    (folder / "random0.rbt").unlink()
+    with pytest.raises(UnavailableError, match="readonly"):
+        indexed(database, folder)
+    monkeypatch.undo()
+    assert dump(database) == before
+
+
 @pytest.mark.parametrize("database_name", ["mysql://x/y", "://", "oracle://"])
 def test_other_databases_are_refused(database_name: str) -> None:
     with pytest.raises(CatalogueError):
@@ -224,3 +248,28 @@ def test_a_label_is_found_among_100_000_episodes(database: str, folder: Path) ->
         assert len(connection.exec_driver_sql(query).all()) == 200
         explain = "EXPLAIN QUERY PLAN" if connection.dialect.name == "sqlite" else "EXPLAIN"
         assert "labels_value" in str(connection.exec_driver_sql(f"{explain} {query}").all())
+
+
+@pytest.mark.slow
+def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
+    database: str, folder: Path, tmp_path: Path
+) -> None:
+    """At once, or later; in one process, or two. And they are what is known of the last state."""
+    for number in range(3, 6):
+        (folder / f"random{number}.rbt").unlink()
+    query = """SELECT e.episode, m.success, m.steps_to_go_least, m.steps_to_go_most, m.out_of_reach
+               FROM measures m JOIN episodes e ON e.id = m.episode_id ORDER BY e.episode"""
+    other = str(tmp_path / "other.sqlite")
+    indexed(database, folder)
+    assert {row[2:] for row in ask(database, query)} == {(None, None, None)}
+    assert indexed(database, folder, steps_to_go=True) == Report(indexed=3)
+    assert indexed(database, folder, steps_to_go=True) == Report(unchanged=3)
+    indexed(other, folder, steps_to_go=True, jobs=2)
+    assert dump(database) == dump(other)
+    for episode, success, least, most, dead in ask(database, query)[:2]:
+        assert not success
+        *_, (_, last) = read_recording(folder / f"{episode}.rbt").states()
+        left = StepsToGo(last.world)(last, Limits(expansions=500))
+        assert bool(dead) == left.dead
+        assert least <= (left.steps or least)
+        assert most is None or most >= left.bound

@@ -73,6 +73,28 @@ def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
     assert ask(filled, ALL) == ROWS
 
 
+@pytest.mark.parametrize(
+    ("query", "told"),
+    [
+        ("SELECT episode FROM seats", ["no column `episode` in seats; there is one in episodes"]),
+        ("SELECT episod_id FROM seats", ["`episod_id` in seats", "did you mean `episode_id`"]),
+        ("SELECT s.waitng FROM episodes e JOIN seats AS s ON s.episode_id = e.id",
+         ["no column `waitng` in seats", "did you mean `waiting`"]),
+        ("SELECT stepz FROM episodes, measures", ["in episodes, measures", "did you mean `steps`"]),
+        ("SELECT x.steps FROM seats s", ["no table of the query is called `x`; it has seats, s"]),
+        ("SELECT condition FROM seats", ["`condition`", "labels are rows of the table labels"]),
+        ("SELECT count(*) FROM seat", ["no table `seat`; did you mean `seats`. The tables: "]),
+        ("SELECT * FROM zzzz", ["no table `zzzz`. The tables: "]),
+    ],
+)  # fmt: skip
+def test_unknown_names_are_told_with_the_nearest(filled: str, query: str, told: list[str]) -> None:
+    with pytest.raises(CatalogueError) as error:
+        ask(filled, query)
+    for words in told:
+        assert words in str(error.value)
+    assert "LINE" not in str(error.value)
+
+
 def test_time_is_limited(filled: str) -> None:
     endless = (
         "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x % 9 + 1 FROM n) SELECT sum(x) FROM n"

@@ -15,13 +15,19 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
+import sqlalchemy as sa
+from sqlalchemy.engine import URL
+
+from robotouille.replay.container import compress
 from robotouille_data import watching
+from robotouille_data.answers.query import reading
 from robotouille_data.database import database_url
 from robotouille_data.errors import CatalogueError
 from robotouille_data.indexing import Report, index
+from robotouille_data.schema import METADATA
 from robotouille_data.watching import watch
 from tests.support.postgresql import missing, postgresql
-from tests.support.random_play import write_recordings
+from tests.support.random_play import random_stream, write_recordings
 
 PATIENCE = 60.0
 Told = Queue[Report | str]
@@ -86,23 +92,51 @@ def test_a_folder_that_is_away_is_waited_for(
         until_known(told, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.skipif(bool(missing()), reason=missing())
 def test_a_database_that_is_killed_and_comes_back_lacks_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("psycopg", reason="needs the extra `data`")
+    """50 episodes end one after the other; the server is killed behind the 15th, and started again
+    behind the 35th."""
     folder = tmp_path / "recordings"
-    write_recordings(folder, 2)
+    folder.mkdir()
     with postgresql() as server, watched(server.url, folder, monkeypatch) as told:
-        until_known(told, 2)
-        server.stop()
-        write_recordings(folder, 3, first=2)
-        assert until_trouble(told)
-        server.start()
-        until_known(told, 5)
-        found = index(database_url(server.url, folder), [folder])
-        assert found == Report(unchanged=5)
+        for number in range(50):
+            if number == 15:
+                until_known(told, number)
+                server.kill()
+            if number == 16:
+                assert until_trouble(told)
+            if number == 35:
+                server.start()
+            finish_recording(folder, number)
+        until_known(told, 50)
+        url = database_url(server.url, folder)
+        assert index(url, [folder]) == Report(unchanged=50)
+        anew = database_url(str(tmp_path / "anew.sqlite"), folder)
+        index(anew, [folder])
+        for table in METADATA.sorted_tables:
+            assert rows_of(url, table) == rows_of(anew, table)
+
+
+def finish_recording(folder: Path, number: int) -> None:
+    """A recording grows, and is closed, as a server does it."""
+    stream = random_stream(number, steps=10)
+    part = folder / f"random{number}.rbt.part"
+    part.write_bytes(stream[: len(stream) // 2])
+    part.write_bytes(stream)
+    closing = folder / f"random{number}.closing"
+    closing.write_bytes(compress(stream))
+    closing.rename(folder / f"random{number}.rbt")
+    part.unlink()
+
+
+def rows_of(url: URL, table: sa.Table) -> list[str]:
+    with reading(url) as connection:
+        return sorted(map(repr, connection.execute(sa.select(table))))
 
 
 def test_what_waiting_does_not_mend_is_an_error(tmp_path: Path) -> None:

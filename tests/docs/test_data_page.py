@@ -20,7 +20,7 @@ from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url
 from robotouille_data.indexing import index
 from robotouille_data.recordings.seat import ACTIVITIES
-from robotouille_data.schema import METADATA
+from robotouille_data.schema import METADATA, VIEWS
 from tests.support.pages import blocks, read
 from tests.support.random_play import random_stream, write_recordings
 
@@ -29,7 +29,7 @@ QUERIES = re.findall(r"```sql\n(.*?)```", PAGE, re.DOTALL)
 
 
 def test_every_column_is_described() -> None:
-    for name, its in METADATA.tables.items():
+    for name, its in {**METADATA.tables, **VIEWS.tables}.items():
         rows = {
             column.name: (
                 f"`{column.name}`",
@@ -58,6 +58,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_recordings(found, 4)
     index(database_url(None, found), [found])
     return found
+
+
+def test_the_view_is_what_the_schema_says(folder: Path) -> None:
+    """And holds what the tables do."""
+    its = VIEWS.tables["episode_seats"].columns.keys()
+    with asking(database_url(None, folder), "SELECT * FROM episode_seats") as answer:
+        assert list(answer.columns) == its
+        rows = [dict(zip(its, row, strict=True)) for row in answer.rows]
+    query = """SELECT s.*, e.steps AS all_steps, m.success AS won FROM seats s
+               JOIN episodes e ON e.id = s.episode_id JOIN measures m USING (episode_id)"""
+    with asking(database_url(None, folder), query) as answer:
+        others = [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+    key = ("episode_id", "seat")
+    for row, other in zip(
+        sorted(rows, key=lambda r: [r[k] for k in key]),
+        sorted(others, key=lambda r: [r[k] for k in key]),
+        strict=True,
+    ):
+        assert (row["steps"], row["success"]) == (other.pop("all_steps"), other.pop("won"))
+        assert {name: row[name] for name in other} == other
 
 
 @pytest.mark.parametrize("query", QUERIES)

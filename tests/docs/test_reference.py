@@ -234,7 +234,7 @@ def test_flags_of_the_server_are_those_of_the_table() -> None:
 def test_secrets_are_no_flags() -> None:
     fields = ServerSettings.model_fields
     secrets = {name for name in fields if SecretStr in SECRET and fields[name].annotation in SECRET}
-    assert secrets == {"signing_keys"}
+    assert secrets == {"signing_keys", "mqtt_password"}
     for row in table("settings.md", "The server"):
         assert (row[0] == "none") == (row[1].split("`")[-1] in secrets)
 

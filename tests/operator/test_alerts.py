@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from robotouille_server import Server
-from robotouille_server.alerts import alerts as found
 from robotouille_server.health import SAMPLE_SECONDS, Disk, Health
+from robotouille_server.health import alerts as found
 from robotouille_server.runtime.metrics import Metrics
 from tests.support.machines import GIB, Machine
 from tests.support.operator import Api, table, viewing

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def missing() -> str:
 
 
 class PostgreSQL:
-    """The server: `start` and `stop` it, as often as needed."""
+    """The server: `start` and `stop` or `kill` it, as often as needed."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -47,11 +48,26 @@ class PostgreSQL:
     def stop(self) -> None:
         self._run("pg_ctl", "stop", "--mode=immediate")
 
+    def kill(self) -> None:
+        """SIGKILL for the server and all its processes: nothing is written any more."""
+        lock = self._folder / "data/postmaster.pid"
+        first = int(lock.read_text().split()[0])
+        for pid in (first, *_children(first)):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        for left in (lock, *self._folder.glob(".s.PGSQL.*.lock")):
+            left.unlink()  # Where nobody reaps the dead, the next one would take it for alive.
+
     def _run(self, name: str, *arguments: str) -> None:
         command = [str(_program(name)), f"--pgdata={self._folder}/data", *arguments]
         subprocess.run(
             command, user=self._user, cwd=self._folder, stdout=subprocess.DEVNULL, check=True
         )
+
+
+def _children(pid: int) -> list[int]:
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    return [int(child) for child in found.split()]
 
 
 @contextmanager

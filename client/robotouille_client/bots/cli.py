@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from robotouille.protocol.messages import Kind, View
     from robotouille_client.bots.seat_policy import MakePolicy
     from robotouille_client.client import Client
+    from robotouille_client.console.kept_seat import KeptSeat
     from robotouille_client.game import Game
-    from robotouille_client.kept_seat import KeptSeat
 
     Seats = Literal["all"] | tuple[str, ...]
     Player = Callable[[Game], Awaitable[Mapping[str, Any]]]
@@ -100,7 +100,7 @@ async def _take_seat(
 
     from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.client import connect
-    from robotouille_client.kept_seat import came_back, keep_seat, kept_seat, state_folder
+    from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
 
     code = episode or await _waiting(url, name, token, kind)
     with kept_seat(state_folder(), url, code, name) as kept:

@@ -111,7 +111,7 @@ async def _run(
     import asyncio
 
     from robotouille_client.client import connect
-    from robotouille_client.kept_seat import came_back, keep_seat, kept_seat, state_folder
+    from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
     from robotouille_client.window.sources.remote_look import fetch_look
 
     if code is None:

@@ -1,1 +1,1 @@
-"""What is asked of a catalogue: queries that only read, and files of answers."""
+"""What is asked of a catalogue: queries that only read, files and pictures of answers, a report."""

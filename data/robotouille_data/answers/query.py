@@ -11,11 +11,12 @@ from typing import Any
 
 from sqlalchemy.engine import URL, Connection
 
+from robotouille_data.answers.unknown_names import explain_unknown
 from robotouille_data.database import driver_errors, read_only, telling
 from robotouille_data.errors import CatalogueError
 from robotouille_data.versions import check_version
 
-__all__ = ["SECONDS", "Answer", "asking"]
+__all__ = ["SECONDS", "Answer", "asking", "reading"]
 
 SECONDS = 60.0
 """How long a query may take, if nothing else is said."""
@@ -60,6 +61,25 @@ def asking(url: URL, query: str, seconds: float = SECONDS) -> Iterator[Answer]:
                 yield answer
 
 
+@contextmanager
+def reading(url: URL) -> Iterator[Connection]:
+    """A connection that reads one state of a catalogue, whatever is written meanwhile.
+
+    Raises:
+        UnavailableError: The database cannot be read now.
+        CatalogueError: There is no catalogue of this version.
+    """
+    engine = read_only(url)
+    with telling(url), engine.connect() as connection:
+        check_version(connection)
+        connection.rollback()
+        if url.drivername == "sqlite":
+            connection.exec_driver_sql("BEGIN")
+        else:
+            connection.execution_options(isolation_level="REPEATABLE READ")
+        yield connection
+
+
 def _ask_sqlite(connection: Connection, query: str, seconds: float) -> Answer:
     driver: Any = connection.connection.driver_connection
     driver.execute("PRAGMA query_only=ON")
@@ -68,6 +88,10 @@ def _ask_sqlite(connection: Connection, query: str, seconds: float) -> Answer:
     driver.set_progress_handler(lambda: time.monotonic() > deadline, INSTRUCTIONS)
     try:
         cursor = driver.execute(query)
+    except sqlite3.OperationalError as error:
+        if words := explain_unknown(str(error), query):
+            raise CatalogueError(words) from None
+        raise
     except (sqlite3.Warning, sqlite3.ProgrammingError) as error:  # Several statements.
         raise CatalogueError(f"one query at a time: {error}") from None
     if cursor.description is None:
@@ -86,7 +110,12 @@ def _asking_postgresql(connection: Connection, query: str, seconds: float) -> It
     connection.exec_driver_sql("SET TRANSACTION READ ONLY")
     driver: Any = connection.connection.driver_connection
     with driver_errors(connection), driver.cursor() as cursor:
-        cursor.execute(f"DECLARE answer NO SCROLL CURSOR FOR {query}".encode(), prepare=True)
+        try:
+            cursor.execute(f"DECLARE answer NO SCROLL CURSOR FOR {query}".encode(), prepare=True)
+        except connection.dialect.loaded_dbapi.Error as error:
+            if words := explain_unknown(str(error), query):
+                raise CatalogueError(words) from None
+            raise
         cursor.execute(f"FETCH {AT_ONCE} FROM answer")
         columns = _unlike([column.name for column in cursor.description])
         yield Answer(columns, _fetched(cursor))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from decimal import Decimal
 from itertools import islice
@@ -15,7 +15,14 @@ from robotouille.errors import MissingExtraError
 from robotouille.program import printable
 from robotouille_data.answers.query import Answer
 
-__all__ = ["MAX_SHOWN", "save_csv", "save_json", "save_parquet", "saving", "table_lines"]
+__all__ = [
+    "MAX_SHOWN",
+    "save_csv",
+    "save_json",
+    "save_parquet",
+    "table_lines",
+    "whole_file",
+]
 
 MAX_SHOWN = 1000
 """Rows that a terminal is shown."""
@@ -36,7 +43,7 @@ def table_lines(answer: Answer, limit: int = MAX_SHOWN) -> tuple[list[str], bool
 
 def save_csv(answer: Answer, path: Path) -> int:
     """Write CSV with a heading; how many rows there are. OSError if it cannot be written."""
-    with _whole(path) as file:
+    with whole_file(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(answer.columns)
         count = 0
@@ -49,7 +56,7 @@ def save_csv(answer: Answer, path: Path) -> int:
 def save_json(answer: Answer, path: Path) -> int:
     """Write a list of objects, one a line; how many there are. OSError as in `save_csv`."""
     count = 0
-    with _whole(path) as file:
+    with whole_file(path) as file:
         file.write("[")
         for count, row in enumerate(answer.rows, 1):
             file.write(",\n" if count > 1 else "\n")
@@ -72,28 +79,23 @@ def save_parquet(answer: Answer, path: Path) -> int:
         raise MissingExtraError("Parquet", "data") from None
     rows = [tuple(map(_plain, row)) for row in answer.rows]
     frame = pl.DataFrame(rows, list(answer.columns), orient="row", infer_schema_length=None)
-    temporary = path.with_name(f"{path.name}.tmp")
-    try:
-        frame.write_parquet(temporary, compression="zstd")
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path, text=False) as file:
+        frame.write_parquet(file, compression="zstd")
     return len(rows)
 
 
-def saving() -> tuple[Callable[[Answer, Path], int], ...]:
-    """What writes CSV, JSON and Parquet."""
-    return save_csv, save_json, save_parquet
-
-
 @contextmanager
-def _whole(path: Path) -> Iterator[IO[str]]:
-    """A file that is whole, or as it was before."""
+def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
+    """A file of text or bytes that is whole, or as it was before; an OSError has its name."""
     temporary = path.with_name(f"{path.name}.tmp")
     try:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
+        kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
+        with temporary.open("w" if text else "wb", **kind) as file:
             yield file
         temporary.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -13,12 +13,14 @@ import typer
 from robotouille.program import printable, tell
 from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
 from robotouille_data.cli.export import card, export
+from robotouille_data.cli.report import report
 
 __all__ = ["data"]
 
 data = typer.Typer(
     no_args_is_help=True, help="A catalogue of recordings: index, watch, query, export."
 )
+data.command()(report)
 data.command()(export)
 data.command()(card)
 
@@ -36,6 +38,9 @@ def index(
         bool, typer.Option("--unfinished", help="Also recordings without an end (.rbt.part).")
     ] = False,
     anew: Annotated[bool, typer.Option("--anew", help="Also read what has not changed.")] = False,
+    steps_to_go: Annotated[
+        bool, typer.Option("--steps-to-go", help="Also how far from the goal episodes ended: slow.")
+    ] = False,
 ) -> None:
     """Bring a catalogue up to date with folders of recordings.
 
@@ -49,8 +54,9 @@ def index(
         url = database_url(database, folders[0])
         with bar("recordings") as progress:
             report = index_folders(
-                url, folders, jobs=jobs, unfinished=unfinished, anew=anew, progress=progress
-            )
+                url, folders, jobs=jobs, unfinished=unfinished, anew=anew,
+                steps_to_go=steps_to_go, progress=progress,
+            )  # fmt: skip
     for path, fault in report.faults.items():
         tell(printable(f"{path}: {fault}"), err=True)
     for line in _lines(report.indexed, report.unchanged, report.forgotten, report.unfinished):
@@ -104,18 +110,28 @@ def sql(
     csv: Annotated[Path | None, typer.Option("--csv", help="Write a file.")] = None,
     json: Annotated[Path | None, typer.Option("--json", help="Write a file.")] = None,
     parquet: Annotated[Path | None, typer.Option("--parquet", help="Write a file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="Draw it, as .svg or .png: bars or lines.")
+    ] = None,
     seconds: Annotated[float, typer.Option(min=0.001, help="How long it may take.")] = 60.0,
 ) -> None:
-    """Ask a catalogue: print a table, or write files.
+    """Ask a catalogue: print a table, or write files, or draw.
 
     The tables are described in docs/data.md. Whatever would write is refused.
     """
     with errors_told():
+        from robotouille_data.answers.plotting import save_plot
         from robotouille_data.answers.query import asking
-        from robotouille_data.answers.saving import MAX_SHOWN, saving, table_lines
+        from robotouille_data.answers.saving import (
+            MAX_SHOWN,
+            save_csv,
+            save_json,
+            save_parquet,
+            table_lines,
+        )
         from robotouille_data.database import database_url
 
-        files = [(save, path) for save, path in zip(saving(), (csv, json, parquet), strict=True)]
+        files = ((save_csv, csv), (save_json, json), (save_parquet, parquet), (save_plot, plot))
         wanted = [(save, path) for save, path in files if path is not None]
         url = database_url(database, folder)
         for save, path in wanted:

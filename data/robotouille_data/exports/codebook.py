@@ -22,6 +22,8 @@ UNITS = {
     "episodes.max_steps": "steps",
     "episodes.steps": "steps",
     "measures.fewest_steps": "steps",
+    "measures.steps_to_go_least": "steps",
+    "measures.steps_to_go_most": "steps",
     "measures.repeated_transitions": "steps",
     "measures.blocking": "actions",
     "steps.staleness": "steps",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from itertools import product
@@ -14,9 +13,10 @@ from typing import Any
 from sqlalchemy.engine import URL, Connection
 
 from robotouille.errors import MissingExtraError
-from robotouille_data.database import read_only, telling
+from robotouille_data.answers.query import reading
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.card import check_license, write_card
+from robotouille_data.exports.filtering import Filtered, filter_episodes, task_slugs
 from robotouille_data.exports.manifest import (
     CODEBOOK,
     MANIFEST,
@@ -28,10 +28,9 @@ from robotouille_data.exports.manifest import (
 from robotouille_data.exports.part import Entry, Part, Written
 from robotouille_data.exports.privacy import Privacy
 from robotouille_data.exports.request import TABLES, ExportFormat, Request
-from robotouille_data.exports.selection import Selection, select_episodes, task_slugs
 from robotouille_data.exports.splitting import groups, split
 from robotouille_data.exports.whole_folder import whole_folder
-from robotouille_data.versions import catalogue_version, check_version
+from robotouille_data.versions import catalogue_version
 
 __all__ = ["Exported", "Progress", "export"]
 
@@ -81,31 +80,19 @@ def export(
     check_license(request.about.license)
     if len([each for each in request.formats if each in TABLES]) > 1:
         raise CatalogueError("tables are exported in one format at a time")
-    with _reading(url) as connection, whole_folder(folder) as draft:
-        selection = select_episodes(connection, url, request)
-        return _write(connection, draft, request, selection, progress)
-
-
-@contextmanager
-def _reading(url: URL) -> Iterator[Connection]:
-    """All that is read is of one moment, whoever writes meanwhile."""
-    with telling(url), read_only(url).connect() as connection:
-        if url.drivername == "sqlite":
-            connection.exec_driver_sql("BEGIN")
-        else:
-            connection.execution_options(isolation_level="REPEATABLE READ")
-        check_version(connection)
-        yield connection
+    with reading(url) as connection, whole_folder(folder) as draft:
+        filtered = filter_episodes(connection, url, request)
+        return _write(connection, draft, request, filtered, progress)
 
 
 def _write(
     connection: Connection,
     folder: Path,
     request: Request,
-    selection: Selection,
+    filtered: Filtered,
     progress: Progress,
 ) -> Exported:
-    ids, done = selection.ids, 0
+    ids, done = filtered.ids, 0
 
     def more(count: int) -> None:
         nonlocal done
@@ -142,13 +129,13 @@ def _write(
         "catalogue": catalogue_version(connection),
         **summary(connection, ids),
         "split": told,
-        "left_out": selection.left_out,
+        "left_out": filtered.left_out,
         "faults": {str(number): fault for number, fault in faults.items()},
         "data": rows,
     }
     _write_words(folder, manifest, codebook_text(codebook, rows))
     counts = {name: len(its) for name, its in parts.items()}
-    return Exported(counts, selection.left_out, faults)
+    return Exported(counts, filtered.left_out, faults)
 
 
 def _write_part(part: Part) -> Iterator[dict[str, Any]]:

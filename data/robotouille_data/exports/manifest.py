@@ -14,10 +14,10 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille.release import VERSION
+from robotouille_data.answers.selection import in_pieces
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.part import Entry
 from robotouille_data.exports.request import Request
-from robotouille_data.exports.selection import in_pieces
 from robotouille_data.schema import EPISODES, LABELS
 
 __all__ = [

@@ -9,8 +9,8 @@ from collections.abc import Hashable, Mapping, Sequence
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille_data.answers.selection import in_pieces
 from robotouille_data.exports.people import sittings
-from robotouille_data.exports.selection import in_pieces
 from robotouille_data.schema import LABELS
 
 __all__ = ["groups", "split"]

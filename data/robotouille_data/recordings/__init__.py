@@ -1,1 +1,1 @@
-"""From a recording to rows, by its frames alone: nothing is simulated."""
+"""From a recording to rows, by its frames alone, but where steps to go are asked for."""

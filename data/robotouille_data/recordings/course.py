@@ -16,6 +16,7 @@ from robotouille_data.recordings.action_words import (
 from robotouille_data.recordings.certified import fewest_steps
 from robotouille_data.recordings.repeats import Repeats
 from robotouille_data.recordings.seat import ACTIVITIES, RecordedSeat
+from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, Left
 
 __all__ = ["Course", "Row"]
 
@@ -201,13 +202,23 @@ class Course:
         cleaned = {_clean(name): _clean(value) for name, value in labels.items()}
         return [(self._id, name, value) for name, value in sorted(cleaned.items())]
 
-    def measures(self) -> Row:
-        """The row of the team's measures."""
-        success = None if self._outcome is None else self._outcome["reason"] == "goal"
+    @property
+    def success(self) -> bool | None:
+        """Whether the goal was reached; None while that is open."""
+        return None if self._outcome is None else self._outcome["reason"] == "goal"
+
+    def measures(self, left: Left = UNKNOWN) -> Row:
+        """The row of the team's measures.
+
+        Args:
+            left: How far from the goal it ended, if it did not reach it.
+        """
+        success = self.success
         fewest = fewest_steps(self._header["task"])
         rate = self._step / fewest if success and fewest else None
         blocking = self._blocking + sum(seat.blocked for seat in self._seats.values())
-        return self._id, success, fewest, rate, self._repeats.count, blocking
+        left = REACHED if success else left
+        return self._id, success, fewest, rate, self._repeats.count, blocking, *left
 
 
 def _bounded(number: int, limit: int = INT64) -> int:

@@ -12,6 +12,7 @@ from robotouille.errors import RecordingError
 from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
 from robotouille.replay.frame_schema import check_frame
 from robotouille_data.recordings.course import Course, Row
+from robotouille_data.recordings.steps_left import UNKNOWN, Left, steps_left
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
 
 __all__ = ["MAX_ROWS", "TableRows", "content_digest", "episode_id", "read_content", "recorded_rows"]
@@ -46,11 +47,14 @@ def episode_id(digest: str) -> int:
     return int(digest[:16], 16) >> 1
 
 
-def recorded_rows(content: bytes, number: int) -> Iterator[list[TableRows]]:
+def recorded_rows(
+    content: bytes, number: int, *, steps_to_go: bool = False
+) -> Iterator[list[TableRows]]:
     """All rows of a recording, in pieces; the last one has those that sum it up.
 
     Args:
         number: The episode's `id`.
+        steps_to_go: Also how far from the goal it ended, which takes a search.
 
     Raises:
         RecordingError: It is damaged, or none. What came before is worth nothing then.
@@ -66,7 +70,8 @@ def recorded_rows(content: bytes, number: int) -> Iterator[list[TableRows]]:
                 course.steps, course.events = [], []
         if course is None:
             raise RecordingError("has no header")
-        summary = _summary(course)
+        sought = steps_to_go and course.success is False
+        summary = _summary(course, steps_left(content) if sought else UNKNOWN)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise RecordingError(f"what it holds does not fit together: {error!r}") from None
     yield summary
@@ -91,12 +96,12 @@ def _courses(stream: bytes, number: int, *, closed: bool) -> Iterator[Course]:
         raise RecordingError("damaged: the file is closed without an end")
 
 
-def _summary(course: Course) -> list[TableRows]:
+def _summary(course: Course, left: Left) -> list[TableRows]:
     return [
         (STEPS, course.steps),
         (EVENTS, course.events),
         (SEATS, course.seats()),
         (LABELS, course.labels()),
-        (MEASURES, [course.measures()]),
+        (MEASURES, [course.measures(left)]),
         (EPISODES, [course.episode()]),
     ]

@@ -13,8 +13,16 @@ from typing import TYPE_CHECKING
 from robotouille.planning import Plan
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import World
+from robotouille_client.console.pages.drawing import (
+    COLOURS,
+    FAINT,
+    INK,
+    SOFT,
+    Picture,
+    drawn,
+    plain,
+)
 from robotouille_evaluation.metrics.action_kinds import is_asynchronous, is_work
-from robotouille_evaluation.report.drawing import COLOURS, FAINT, INK, SOFT, Picture, drawn, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

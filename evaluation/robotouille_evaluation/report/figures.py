@@ -6,11 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from robotouille_evaluation.metrics.intervals import Interval
-from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded
-from robotouille_evaluation.metrics.rows import EpisodeRow
-from robotouille_evaluation.report import published
-from robotouille_evaluation.report.drawing import (
+from robotouille_client.console.pages.drawing import (
     COLOURS,
     INK,
     SOFT,
@@ -19,6 +15,10 @@ from robotouille_evaluation.report.drawing import (
     drawn,
     plain,
 )
+from robotouille_evaluation.metrics.intervals import Interval
+from robotouille_evaluation.metrics.outcomes import optimality_rate, succeeded
+from robotouille_evaluation.metrics.rows import EpisodeRow
+from robotouille_evaluation.report import published
 from robotouille_evaluation.report.grouping import datasets, interval, named, part_played
 from robotouille_evaluation.report.tables import STEPS_TO_GO_BINS, bin_of_steps_to_go
 

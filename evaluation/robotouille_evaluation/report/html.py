@@ -14,12 +14,12 @@ from html import escape
 from pathlib import Path
 from string import Template
 
+from robotouille_client.console.pages.drawing import Picture, inline_svg
+from robotouille_client.console.pages.page_style import STYLE
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.report import published
-from robotouille_evaluation.report.drawing import Picture, inline_svg
 from robotouille_evaluation.report.grouping import datasets, interval, named, part_played, tasks
-from robotouille_evaluation.report.page_style import STYLE
 from robotouille_evaluation.report.tables import Line, Table, percent
 
 __all__ = ["render_page"]

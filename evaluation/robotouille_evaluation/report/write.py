@@ -9,9 +9,9 @@ from pathlib import Path
 from robotouille import World, load_task
 from robotouille.certification.shipped_plan import plan_beside
 from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille_client.console.pages.drawing import Picture
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.report.dependency_graph import dependency_graph, draw_graph
-from robotouille_evaluation.report.drawing import Picture
 from robotouille_evaluation.report.figures import all_figures
 from robotouille_evaluation.report.grouping import datasets, tasks
 from robotouille_evaluation.report.html import render_page

@@ -30,7 +30,7 @@ from robotouille_server.rooms.recordings import (
     Storage,
     file_name,
 )
-from robotouille_server.rooms.room import Room, RoomHost
+from robotouille_server.rooms.room import Room, RoomHost, RoomObserver
 from robotouille_server.rooms.seats.round_trips import LOOK_SECONDS
 from robotouille_server.rooms.session import Session
 from robotouille_server.rooms.substitutes.bot_scheduler import BotScheduler
@@ -103,6 +103,13 @@ class Lobby:
         if storage is not None:
             now, seconds = self._host.timers.time, settings.recovery_seconds
             self._recovery = Recovery(storage, worker, seconds, self._adopt, now, wall)
+
+    def observe(self, observer: RoomObserver) -> None:
+        """From here on somebody is told of all rooms; of those that there are, at once."""
+        self._host.observer = observer
+        for room in self.rooms.values():
+            if room in self._live:
+                observer.opened(room)
 
     # Opening
 
@@ -195,6 +202,8 @@ class Lobby:
                 self._inspection.begin()
                 self._round_trips.begin()
         self._count()
+        if self._host.observer is not None and room in self._live:
+            self._host.observer.opened(room)
         room.flush()
         return room
 

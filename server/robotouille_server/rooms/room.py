@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
+from typing import Protocol
 
 from robotouille.episode import (
     Departure,
@@ -34,13 +35,23 @@ from robotouille_server.runtime.logs import get_logger
 from robotouille_server.runtime.metrics import Metrics
 from robotouille_server.runtime.timer_queue import TimerHandle, TimerQueue
 
-__all__ = ["Room", "RoomHost"]
+__all__ = ["Room", "RoomHost", "RoomObserver"]
 
 RETRY_SECONDS = 1.0
 """Between two attempts to write what could not be written."""
 
 
-@dataclass(frozen=True, slots=True)
+class RoomObserver(Protocol):
+    """Is told of rooms, in the middle of their steps: it must be quick, and raise nothing."""
+
+    def opened(self, room: Room) -> None:
+        """There is a new room, or one that goes on after a restart."""
+
+    def published(self, room: Room, events: list[Event]) -> None:
+        """What was written, and is published."""
+
+
+@dataclass(slots=True)
 class RoomHost:
     """What a room needs of its server.
 
@@ -56,6 +67,7 @@ class RoomHost:
     closed: Callable[[Room], None]
     timers: TimerQueue
     bot_scheduler: BotScheduler
+    observer: RoomObserver | None = None
 
 
 class Room:
@@ -450,6 +462,8 @@ class Room:
     def _published(self, events: list[Event], begun: float) -> None:
         if isinstance(events[0], Stepped):
             self._metrics.age.observe(self._now() - begun)
+        if self._host.observer is not None:
+            self._host.observer.published(self, events)
         if self.episode.phase is Phase.ENDED:
             self._close()
         elif self.journal is not None and self.journal.full:

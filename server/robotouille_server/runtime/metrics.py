@@ -50,6 +50,8 @@ class Metrics(Collector):
         self.registry = CollectorRegistry()
         self.steps = self.applied = self.rejected = 0
         self.log_suppressed = 0
+        self.mqtt_connected = False
+        self.mqtt_published = self.mqtt_dropped_steps = self.mqtt_dropped_messages = 0
         self.received = self.sent_messages = self.sent_bytes = 0
         self.disk_free: int | None = None
         self.descriptors: int | None = None
@@ -116,6 +118,20 @@ class Metrics(Collector):
         yield CounterMetricFamily(
             "robotouille_suppressed_log_lines", "Log lines held back", value=self.log_suppressed
         )
+        yield GaugeMetricFamily(
+            "robotouille_mqtt_connected",
+            "Whether there is a connection to the MQTT broker",
+            value=self.mqtt_connected,
+        )
+        yield CounterMetricFamily(
+            "robotouille_mqtt_published", "Messages published to it", value=self.mqtt_published
+        )
+        dropped = CounterMetricFamily(
+            "robotouille_mqtt_dropped", "What was to be published, and was not", labels=["what"]
+        )
+        dropped.add_metric(["steps"], self.mqtt_dropped_steps)
+        dropped.add_metric(["messages"], self.mqtt_dropped_messages)
+        yield dropped
         yield _known("robotouille_disk_free_bytes", "Free on the recordings' disk", self.disk_free)
         yield _known("robotouille_open_descriptors", "Open file descriptors", self.descriptors)
         yield _known("robotouille_max_descriptors", "Most descriptors", self.max_descriptors)

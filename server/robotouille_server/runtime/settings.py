@@ -129,6 +129,21 @@ class ServerSettings(BaseSettings):
     operator_port: Annotated[int, Field(ge=0, le=65535)] | None = Field(
         None, description="Port of the operator's view (default: the one after all others)."
     )
+    mqtt: str = Field(
+        "",
+        description="MQTT broker that is told of episodes and may send commands, as "
+        "mqtt://[USER@]HOST[:PORT] or mqtts://…; none if empty.",
+    )
+    mqtt_name: str = Field(
+        "", description="The server's name in topics (default: its host's name and port)."
+    )
+    mqtt_ca: Path | None = Field(
+        None, description="Certificate authority of the broker (PEM; default: the system's)."
+    )
+    mqtt_password_file: Path | None = Field(
+        None, description="File with the password for the broker."
+    )
+    mqtt_password: SecretStr | None = Field(None, description="The password itself.")
     max_episodes: Annotated[int, Field(ge=1)] = Field(2000, description="Episodes at a time.")
     max_connections: Annotated[int, Field(ge=1)] = Field(
         20_000, description="Connections at a time."

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import msgpack
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -32,6 +32,8 @@ __all__ = [
     "Codec",
     "Fields",
     "codec_for",
+    "read_object",
+    "validated",
 ]
 
 MAX_CLIENT_BYTES = 64 * 1024
@@ -44,6 +46,8 @@ MAX_ITEMS = 256
 MAX_LIST = 128
 """Values that a list in it may announce: memory is had for them before they are read."""
 
+
+T = TypeVar("T")
 
 _pack = msgpack.Packer(autoreset=True).pack
 
@@ -127,11 +131,7 @@ class Codec:
             raise ProtocolError("message/malformed", f"expected an object, found {found}")
         if not self.text and plain.get("type") != "act":
             _check_depth(plain)
-        try:
-            return adapter.validate_python(plain)
-        except ValidationError as error:
-            # No local name for it: an error that its own traceback keeps is garbage in a circle.
-            raise _refused(error, plain) from None
+        return validated(plain, adapter)
 
     def _unpack(self, payload: bytes | str, limit: int) -> Any:
         if isinstance(payload, str) != self.text:
@@ -145,6 +145,33 @@ class Codec:
         if isinstance(payload, str):
             return _unpack_json(payload)
         return _unpack_msgpack(payload, limit)
+
+
+def read_object(payload: str) -> dict[str, Any]:
+    """A JSON object from outside, of no more than a client's message may hold.
+
+    Raises:
+        ProtocolError: `message/malformed`: it is none.
+    """
+    plain = _unpack_json(payload)
+    if not isinstance(plain, dict):
+        found = type(plain).__name__
+        raise ProtocolError("message/malformed", f"expected an object, found {found}")
+    _check_items(plain)
+    return plain
+
+
+def validated(plain: dict[str, Any], adapter: TypeAdapter[T]) -> T:
+    """The message that plain values are.
+
+    Raises:
+        ProtocolError: `message/…` says what is wrong with it, with its `ref` if it has one.
+    """
+    try:
+        return adapter.validate_python(plain)
+    except ValidationError as error:
+        # No local name for it: an error that its own traceback keeps is garbage in a circle.
+        raise _refused(error, plain) from None
 
 
 def _unpack_json(payload: str) -> Any:

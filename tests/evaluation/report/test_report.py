@@ -15,10 +15,10 @@ import pytest
 
 from robotouille import World, load_task
 from robotouille.certification.shipped_plan import plan_beside
+from robotouille_client.console.pages.drawing import distinct_labels, inline_svg
 from robotouille_evaluation.metrics import EpisodeRow, PackId, Result
 from robotouille_evaluation.report import write_report
 from robotouille_evaluation.report.dependency_graph import dependency_graph
-from robotouille_evaluation.report.drawing import distinct_labels, inline_svg
 from robotouille_evaluation.report.figures import all_figures, success_bars
 from robotouille_evaluation.report.html import render_page
 from robotouille_evaluation.report.tables import all_tables

@@ -16,10 +16,10 @@ import pyarrow.parquet as pq
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille_data.answers.selection import in_pieces
 from robotouille_data.exports.codebook import table_entry
 from robotouille_data.exports.part import Part, Written
 from robotouille_data.exports.request import ExportFormat
-from robotouille_data.exports.selection import in_pieces
 from robotouille_data.schema import EPISODE_TABLES, EPISODES, EVENTS
 
 __all__ = ["write_tables"]

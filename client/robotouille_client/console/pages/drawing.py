@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 INK, SOFT, FAINT = "#1e293b", "#64748b", "#cbd5e1"
-"""Text, published numbers, and lines. A page swaps them in the dark."""
+"""Text, what is of less weight, and lines. A page swaps them in the dark."""
 COLOURS = ("#2563eb", "#ea580c", "#059669", "#9333ea", "#db2777", "#0891b2", "#ca8a04", "#dc2626")
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -64,7 +64,8 @@ LINE, MAX_LINES = 34, 5
 
 
 class Picture(NamedTuple):
-    """A figure of a report: the name of its files, what it shows, and both formats."""
+    """A figure of a report: the name of its files, what it shows, and both formats (no PNG where
+    none was asked for)."""
 
     name: str
     caption: str
@@ -82,7 +83,7 @@ def distinct_labels(names: Iterable[str]) -> dict[str, str]:
     """A label for each name, of some lines: what all names share is left out, and of what is too
     long all the same the middle. Where two would look alike, they have numbers.
 
-    Names are of parts with ` · ` between them, as `grouping.named` makes them.
+    Names are of parts with ` · ` between them.
     """
     parts = {name: name.split(SEPARATOR) for name in names}
     shared = set.intersection(*map(set, parts.values())) if len(parts) > 1 else set()
@@ -99,7 +100,12 @@ def distinct_labels(names: Iterable[str]) -> dict[str, str]:
 
 
 def drawn(
-    name: str, caption: str, size: tuple[float, float], draw: Callable[[Figure], None]
+    name: str,
+    caption: str,
+    size: tuple[float, float],
+    draw: Callable[[Figure], None],
+    *,
+    png: bool = True,
 ) -> Picture:
     """The picture that a function draws on a figure of some inches."""
     import matplotlib
@@ -109,10 +115,11 @@ def drawn(
         warnings.simplefilter("ignore", UserWarning)  # letters it has not, labels without room
         figure = Figure(figsize=size, layout="constrained")
         draw(figure)
-        svg, png = StringIO(), BytesIO()
+        svg, pixels = StringIO(), BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
-        figure.savefig(png, format="png", dpi=DPI, metadata={"Software": None})
-    return Picture(name, caption, svg.getvalue(), png.getvalue())
+        if png:
+            figure.savefig(pixels, format="png", dpi=DPI, metadata={"Software": None})
+    return Picture(name, caption, svg.getvalue(), pixels.getvalue())
 
 
 def inline_svg(picture: Picture) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille_evaluation.report.drawing import FAINT, INK, SOFT
+from robotouille_client.console.pages.drawing import FAINT, INK, SOFT
 
 __all__ = ["STYLE"]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from robotouille_server.health import Health
+from robotouille_server.health.sampling import Health
 
 __all__ = [
     "DESCRIPTOR_SHARE",

@@ -57,7 +57,7 @@ def test_who_has_not_consented_is_left_out_and_counted(write: Write) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"query": "SELECT steps FROM episodes"}, "needs a column"),
+        ({"query": "SELECT steps FROM episodes"}, "has no column"),
         ({"query": "SELECT episode AS id FROM episodes"}, "is no id"),
         ({"query": "DELETE FROM episodes"}, "not authorized"),
         ({"labels": {"condition": "c"}}, "left out 8 by label"),

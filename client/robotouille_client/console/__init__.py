@@ -1,0 +1,11 @@
+"""What the commands share: how they fail, how a server is named, and a seat that outlives them."""
+
+from robotouille_client.console.command_line import (
+    TokenOption,
+    explain,
+    fail,
+    failing,
+    server_url,
+)
+
+__all__ = ["TokenOption", "explain", "fail", "failing", "server_url"]

@@ -1,0 +1,1 @@
+"""`robotouille-lsl`: an episode's steps and actions in the Lab Streaming Layer. Needs `lsl`."""

@@ -1,0 +1,59 @@
+"""`robotouille-lsl`: gives an episode to the Lab Streaming Layer."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robotouille.program import VersionOption, printable, tell
+from robotouille_client.console import TokenOption, failing, server_url
+
+__all__ = ["command", "main"]
+
+
+@failing
+def command(
+    episode: Annotated[str, typer.Argument(help="The episode's code or id.", show_default=False)],
+    url: Annotated[
+        str | None, typer.Option(help="The server's URL; or name it by host and port.")
+    ] = None,
+    host: Annotated[str, typer.Option(help="The server's host.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="The server's port.")] = 8765,
+    name: Annotated[str, typer.Option(help="The spectator's name.")] = "lsl",
+    token: TokenOption = None,
+    version: VersionOption = False,
+) -> None:
+    """Watch an episode, and give its steps and actions to the Lab Streaming Layer until it is
+    over."""
+    import asyncio
+
+    from robotouille_client.client import connect
+    from robotouille_client.game import Game
+    from robotouille_client.lsl.outlets import Outlets, load_pylsl, open_outlets
+    from robotouille_client.lsl.stream import stream
+
+    pylsl = load_pylsl()
+    where = server_url(url, host, port)
+
+    def opening(game: Game, offsets: list[float]) -> Outlets:
+        tell(printable(f"streams {game.episode}: {game.world.task.name}"), err=True)
+        return open_outlets(pylsl, game.episode, game.world.task.name, where, offsets)
+
+    async def run() -> Game:
+        async with connect(where, name=name, token=token) as client:
+            return await stream(client, episode, opening)
+
+    try:
+        game = asyncio.run(run())
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+    reason = game.outcome["reason"] if game.outcome else "the connection is over"
+    tell(printable(f"over at step {game.step}: {reason}"), err=True)
+
+
+def main() -> None:
+    """The entry point of `robotouille-lsl`."""
+    application = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    application.command()(command)
+    application()

@@ -1,0 +1,62 @@
+"""`robotouille data report`: one page that compares episodes by a label."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robotouille.errors import RobotouilleError
+from robotouille.program import printable, quoted, tell
+from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
+
+__all__ = ["report"]
+
+
+def report(
+    query: Annotated[
+        str | None,
+        typer.Argument(help="SQL with a column `id` or `episode_id`; all episodes if not given."),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("report.html"),
+    database: DatabaseOption = None,
+    folder: FolderOption = Path(),
+    label: Annotated[
+        list[str] | None,
+        typer.Option("--label", metavar="NAME=VALUE", help="Only episodes that have it."),
+    ] = None,
+    by: Annotated[str, typer.Option("--by", help="The label that is compared.")] = "condition",
+    text: Annotated[
+        bool, typer.Option("--text/--no-text", help="Also what was said in the chat.")
+    ] = True,
+    title: Annotated[
+        str, typer.Option("--title", help="The page's.")
+    ] = "Robotouille: a first look",
+    seconds: Annotated[float, typer.Option(min=0.001, help="How long it may take.")] = 60.0,
+) -> None:
+    """Compare episodes by a label, on one HTML page: outcomes, what seats did, time lines, chat.
+
+    The page needs nothing beside it and asks nobody for anything.
+    """
+    with errors_told():
+        from robotouille_data.answers.report.write import write_report
+        from robotouille_data.database import database_url
+
+        url = database_url(database, folder)
+        with bar("report") as progress:
+            count = write_report(
+                url, out, query=query, labels=_labels(label or []), by=by, text=text, title=title,
+                seconds=seconds, progress=progress.stage,
+            )  # fmt: skip
+    tell(printable(f"{out}: {count} episodes"))
+
+
+def _labels(pairs: list[str]) -> dict[str, str]:
+    found = {}
+    for pair in pairs:
+        name, equals, value = pair.partition("=")
+        if not equals or not name:
+            raise RobotouilleError(f"a label is NAME=VALUE, not {quoted(pair)}")
+        found[name] = value
+    return found

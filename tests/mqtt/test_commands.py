@@ -1,0 +1,304 @@
+"""Commands of laboratories: who may do what, what is answered and where, and what comes twice."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robotouille_client import Announced, connect
+from robotouille_server import Server
+from robotouille_server.auth import Role
+from robotouille_server.mqtt import commands as module
+from robotouille_server.mqtt.models import COMMANDS, Answer
+from robotouille_server.mqtt.watches import MAX_WATCHES
+from tests.support.brokers import FakeBroker, role_token, told
+from tests.support.operator import table
+from tests.support.virtual_time import run
+
+ANSWERS = "robotouille/v1/lab/answers"
+
+
+class Lab:
+    """Sends commands to a server, and reads the answers."""
+
+    def __init__(self, server: Server, broker: FakeBroker, role: Role = Role.OPERATOR) -> None:
+        self.broker = broker
+        self.token = role_token(server, role)
+        self._refs = count(1)
+
+    async def ask(self, kind: str, **fields: Any) -> Answer:
+        content = {"type": kind, "ref": f"r{next(self._refs)}", "token": self.token, **fields}
+        return await self.send({key: value for key, value in content.items() if value != ""})
+
+    async def send(self, content: Any, **received: Any) -> Answer:
+        before = len(self.broker.on("answers"))
+        self.broker.command(content, **received)
+        await asyncio.sleep(1)
+        (answer,) = self.broker.on("answers")[before:]
+        return Answer.model_validate(answer)
+
+    async def refused(self, kind: str, **fields: Any) -> str:
+        answer = await self.ask(kind, **fields)
+        assert answer.error is not None
+        assert not answer.ok
+        return answer.error.code
+
+
+def audit(server: Server) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in server.audit.path.read_text().splitlines()]
+
+
+def test_every_command_takes_a_role_and_has_a_handler() -> None:
+    assert set(module.ROLES) == set(module.HANDLERS) == set(COMMANDS)
+
+
+def test_episodes_are_opened_with_labels_and_tokens_and_played(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker, Role.HOST)
+            create = {"task": "multi_agent/01", "labels": {"condition": "a"}, "tokens": True}
+            answer = await lab.ask("open", count=3, create=create)
+            assert answer.ok
+            assert len({each.code for each in answer.opened}) == 3
+            for opened in answer.opened:
+                room = server.lobby.rooms[opened.episode]
+                assert (room.labels, room.owner) == ({"condition": "a"}, "lab")
+                assert set(opened.tokens) == {"robot1", "robot2"}
+            seat = answer.opened[0].tokens["robot2"]
+            async with connect(server.url, name="ada", token=seat) as client:
+                game = await client.join(answer.opened[0].code)
+                assert game.seat == "robot2"
+            listed = await lab.ask("list", labels={"condition": "a"})
+            assert {each.code for each in listed.episodes} == {e.code for e in answer.opened}
+            assert listed.total == 3
+            closed = await lab.ask("close", episode=answer.opened[1].code, reason="no pair")
+            assert closed.ok
+            assert [line["what"] for line in audit(server)] == ["mqtt open", "mqtt close"]
+            assert {line["by"] for line in audit(server)} == {"lab"}
+
+    run(main())
+
+
+def test_an_operator_announces_pauses_and_resumes(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker), table(server) as play:
+            lab = Lab(server, broker)
+            assert (await lab.ask("announce", text="one")).ok
+            assert (await play.hears(Announced)).text == "one"
+            assert (await lab.ask("announce", text="two", episode=play.episode)).ok
+            assert (await play.hears(Announced)).text == "two"
+            assert (await lab.ask("pause", episode=play.code)).ok
+            await play.until(lambda game: game.phase == "paused")
+            assert (await lab.ask("resume", episode=play.episode)).ok
+            await play.until(lambda game: game.phase == "running")
+            assert await lab.refused("pause", episode="none") == "episode/unknown"
+            lines = audit(server)
+            done = ["announce to all", "announce", "pause", "resume"]
+            assert [line["what"] for line in lines] == [*done, "mqtt pause"]
+            assert lines[-1]["result"] == "episode/unknown"
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("role", "refused"),
+    [
+        (Role.OPERATOR, set()),
+        (Role.HOST, {"announce", "pause", "resume"}),
+        (Role.PLAYER, {"announce", "pause", "resume", "watch", "list", "open", "close"}),
+    ],
+)
+def test_a_role_may_do_so_much(tmp_path: Path, role: Role, refused: set[str]) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            opened = (await lab.ask("open")).opened[0].episode
+            lab.token = role_token(server, role)
+            asked: dict[str, dict[str, Any]] = {
+                "watch": {},
+                "list": {},
+                "open": {},
+                "announce": {"text": "hello"},
+                "pause": {"episode": opened},
+                "resume": {"episode": opened},
+                "close": {"episode": opened},
+            }
+            for kind, fields in asked.items():
+                answer = await lab.ask(kind, **fields)
+                assert answer.ok == (kind not in refused), (kind, answer)
+                assert answer.ok or (answer.error and answer.error.code == "auth/role")
+
+    run(main())
+
+
+def test_a_host_watches_and_closes_its_own_alone(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker), table(server) as play:
+            lab = Lab(server, broker, Role.HOST)
+            assert await lab.refused("watch", episode=play.episode) == "auth/episode"
+            assert await lab.refused("close", episode=play.episode) == "auth/episode"
+            assert (await lab.ask("watch")).ok, "of all that are its own"
+            await play.until(lambda game: game.step >= 20)
+            assert not broker.on("steps")
+            assert not (await lab.ask("list")).episodes[0].labels
+
+    run(main())
+
+
+def test_a_token_for_one_episode_is_for_that(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker), table(server) as play:
+            lab = Lab(server, broker)
+            lab.token = role_token(server, episode=play.episode)
+            other = server.lobby.create(module.messages.Create())
+            assert await lab.refused("open") == "auth/episode"
+            assert await lab.refused("watch") == "auth/episode"
+            assert await lab.refused("watch", episode=other.id) == "auth/episode"
+            assert await lab.refused("pause", episode=other.id) == "auth/episode"
+            assert await lab.refused("announce", text="hello") == "auth/episode"
+            assert (await lab.ask("watch", episode=play.episode)).ok
+            assert (await lab.ask("pause", episode=play.episode)).ok
+
+    run(main())
+
+
+def test_without_a_good_token_nothing_is_done(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            for bad, code in (
+                ("", "message/missing-field"),
+                ("nonsense", "auth/invalid"),
+                (role_token(server, seconds=-1), "auth/expired"),
+            ):
+                lab.token = bad
+                assert await lab.refused("open") == code
+            assert not server.lobby.rooms
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("payload", "code", "ref"),
+    [
+        (b"", "message/malformed", ""),
+        (b"\xff", "message/malformed", ""),
+        (b"[]", "message/malformed", ""),
+        (b'{"ref": "a", "ref": "b"}', "message/malformed", ""),
+        (b'{"ref": "a", "type": "zap"}', "message/unknown-type", "a"),
+        (b'{"ref": "a", "type": "\\ud800"}', "message/malformed", ""),
+        (b'{"ref": "a\\n", "type": "list", "token": "t"}', "message/invalid-field", ""),
+        (b'{"ref": 1, "type": "list", "token": "t"}', "message/invalid-field", ""),
+        (b'{"ref": "a", "type": "list", "token": "t", "x": 1}', "message/unknown-field", "a"),
+        (b'{"ref": "a", "type": "open", "token": "t", "count": 101}', "message/invalid-field", "a"),
+        (b'{"a": ' + b"[" * 100_000, "message/too-large", ""),
+        (b'{"a": ' + b"[" * 10_000, "message/malformed", ""),
+        (b" " * 1_000_000, "message/too-large", ""),
+    ],
+)
+def test_what_is_no_command_is_answered_by_a_code(
+    tmp_path: Path, payload: bytes, code: str, ref: str
+) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            answer = await Lab(server, broker).send(payload)
+            assert answer.error is not None
+            assert (answer.error.code, answer.ref, answer.ok) == (code, ref, False)
+
+    run(main())
+
+
+def test_a_command_that_comes_twice_is_carried_out_once(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            first = await lab.ask("open", ref="once")
+            again = await lab.ask("open", ref="once")
+            assert first == again
+            assert len(server.lobby.rooms) == 1
+            lab.token = role_token(server, subject="another")
+            other = await lab.ask("open", ref="once")
+            assert other.opened[0].episode != first.opened[0].episode
+            assert await lab.refused("pause", ref="p", episode="x") == "episode/unknown"
+            assert (await lab.ask("pause", ref="p", episode=first.opened[0].code)).ok
+
+    run(main())
+
+
+def test_a_retained_command_is_not_carried_out(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            stale = {"type": "open", "ref": "a", "token": lab.token}
+            broker.command(stale, retained=True)
+            await asyncio.sleep(1)
+            assert not server.lobby.rooms
+            assert not broker.on("answers")
+
+    run(main())
+
+
+def test_an_answer_goes_where_mqtt_5_says_with_the_correlation(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            command = {"type": "list", "ref": "a", "token": lab.token}
+            broker.command(command, answer_to=f"{ANSWERS}/me", correlation=b"\x01")
+            broker.command({**command, "ref": "b"}, answer_to="elsewhere", correlation=b"\x02")
+            await asyncio.sleep(1)
+            found = [e for e in broker.published if "/answers" in e.topic]
+            assert [(e.topic, e.content["ref"], e.correlation) for e in found] == [
+                (f"{ANSWERS}/me", "a", b"\x01"),
+                (ANSWERS, "b", b"\x02"),
+            ]
+
+    run(main())
+
+
+def test_too_many_commands_are_refused(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            for number in range(100):
+                broker.command({"type": "unwatch", "ref": str(number), "token": lab.token})
+            await asyncio.sleep(1)
+            answers = [Answer.model_validate(each) for each in broker.on("answers")]
+            assert len(answers) == 100
+            codes = [each.error.code for each in answers if each.error is not None]
+            assert set(codes) == {"rate/limited"}
+            assert 40 <= len(codes) <= 50
+
+    run(main())
+
+
+def test_what_was_opened_before_a_limit_is_answered_with_it(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path, max_episodes_per_owner=2) as (server, broker):
+            answer = await Lab(server, broker).ask("open", count=5)
+            assert len(answer.opened) == 2
+            assert answer.error is not None
+            assert answer.error.code == "rate/episodes"
+
+    run(main())
+
+
+def test_watches_are_bounded_replaced_and_ended(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker)
+            for number in range(MAX_WATCHES):
+                assert (await lab.ask("watch", labels={"pair": str(number)})).ok
+            assert await lab.refused("watch", labels={"pair": "x"}) == "rate/limited"
+            assert (await lab.ask("watch", labels={"pair": "1"})).ok
+            assert (await lab.ask("unwatch", labels={"pair": "1"})).done == "1 watches ended"
+            both = {"episode": "a", "labels": {"pair": "2"}}
+            assert await lab.refused("watch", **both) == "message/invalid-field"
+            assert (await lab.ask("unwatch", episode="gone")).done == "0 watches ended"
+            assert (await lab.ask("unwatch")).done == f"{MAX_WATCHES - 1} watches ended"
+
+    run(main())
