@@ -148,8 +148,8 @@ def _notes(material: Material) -> Iterator[str]:
     if facts.damaged:
         named = "; ".join(f"{Path(path).name}: {fault}" for path, fault in facts.faults[:3])
         yield (
-            f"{_counted(facts.damaged, 'recording')} of the catalogue that could not be read, and so "
-            f"in no number here, whichever the label: {named}"
+            f"{_counted(facts.damaged, 'recording')} of the catalogue that could not be read, in no"
+            f" number here, whichever the label: {named}"
         )
     if len({each.task for each in facts.episodes}) > 1:
         yield "these are several tasks: steps of one do not compare with those of another"
@@ -172,9 +172,10 @@ def _sections(material: Material, progress: Progress) -> Iterator[Section]:
     )  # fmt: skip
     yield Section(
         "outcomes", "Outcomes",
-        "Intervals that lie apart are hardly chance; those that overlap much leave it open. Intervals of success take episodes as independent: if pairs play "
-        "several, they are wider in truth. An optimality rate is steps by the fewest steps that "
-        "are possible, for tasks of which these are known: 1 is best.",
+        "Intervals that lie apart are hardly chance; those that overlap much leave it open. Those "
+        "of success take episodes as independent: if pairs play several, they are wider in truth. "
+        "An optimality rate is steps by the fewest steps that are possible, for tasks of which "
+        "these are known: 1 is best.",
         [figures.get("outcomes", ""), table_html(tables.outcomes_table(shown, by))],
     )  # fmt: skip
     yield Section(
