@@ -10,6 +10,7 @@ Needs the extra `data`. A database that is named is emptied of these recordings 
 from __future__ import annotations
 
 import argparse
+import random
 import statistics
 import tempfile
 import time
@@ -17,19 +18,51 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from tests.support.random_play import random_stream
-
+from robotouille import World, load_task
+from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame
+from robotouille.replay.recorder import Recorder, header
 
 RECORDINGS, STEPS, SECONDS = 1_000, 200, 60.0
+RATE = 5.0
 COURSES = 20
 LABELLED, ASKED, LABEL_SECONDS = 100_000, 21, 0.050
 JOBS = 2
 
 
+def course(seed: int) -> bytes:
+    """A recording of two people who act in most steps, at times ask for what is not possible,
+    talk a little, and do not come to the goal in `STEPS` steps."""
+    rng = random.Random(seed)
+    world = World(load_task("multi_agent/09@2", timing="people"))
+    rules = Rules(clock=Clock.REALTIME, step_rate=RATE, max_steps=STEPS)
+    episode, recorder = Episode(world, rules), Recorder(world)
+    head = header(
+        world.task, rules, episode=f"e{seed}", seed=seed, created="2026-01-01T00:00:00+00:00"
+    )
+    stream = recorder.begin(head)
+    for player in world.players:
+        episode.join(player, f"name of {player}", "human", 0.0)
+    now, number = 0.0, 0
+    while not episode.ended:
+        now, number = now + 1 / RATE, number + 1
+        for player in world.players:
+            wish = rng.random()
+            if wish < 0.05:
+                impossible = rng.choice(world.ground_actions(player))
+                episode.submit(player, number, impossible, now - 0.1)
+            elif wish < 0.7 and (valid := episode.state.actions(player)):
+                episode.submit(player, number, rng.choice(valid), now - 0.1)
+            elif wish > 0.98:
+                episode.say("name", player, "the onion is burning", now - 0.1)
+        episode.tick(now)
+        stream += recorder.record(episode.events())
+    return stream
+
+
 def write_copies(folder: Path, count: int) -> None:
     """Recordings of a few courses, each under an id of its own."""
-    streams = [random_stream(seed, steps=STEPS) for seed in range(COURSES)]
+    streams = [course(seed) for seed in range(COURSES)]
     for number in range(count):
         stream = streams[number % COURSES]
         end = next(frame_ends(stream))
@@ -67,8 +100,12 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     began = time.perf_counter()
     found = index(url, [folder], jobs=jobs)
     seconds = time.perf_counter() - began
-    steps = found.indexed * STEPS
-    print(f"{found.indexed} recordings of {STEPS} steps, {jobs} processes: {seconds:.1f} s")
+    with writing(url).connect() as connection:
+        rows = connection.exec_driver_sql("SELECT count(*) FROM steps WHERE seat = 0").scalar_one()
+        events = connection.exec_driver_sql("SELECT count(*) FROM events").scalar_one()
+    steps = int(rows)
+    print(f"{found.indexed} recordings, {steps:,} steps of two seats, {events:,} events, "
+          f"{jobs} processes: {seconds:.1f} s")  # fmt: skip
     rate = steps / seconds
     print(f"{rate:,.0f} steps/s; 2,000,000 in {2_000_000 / rate:.0f} s (aim: {SECONDS:.0f} s)")
     began = time.perf_counter()

@@ -151,7 +151,7 @@ def test_chat_is_there_and_can_be_left_out(folder: Path, page: str) -> None:
 def test_only_what_is_asked_for(folder: Path) -> None:
     query = "SELECT id FROM episodes JOIN labels ON id = episode_id WHERE value = 'apart-1'"
     page = page_of(folder, query=f"{query} UNION SELECT 1")
-    assert "1 episodes that the query names are not in the catalogue" in page
+    assert "1 episode that the query names and the catalogue has not" in page
     assert "apart-1-1" in page
     assert "apart-2-1" not in page
     assert "apart-1-1" not in page_of(folder, labels={"condition": "together"})
@@ -168,8 +168,8 @@ def test_what_is_missing_is_told(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "broken.rbt").write_bytes(b"no recording")
     index(database_url(None, tmp_path), [tmp_path])
     page = text_of(page_of(tmp_path))
-    assert "2 episodes have no label “condition”" in page
-    assert "1 recordings of the catalogue could not be read" in page
+    assert "2 episodes without a label “condition”" in page
+    assert "1 recording of the catalogue that could not be read" in page
     assert "broken.rbt: not a recording" in page
     assert "it takes a label “round”" in page
     assert "(no condition)" in page

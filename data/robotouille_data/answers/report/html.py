@@ -185,7 +185,7 @@ def _chat(group: Group, course: Course, state: str) -> str:
         for each in course.said
     )
     table = Table(("when", "who", "what"), rows, frozenset({"who", "what"}))
-    count = f"{course.messages:,} messages"
+    count = f"{course.messages:,} message{'' if course.messages == 1 else 's'}"
     if course.messages > MAX_SAID:
         count += f", the first {MAX_SAID} of them"
     return _fold(f"{group.name}: {course.episode.name}", count, table_html(table, " said"), state)

@@ -142,19 +142,23 @@ def _notes(material: Material) -> Iterator[str]:
     facts = material.facts
     unlabelled = sum(each.group is None for each in facts.episodes)
     if unlabelled:
-        yield f"{unlabelled:,} episodes have no label “{material.by}”"
+        yield f"{_counted(unlabelled, 'episode')} without a label “{material.by}”"
     if facts.unknown:
-        yield f"{facts.unknown:,} episodes that the query names are not in the catalogue"
+        yield f"{_counted(facts.unknown, 'episode')} that the query names and the catalogue has not"
     if facts.damaged:
         named = "; ".join(f"{Path(path).name}: {fault}" for path, fault in facts.faults[:3])
         yield (
-            f"{facts.damaged:,} recordings of the catalogue could not be read, and are in no number"
-            f" here, whichever label they have: {named}"
+            f"{_counted(facts.damaged, 'recording')} of the catalogue that could not be read, in no"
+            f" number here, whichever the label: {named}"
         )
     if len({each.task for each in facts.episodes}) > 1:
         yield "these are several tasks: steps of one do not compare with those of another"
     if len({each.clock for each in facts.episodes}) > 1:
         yield "these are several clocks: times to decide mean different things in them"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def _sections(material: Material, progress: Progress) -> Iterator[Section]:
@@ -168,10 +172,10 @@ def _sections(material: Material, progress: Progress) -> Iterator[Section]:
     )  # fmt: skip
     yield Section(
         "outcomes", "Outcomes",
-        "Where two intervals lie apart, the difference is hardly chance; where they overlap, these "
-        "episodes do not tell. Intervals of success take episodes as independent: if pairs play "
-        "several, they are wider in truth. An optimality rate is steps by the fewest steps that "
-        "are possible, for tasks of which these are known: 1 is best.",
+        "Intervals that lie apart are hardly chance; those that overlap much leave it open. Those "
+        "of success take episodes as independent: if pairs play several, they are wider in truth. "
+        "An optimality rate is steps by the fewest steps that are possible, for tasks of which "
+        "these are known: 1 is best.",
         [figures.get("outcomes", ""), table_html(tables.outcomes_table(shown, by))],
     )  # fmt: skip
     yield Section(
