@@ -27,7 +27,7 @@ __all__ = ["MAX_STEPS_A_MESSAGE", "BrokerLink", "encoded", "pauses", "steps_inte
 
 LOOK_SECONDS = 0.2
 """Between two looks at what waits."""
-STEP_MESSAGES_A_SECOND = 200
+STEP_MESSAGES_A_SECOND = 100
 """One costs about as much as a whole step of a game: where more episodes are watched, each message
 has more steps."""
 MAX_STEPS_A_MESSAGE = 100
