@@ -1,5 +1,5 @@
-FROM python:3.12-slim
-WORKDIR /app
+FROM python:3.13.7-slim-bookworm AS build
+WORKDIR /src
 # By name: recordings and keys that lie beside them are not to get into an image.
 COPY pyproject.toml README.md LICENSE ./
 COPY shared shared
@@ -11,6 +11,25 @@ COPY assets assets
 COPY domains domains
 COPY problems problems
 COPY renderings renderings
-RUN pip install --no-cache-dir .
-EXPOSE 8765
-CMD ["robotouille-server", "--host", "0.0.0.0"]
+RUN python -m venv /opt/robotouille && /opt/robotouille/bin/pip install --no-cache-dir '.[operator,data]'
+
+FROM python:3.13.7-slim-bookworm
+RUN groupadd --gid 10001 robotouille \
+    && useradd --uid 10001 --gid 10001 --no-create-home --shell /usr/sbin/nologin robotouille \
+    && install --directory --owner 10001 --group 10001 --mode 0750 /recordings \
+    && install --directory --owner 10001 --group 10001 --mode 0700 /recordings.state
+COPY --from=build /opt/robotouille /opt/robotouille
+# From outside, neither the server nor the operator's page takes anybody for a local program.
+ENV PATH=/opt/robotouille/bin:$PATH \
+    HOME=/tmp \
+    PYTHONUNBUFFERED=1 \
+    ROBOTOUILLE_HOST=0.0.0.0 \
+    ROBOTOUILLE_OPERATOR_HOST=0.0.0.0 \
+    ROBOTOUILLE_RECORDINGS=/recordings \
+    ROBOTOUILLE_KEYS=/recordings.state/keys.json
+USER 10001:10001
+WORKDIR /tmp
+EXPOSE 8765 8766
+HEALTHCHECK --interval=10s --timeout=5s --start-period=30s \
+    CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8765/healthz')"]
+CMD ["robotouille-server"]

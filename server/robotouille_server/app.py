@@ -38,9 +38,10 @@ from robotouille_server.auth import (
     Tokens,
     UsedTokens,
     Visitor,
+    comes_from,
     origin_refusal,
+    parse_networks,
     parse_origins,
-    parse_proxies,
     visitor,
 )
 from robotouille_server.conversation import Conversation, Services, ShutdownNotice
@@ -152,7 +153,8 @@ class Server:
             loop_budget=self._admission.loop_budget,
             shutdown_notice=lambda: self._notice,
         )
-        self._proxies = parse_proxies(settings.trust_proxy)
+        self._proxies = parse_networks(settings.trust_proxy, "--trust-proxy")
+        self._metrics_from = parse_networks(settings.metrics_from, "--metrics-from")
         self._origins = parse_origins(settings.origins)
         self._sockets: list[SocketServer] = []
         self._tls: ServerTLS | None = None
@@ -231,6 +233,15 @@ class Server:
     def url(self) -> str:
         """The address for clients; on this machine, where it listens on all addresses."""
         host = "127.0.0.1" if self.settings.host == "0.0.0.0" else self.settings.host  # noqa: S104
+        return self._url(host)
+
+    @property
+    def public_url(self) -> str:
+        """The same as people are told it: with TLS by a name that the certificate has."""
+        name = self._tls.name if self._tls is not None else ""
+        return self._url(name) if name else self.url
+
+    def _url(self, host: str) -> str:
         scheme = "wss" if self._tls is not None else "ws"
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}"
 
@@ -360,9 +371,8 @@ class Server:
         path = request.path.partition("?")[0]
         if path == "/healthz":
             return connection.respond(HTTPStatus.OK, "ok\n")
-        who = self._visitor(connection, request)
         if path == "/metrics":
-            return self._metrics_page(connection, who)
+            return self._metrics_page(connection, request)
         if self._stopping or len(self._open) >= self.settings.max_connections:
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "the server is full\n")
         if "websocket" not in ",".join(request.headers.get_all("Upgrade")).lower():
@@ -373,9 +383,11 @@ class Server:
             return connection.respond(HTTPStatus.FORBIDDEN, refusal)
         return None
 
-    def _metrics_page(self, connection: ServerConnection, who: Visitor) -> Response:
-        if not who.local:
-            text = "metrics are for programs on the server's own machine\n"
+    def _metrics_page(self, connection: ServerConnection, request: Request) -> Response:
+        peer, headers = connection.remote_address, request.headers
+        who = self._visitor(connection, request)
+        if not who.local and not comes_from(peer, headers, self._metrics_from):
+            text = "metrics are for programs on the server's own machine, and --metrics-from\n"
             return connection.respond(HTTPStatus.FORBIDDEN, text)
         self.sample(connection.loop.time())
         response = connection.respond(HTTPStatus.OK, self.metrics.page().decode())

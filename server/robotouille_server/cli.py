@@ -252,7 +252,9 @@ def first_room(server: Server) -> Room | None:
 def _greeting(server: Server, room: Room | None, operator: str) -> str:
     settings = server.settings
     lines = (
-        [f"Robotouille is serving at {server.url}"] if room is None else _invitation(server, room)
+        [f"Robotouille is serving at {server.public_url}"]
+        if room is None
+        else _invitation(server, room)
     )
     if operator:
         lines.append(f"  watch over it:  {operator}")
@@ -265,11 +267,12 @@ def _greeting(server: Server, room: Room | None, operator: str) -> str:
 
 
 def _invitation(server: Server, room: Room) -> list[str]:
-    url = f" --url {server.url}" if server.url != "ws://127.0.0.1:8765" else ""
+    address = server.public_url
+    url = f" --url {address}" if address != "ws://127.0.0.1:8765" else ""
     token = " --token TOKEN" if server.settings.require_token else ""
     clock, seats = room.episode.rules.clock.value, len(room.world.players)
     return [
-        f"Robotouille is serving {room.world.task.name} ({clock}) at {server.url}",
+        f"Robotouille is serving {room.world.task.name} ({clock}) at {address}",
         f"  for {seats} player{'s' * (seats > 1)}, the kitchen's code is {room.code}",
         f"  play:   robotouille-client {room.code}{url}{token}",
         f"  a bot:  robotouille-bot planner --episode {room.code}{url}{token}",
@@ -279,7 +282,7 @@ def _invitation(server: Server, room: Room) -> list[str]:
 
 def _for_others(server: Server, room: Room, token: str) -> list[str]:
     """How to come from another machine, where that is possible."""
-    if server.settings.host not in ("0.0.0.0", "::"):  # noqa: S104
+    if server.settings.host not in ("0.0.0.0", "::") or server.public_url != server.url:  # noqa: S104
         return []
     scheme = server.url.partition(":")[0]
     url = f"{scheme}://{socket.gethostname()}:{server.port}"

@@ -336,6 +336,10 @@ def test_metrics_are_for_this_machine(tmp_path: Path) -> None:
         async with serving(tmp_path) as server:
             assert "robotouille_connections" in (await fetch(server, "/metrics"))
             assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 203.0.113.9"))
+            assert "403" in (await fetch(server, "/metrics", "Host: server:8765"))
+        async with serving(tmp_path, metrics_from="loopback") as server:
+            assert " 200 " in (await fetch(server, "/metrics", "Host: server:8765"))
+            assert "403" in (await fetch(server, "/metrics", "X-Forwarded-For: 127.0.0.1"))
 
     run(scenario())
 

@@ -18,6 +18,8 @@ from websockets.asyncio.server import ServerConnection, serve
 
 from robotouille_client import Client
 from robotouille_client.errors import ConnectionFailedError
+from robotouille_server.cli import _greeting, first_room
+from robotouille_server.transport.certificate import certificate_names
 from robotouille_server.transport.tls import POLL_SECONDS, ServerTLS, TLSFileError
 from tests.support.servers import serving
 from tests.support.virtual_time import run
@@ -249,3 +251,58 @@ def test_an_unreadable_key_is_named(pair: Pair) -> None:
     pair.key.chmod(0)
     with pytest.raises(TLSFileError, match=r"--tls-key .*key\.pem: Permission denied"):
         ServerTLS(pair.cert, pair.key)
+
+
+def issued(folder: Path, *names: str, common_name: str | None = None) -> ServerTLS:
+    made = trustme.CA().issue_cert(*names, common_name=common_name)
+    replace(folder / "key.pem", made.private_key_pem.bytes())
+    replace(folder / "chain.pem", b"".join(blob.bytes() for blob in made.cert_chain_pems))
+    return ServerTLS(folder / "chain.pem", folder / "key.pem")
+
+
+@pytest.mark.parametrize(
+    ("names", "name"),
+    [
+        (["kitchen.example.org"], "kitchen.example.org"),
+        (["b.example.org", "a.example.org", "192.0.2.7"], "b.example.org"),
+        (["*.example.org", "a.example.org"], "a.example.org"),
+        (["*.example.org"], ""),
+        (["192.0.2.7", "localhost"], "localhost"),
+        (["192.0.2.7"], "192.0.2.7"),
+        (["2001:db8::7"], "2001:db8::7"),
+        ([f"{'a' * 60}.{number}.example.org" for number in range(40)], f"{'a' * 60}.0.example.org"),
+        ([], ""),
+    ],
+)
+def test_a_certificates_name(tmp_path: Path, names: list[str], name: str) -> None:
+    assert issued(tmp_path, *names, common_name="some one").name == name
+
+
+def test_another_certificate_has_another_name(tmp_path: Path) -> None:
+    tls = issued(tmp_path, "old.example.org")
+    issued(tmp_path, "new.example.org")
+    assert tls.reload()
+    assert tls.name == "new.example.org"
+
+
+def test_a_certificate_that_cannot_be_read_has_no_name(pair: Pair) -> None:
+    whole = certificate_names(pair.cert.read_bytes())
+    assert whole == ([], ["127.0.0.1"])
+    end = "-----END CERTIFICATE-----"
+    der = ssl.PEM_cert_to_DER_cert(pair.cert.read_text().partition(end)[0] + end)
+    for cut in range(len(der)):
+        assert certificate_names(ssl.DER_cert_to_PEM_cert(der[:cut]).encode()) in (whole, ([], []))
+    assert certificate_names(b"nothing") == ([], [])
+
+
+async def test_people_are_told_the_certificates_name(tmp_path: Path) -> None:
+    issued(tmp_path, "kitchen.example.org")
+    files = {"tls_cert": tmp_path / "chain.pem", "tls_key": tmp_path / "key.pem"}
+    async with serving(tmp_path, host="0.0.0.0", **files) as server:
+        room = first_room(server)
+        told = _greeting(server, room, "")
+        assert f"at wss://kitchen.example.org:{server.port}" in told
+        assert f"--url wss://kitchen.example.org:{server.port}" in told
+        assert "127.0.0.1" not in told
+        assert "0.0.0.0" not in told
+        assert server.url == f"wss://127.0.0.1:{server.port}"

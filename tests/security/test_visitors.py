@@ -17,13 +17,15 @@ from robotouille_server.auth.visitors import (
     CountedConnection,
     TooManyConnectionsError,
     Visitor,
+    comes_from,
     counted_as,
     origin_refusal,
+    parse_networks,
     parse_origins,
-    parse_proxies,
     visitor,
 )
 
+FLAG = "--trust-proxy"
 HERE = ("127.0.0.1", 50000)
 PROXY = ("10.0.0.5", 50000)
 HEADER_TEXT = st.text(st.sampled_from('for=;,:[]"%.0127abF ')) | st.text(
@@ -40,7 +42,7 @@ def headers(**values: str | list[str]) -> Headers:
 
 
 def seen(peer: Any, trust: str = "", **values: str | list[str]) -> Visitor:
-    return visitor(peer, headers(**values), parse_proxies(trust))
+    return visitor(peer, headers(**values), parse_networks(trust, FLAG))
 
 
 def test_a_program_on_this_machine_is_local() -> None:
@@ -134,8 +136,10 @@ def test_no_header_can_confuse(values: list[tuple[str, str]]) -> None:
     found = Headers()
     for name, value in values:
         found[name] = value
-    assert visitor(HERE, found, parse_proxies("private")).address
-    assert visitor(("203.0.113.9", 1), found, parse_proxies("private")).address == "203.0.113.9"
+    assert visitor(HERE, found, parse_networks("private", FLAG)).address
+    assert (
+        visitor(("203.0.113.9", 1), found, parse_networks("private", FLAG)).address == "203.0.113.9"
+    )
 
 
 def test_an_ipv6_network_counts_as_one() -> None:
@@ -148,9 +152,9 @@ def test_an_ipv6_network_counts_as_one() -> None:
 
 def test_wrong_settings_are_named() -> None:
     with pytest.raises(AccessSettingError, match="--trust-proxy: 'nginx' does not appear"):
-        parse_proxies("loopback, nginx")
+        parse_networks("loopback, nginx", FLAG)
     with pytest.raises(AccessSettingError, match="--trust-proxy"):
-        parse_proxies("10.0.0.1/8")
+        parse_networks("10.0.0.1/8", FLAG)
     for text in (
         "kitchen.example.org",
         "https://",
@@ -161,6 +165,16 @@ def test_wrong_settings_are_named() -> None:
     ):
         with pytest.raises(AccessSettingError, match=r"--origins: .* is no origin; write it as"):
             parse_origins(text)
+
+
+def test_a_request_comes_from_a_network_only_if_nobody_has_passed_it_on() -> None:
+    private = parse_networks("private", "--metrics-from")
+    assert comes_from(PROXY, headers(), private)
+    assert not comes_from(PROXY, headers(), ())
+    assert not comes_from(("203.0.113.9", 1), headers(), private)
+    assert not comes_from(PROXY, headers(X_Forwarded_For="10.0.0.9"), private)
+    assert not comes_from(PROXY, headers(Via="1.1 caddy"), private)
+    assert not comes_from("unix", headers(), private)
 
 
 ALLOWED = parse_origins("https://Kitchen.example.org/, http://localhost:3000")

@@ -136,7 +136,7 @@ class RowBuilder:
         )
 
     def _watch(self, room: Room) -> str:
-        url = "" if self._server.port == DEFAULT_PORT else f" --url {self._server.url}"
+        url = "" if self._server.port == DEFAULT_PORT else f" --url {self._server.public_url}"
         return f"robotouille-client {shown_code(room.code)} --watch{url}"
 
 

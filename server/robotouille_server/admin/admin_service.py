@@ -99,7 +99,7 @@ class AdminService:
         return Overview(
             server=ServerInfo(
                 version=VERSION,
-                url=self._server.url,
+                url=self._server.public_url,
                 uptime=round(now - self._opened, 1),
                 only=self._principal.only,
             ),

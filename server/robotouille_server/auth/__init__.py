@@ -19,10 +19,11 @@ from robotouille_server.auth.visitors import (
     CountedConnection,
     TooManyConnectionsError,
     Visitor,
+    comes_from,
     counted_as,
     origin_refusal,
+    parse_networks,
     parse_origins,
-    parse_proxies,
     visitor,
 )
 
@@ -46,10 +47,11 @@ __all__ = [
     "check_opening",
     "check_permission",
     "check_scope",
+    "comes_from",
     "counted_as",
     "origin_refusal",
+    "parse_networks",
     "parse_origins",
-    "parse_proxies",
     "same_episode",
     "visitor",
 ]

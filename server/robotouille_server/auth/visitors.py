@@ -25,10 +25,11 @@ __all__ = [
     "CountedConnection",
     "TooManyConnectionsError",
     "Visitor",
+    "comes_from",
     "counted_as",
     "origin_refusal",
+    "parse_networks",
     "parse_origins",
-    "parse_proxies",
     "visitor",
 ]
 
@@ -55,7 +56,7 @@ class TooManyConnectionsError(ProtocolError):
 
 
 class AccessSettingError(RobotouilleError):
-    """A value of `--origins` or `--trust-proxy` that cannot be used."""
+    """A value of `--origins`, `--trust-proxy` or `--metrics-from` that cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +75,8 @@ class Visitor:
 # Settings
 
 
-def parse_proxies(text: str) -> tuple[Network, ...]:
-    """Whose X-Forwarded-For to believe: addresses, networks, `loopback` or `private` (both)."""
+def parse_networks(text: str, flag: str) -> tuple[Network, ...]:
+    """What a setting lists: addresses, networks, `loopback` or `private` (both)."""
     networks: list[Network] = []
     for part in _parts(text):
         if part in ("loopback", "private"):
@@ -84,7 +85,7 @@ def parse_proxies(text: str) -> tuple[Network, ...]:
         try:
             networks.append(ipaddress.ip_network(part))
         except ValueError as error:
-            fault = f"--trust-proxy: {error}; give addresses, networks, 'loopback' or 'private'"
+            fault = f"{flag}: {error}; give addresses, networks, 'loopback' or 'private'"
             raise AccessSettingError(fault) from None
     return tuple(networks)
 
@@ -137,6 +138,14 @@ def visitor(peer: object, headers: Headers, proxies: Collection[Network] = ()) -
             break
         address = claimed
     return Visitor(str(address), local, _group(address))
+
+
+def comes_from(peer: object, headers: Headers, networks: Collection[Network]) -> bool:
+    """Whether a request comes from one of these networks, and from nobody behind a proxy there."""
+    address = _address(peer[0]) if isinstance(peer, tuple) and peer else None
+    if address is None or any(name in headers for name in PROXY_HEADERS):
+        return False
+    return any(address in network for network in networks)
 
 
 def _address(text: object) -> Address | None:

@@ -112,6 +112,11 @@ class ServerSettings(BaseSettings):
         "",
         description="Proxies whose X-Forwarded-For is believed: addresses, networks, loopback.",
     )
+    metrics_from: str = Field(
+        "",
+        description="Who may read /metrics beside this machine, if no proxy is between: addresses, "
+        "networks, private.",
+    )
     record_addresses: bool = Field(
         False, description="Write addresses of participants to the log and the operator's view."
     )

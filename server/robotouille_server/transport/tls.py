@@ -10,6 +10,7 @@ from pathlib import Path
 
 from robotouille.errors import RobotouilleError
 from robotouille_server.runtime.logs import get_logger
+from robotouille_server.transport.certificate import certificate_names
 
 __all__ = ["ServerTLS", "TLSFileError"]
 
@@ -26,6 +27,9 @@ class ServerTLS:
     Pass `context` to the listening socket and keep `watch` running. Each handshake takes the
     certificate that is in force at that moment; a renewed one takes the place of the old only when
     it is whole and fits its key, and connections that are open go on.
+
+    `name` is what clients may call this server: the first name in the certificate that is no
+    wildcard, else the first address; empty if it has neither.
     """
 
     def __init__(self, cert: Path, key: Path) -> None:
@@ -34,6 +38,7 @@ class ServerTLS:
         self._seen = self._fingerprint()
         self.context = self._current = _load(cert, key)
         self.context.sni_callback = self._use_current
+        self.name = _name(cert)
         self._warn_if_open()
 
     @classmethod
@@ -57,6 +62,7 @@ class ServerTLS:
         except TLSFileError as error:
             get_logger().error("certificate not reloaded; the old one stays", error=str(error))
             return False
+        self.name = _name(self.cert)
         get_logger().info("certificate reloaded", file=str(self.cert))
         self._warn_if_open()
         return True
@@ -113,6 +119,14 @@ def _load(cert: Path, key: Path) -> ssl.SSLContext:
     except OSError as error:
         raise TLSFileError(f"{cert} and {key} cannot be read: {error.strerror}") from None
     return context
+
+
+def _name(cert: Path) -> str:
+    try:
+        dns, addresses = certificate_names(cert.read_bytes())
+    except OSError:  # Gone since it was loaded.
+        return ""
+    return next((name for name in [*dns, *addresses] if "*" not in name), "")
 
 
 class _NeedsPassphraseError(Exception):

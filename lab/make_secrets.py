@@ -1,0 +1,173 @@
+"""Make what the lab of `docker-compose.yml` needs beside the repository: passwords and folders.
+
+`python lab/make_secrets.py` needs Python alone. What is there stays as it is, so it can be run
+again: it makes what is missing, and says what is wrong with the rest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import hashlib
+import os
+import secrets
+import stat
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PASSWORDS = (
+    "mqtt_server",
+    "mqtt_lab",
+    "mqtt_health",
+    "postgres",
+    "postgres_reader",
+    "grafana_admin",
+)
+FOLDERS = (
+    "recordings", "recordings.state", "mosquitto", "postgres", "prometheus", "grafana", "caddy",
+)  # fmt: skip
+ITERATIONS = 210_000
+"""Of PBKDF2 with SHA-512."""
+
+
+class LabError(Exception):
+    """What is there cannot be used: names the file, the fault, and the way out."""
+
+
+def mosquitto_line(user: str, password: str) -> str:
+    """A user's line in Mosquitto's password file: `$7$` is PBKDF2 with SHA-512."""
+    salt = secrets.token_bytes(12)
+    key = hashlib.pbkdf2_hmac("sha512", password.encode(), salt, ITERATIONS)
+    encoded = (base64.b64encode(part).decode() for part in (salt, key))
+    return f"{user}:$7${ITERATIONS}${'$'.join(encoded)}\n"
+
+
+def _mosquitto_lines(known: Mapping[str, str]) -> str:
+    return "".join(
+        mosquitto_line(user, known[f"mqtt_{user}"]) for user in ("server", "lab", "health")
+    )
+
+
+def _options(user: str, known: Mapping[str, str]) -> str:
+    """A file of options for `mosquitto_sub` and `mosquitto_pub`: no password on a command line."""
+    return f"-u {user}\n-P {known[f'mqtt_{user}']}\n"
+
+
+DERIVED: Mapping[str, tuple[tuple[str, ...], Callable[[Mapping[str, str]], str]]] = {
+    "mqtt_passwords": (("mqtt_server", "mqtt_lab", "mqtt_health"), _mosquitto_lines),
+    "mosquitto_lab": (("mqtt_lab",), lambda known: _options("lab", known)),
+    "mosquitto_health": (("mqtt_health",), lambda known: _options("health", known)),
+    "pgpass": (
+        ("postgres",),
+        lambda known: f"postgres:5432:robotouille:robotouille:{known['postgres']}\n",
+    ),
+}
+"""Files that are made from passwords: from which, and how."""
+
+
+def make(root: Path, user: str) -> Iterator[str]:
+    """Make what is missing below a repository, for containers of a user `UID:GID`; what was made.
+
+    Raises:
+        LabError: A file is empty, readable for others, or does not belong to what is missing.
+    """
+    folder = root / "lab/secrets"
+    owner = tuple(map(int, user.split(":")))
+    _make_folder(folder, owner)
+    for name in FOLDERS:
+        _make_folder(root / "lab/data" / name, owner)
+    for name, (sources, _) in DERIVED.items():
+        lost = [source for source in sources if not (folder / source).exists()]
+        if (folder / name).exists() and lost:
+            raise LabError(
+                f"{folder / name} was made from {lost[0]}, which is gone: delete it, too"
+            )
+    for name in PASSWORDS:
+        if _write(folder / name, secrets.token_hex(24), owner):
+            yield f"lab/secrets/{name}"
+    known = {name: _read(folder / name) for name in PASSWORDS}
+    for name, (_, content) in DERIVED.items():
+        if (folder / name).exists():
+            _read(folder / name)
+        elif _write(folder / name, content(known), owner):
+            yield f"lab/secrets/{name}"
+    if _write(root / ".env", _environment(user), owner):
+        yield ".env"
+
+
+def _environment(user: str) -> str:
+    """What Compose fills in: with it `docker compose up` starts the lab."""
+    return (
+        "COMPOSE_PROFILES=lab\n"
+        f"LAB_USER={user}\n"
+        "LAB_HOST=localhost\n"
+        "LAB_TLS=\n"
+        "LAB_SECRETS=./lab/secrets\n"
+        "LAB_RECORDINGS=./lab/data/recordings\n"
+        "LAB_STATE=./lab/data/recordings.state\n"
+        "LAB_MQTT=mqtt://server@mosquitto\n"
+    )
+
+
+def _make_folder(path: Path, owner: tuple[int, ...]) -> None:
+    if path.is_dir():
+        return
+    path.mkdir(mode=0o700, parents=True)
+    _give(path, owner)
+
+
+def _write(path: Path, content: str, owner: tuple[int, ...]) -> bool:
+    """Make a file that only its owner can read; False if there is one."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        return False
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(content)
+    _give(path, owner)
+    return True
+
+
+def _give(path: Path, owner: tuple[int, ...]) -> None:
+    if os.geteuid() == 0:
+        os.chown(path, *owner)
+
+
+def _read(path: Path) -> str:
+    mode = stat.S_IMODE(path.stat().st_mode)
+    if mode & 0o077:
+        raise LabError(f"{path}: others may use it (mode {mode:04o}); run `chmod 600 {path}`")
+    content = path.read_text(encoding="ascii").strip()
+    if not content:
+        raise LabError(f"{path} is empty; delete it, and run this again")
+    return content
+
+
+def _user(text: str) -> str:
+    """`UID:GID`, neither of them root's."""
+    parts = text.split(":")
+    if len(parts) != 2 or not all(part.isdecimal() and int(part) for part in parts):
+        raise argparse.ArgumentTypeError("write UID:GID, and not root's: PostgreSQL refuses root")
+    return text
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description="Make the lab's passwords, folders and .env.")
+    parser.add_argument(
+        "--user", type=_user, help="UID:GID that the containers run as; yours if left out"
+    )
+    given = parser.parse_args().user
+    if given is None and os.geteuid() == 0:
+        parser.error("you are root: say with --user UID:GID whom the containers are to run as")
+    try:
+        made = list(make(ROOT, given or f"{os.geteuid()}:{os.getegid()}"))
+    except LabError as error:
+        sys.exit(str(error))
+    print("\n".join(f"made {name}" for name in made) or "all is there")
+
+
+if __name__ == "__main__":
+    main()
