@@ -1,4 +1,4 @@
-"""The container's files: what is copied is what a build needs, and the health check tells."""
+"""The container's files: what is copied is what a build needs, and the health checks tell."""
 
 from __future__ import annotations
 
@@ -11,15 +11,23 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.pages import ROOT
+from robotouille_server import ServerSettings
+from tests.support.compose import compose
 from tests.support.processes import process
+from tests.support.sources import ROOT
+
+DOCKER = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+(IMAGE_CHECK,) = re.findall(r"HEALTHCHECK [^\[]*CMD (\[.*\])$", DOCKER, re.MULTILINE)
+CHECKS = [
+    ["CMD", *json.loads(IMAGE_CHECK)],
+    compose()["services"]["server"]["healthcheck"]["test"],
+]
 
 
-def health(port: str) -> int:
-    """The exit status of the health check, asked of another port than the container's."""
-    compose = (ROOT / "docker-compose.yml").read_text(encoding="utf-8")
-    (found,) = re.findall(r"^ +test: (\[.*\])$", compose, re.MULTILINE)
-    kind, program, *arguments = json.loads(found)
+def health(check: list[str], port: str) -> int:
+    """The exit status of a health check, asked of another port than the container's."""
+    kind, program, *arguments = check
     assert (kind, program) == ("CMD", "python")
     assert ":8765/" in arguments[-1]
     arguments[-1] = arguments[-1].replace(":8765/", f":{port}/")
@@ -28,24 +36,46 @@ def health(port: str) -> int:
 
 
 @pytest.mark.process
-def test_the_health_check_tells_a_server_from_none(tmp_path: Path) -> None:
+def test_the_health_checks_tell_a_server_from_none(tmp_path: Path) -> None:
     with process(tmp_path / "recordings") as (_, url, _code):
         port = url.rpartition(":")[2]
-        assert health(port) == 0
-    assert health(port) != 0
+        assert [health(check, port) for check in CHECKS] == [0, 0]
+    assert 0 not in [health(check, port) for check in CHECKS]
 
 
 def test_an_image_has_all_that_the_package_is_built_from_and_nothing_else() -> None:
     """Least of all recordings and keys that lie in the same folder."""
-    docker = (ROOT / "Dockerfile").read_text(encoding="utf-8")
     copied = {
         name
-        for line in re.findall("^COPY (.*) \\S+$", docker, re.MULTILINE)
+        for line in re.findall(r"^COPY (?!--from=build )(.*) \S+$", DOCKER, re.MULTILINE)
         for name in line.split()
     }
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    wheel = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
     folders = {path.split("/")[0] for path in (*wheel["packages"], *wheel["force-include"])}
-    files = {"pyproject.toml", project["project"]["readme"], *project["project"]["license-files"]}
+    project = PROJECT["project"]
+    files = {"pyproject.toml", project["readme"], *project["license-files"]}
     assert copied == folders | files
     assert all((ROOT / name).exists() for name in copied)
+
+
+def test_an_image_has_what_the_lab_runs() -> None:
+    (extras,) = re.findall(r"pip install --no-cache-dir '\.\[(.*)\]'", DOCKER)
+    assert set(extras.split(",")) >= {"operator", "data"}
+    assert set(extras.split(",")) <= PROJECT["project"]["optional-dependencies"].keys()
+
+
+def test_nobody_is_root_and_the_image_is_pinned() -> None:
+    (user,) = re.findall(r"^USER (\d+):(\d+)$", DOCKER, re.MULTILINE)
+    assert "0" not in user
+    assert compose()["services"]["server"]["user"] == ":".join(user)
+    bases = set(re.findall(r"^FROM (\S+)", DOCKER, re.MULTILINE))
+    assert all(re.fullmatch(r"python:\d+\.\d+\.\d+-slim-\w+", base) for base in bases)
+
+
+def test_the_images_settings_are_settings() -> None:
+    given = dict(re.findall(r"\bROBOTOUILLE_(\w+)=(\S+)", DOCKER))
+    settings = ServerSettings(**{name.lower(): value for name, value in given.items()})
+    assert settings.host == settings.operator_host == "0.0.0.0"
+    assert settings.keys == settings.state_folder / "keys.json"
+    (ports,) = re.findall(r"^EXPOSE (.*)$", DOCKER, re.MULTILINE)
+    assert ports.split() == [str(settings.port), str(settings.port + 1)]
