@@ -55,7 +55,7 @@ async def play_seat(url: str, row: Row, player: str, seed: int, *, goes: bool) -
 
 async def until(game: Game, step: int) -> None:
     """Wait for a step, or for the end."""
-    while not game.ended and game.step < step:
+    while not game.ended and game.step < step:  # noqa: ASYNC110
         await asyncio.sleep(LOOK_SECONDS)
 
 

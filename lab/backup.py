@@ -1,0 +1,317 @@
+"""Save what a lab has to keep, and restore it somewhere else, in one file.
+
+    python lab/backup.py save BACKUP.tar
+    python lab/backup.py restore BACKUP.tar
+
+Recordings, the server's state (keys and audit log) and the catalogue are in it. It can be saved
+while episodes are played: recordings are only appended to, so a copy of one is a recording up to a
+moment, and the server goes on from there. It holds the keys: only its owner can read the file.
+
+Needs Python alone. The database is asked through Compose, or with `--database URL` by PostgreSQL's
+programs; `--database none` leaves it out, and the catalogue is made anew from the recordings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
+
+ROOT = Path(__file__).resolve().parents[1]
+MANIFEST = "manifest.json"
+DUMP = "catalogue.dump"
+SUFFIXES = (".rbt", ".rbt.part")
+COMPOSE = ("docker", "compose", "exec", "-T", "postgres")
+USER = ("--username", "robotouille")
+DUMPING = ("--format=custom", "--no-owner", "--no-privileges")
+RESTORING = ("--clean", "--if-exists", "--no-owner", "--no-privileges", "--single-transaction")
+BLOCK = 1 << 20
+TELL_SECONDS = 2.0
+
+
+class BackupError(Exception):
+    """It cannot be saved or restored: names the file, the fault, and the way out."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where things are; `database` is `compose`, `none` or a URL."""
+
+    recordings: Path
+    state: Path
+    database: str
+
+    def folder(self, name: str) -> Path:
+        """Where a part of the backup belongs."""
+        return {"recordings": self.recordings, "state": self.state}[name]
+
+
+@dataclass
+class _Archive:
+    """A backup that is written, and what is in it."""
+
+    tar: tarfile.TarFile
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, name: str, source: IO[bytes]) -> None:
+        """Add a file as long as it is now: what is appended meanwhile is left out."""
+        entry = tarfile.TarInfo(name)
+        entry.size = os.fstat(source.fileno()).st_size
+        entry.mtime = int(os.fstat(source.fileno()).st_mtime)
+        entry.mode = 0o600
+        reader = _Hashing(source)
+        try:
+            self.tar.addfile(entry, reader)  # type: ignore[arg-type]
+        except OSError as error:
+            if error.errno is not None:
+                raise
+            raise BackupError(f"{name} became shorter while it was read; save it again") from None
+        self.files[name] = {"bytes": entry.size, "sha256": reader.digest.hexdigest()}
+
+
+class _Hashing:
+    """A file whose SHA-256 is taken as it is read."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self.digest = hashlib.sha256()
+
+    def read(self, size: int) -> bytes:
+        content = self._file.read(size)
+        self.digest.update(content)
+        return content
+
+
+# Saving
+
+
+def save(backup: Path, places: Places, told: Callable[[int], None] = lambda count: None) -> int:
+    """Write a backup, whole or not at all; how many files are in it.
+
+    Raises:
+        BackupError: There is one of this name, or something cannot be read or written.
+    """
+    for folder in (places.recordings, places.state):
+        if not folder.is_dir():
+            raise BackupError(f"there is no folder {folder}; name it with --recordings or --state")
+    if backup.exists():
+        raise BackupError(f"{backup} is there already, and stays; take another name")
+    new = backup.with_name(f".{backup.name}.new")
+    try:
+        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            with tarfile.open(fileobj=file, mode="w") as tar:
+                count = _write(_Archive(tar), places, backup.parent, told)
+            file.flush()
+            os.fsync(file.fileno())
+        os.link(new, backup)
+    except OSError as error:
+        raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
+    finally:
+        new.unlink(missing_ok=True)
+    return count
+
+
+def _write(archive: _Archive, places: Places, beside: Path, told: Callable[[int], None]) -> int:
+    if places.database != "none":
+        with tempfile.TemporaryFile(dir=beside) as dump:
+            _postgresql(["pg_dump", *DUMPING], places.database, stdout=dump)
+            dump.seek(0)
+            archive.add(DUMP, dump)
+    for name, path in _files(places.state):
+        with path.open("rb") as file:
+            archive.add(f"state/{name}", file)
+    while _add_recordings(archive, places.recordings, told):
+        pass  # Some came to their end meanwhile, and have other names now.
+    manifest = {"created": int(time.time()), "files": archive.files}
+    with tempfile.TemporaryFile() as file:
+        file.write(json.dumps(manifest, indent=1).encode())
+        file.flush()
+        file.seek(0)
+        archive.add(MANIFEST, file)
+    return len(archive.files) - 1
+
+
+def _add_recordings(archive: _Archive, folder: Path, told: Callable[[int], None]) -> bool:
+    """Add the recordings that are not there yet; whether one was gone before it was read."""
+    gone = False
+    for name, path in _files(folder):
+        if not name.endswith(SUFFIXES) or f"recordings/{name}" in archive.files:
+            continue
+        try:
+            with path.open("rb") as file:
+                archive.add(f"recordings/{name}", file)
+        except FileNotFoundError:
+            gone = True
+        told(len(archive.files))
+    return gone
+
+
+def _files(folder: Path) -> Iterator[tuple[str, Path]]:
+    """The files below a folder; not links, nor what is being written under another name."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and not path.is_symlink() and not path.name.startswith("."):
+            yield path.relative_to(folder).as_posix(), path
+
+
+# Restoring
+
+
+def restore(backup: Path, places: Places, told: Callable[[int], None] = lambda count: None) -> int:
+    """Put a backup into empty folders and the database; how many files there were.
+
+    Everything is checked before anything is written.
+
+    Raises:
+        BackupError: The backup is damaged, a folder is not empty, or something cannot be written.
+    """
+    for folder in (places.recordings, places.state):
+        if folder.is_dir() and any(folder.iterdir()):
+            raise BackupError(f"{folder} is not empty; restore into folders that are")
+    try:
+        with tarfile.open(backup, mode="r:") as tar:
+            manifest = _checked(tar)
+            if places.database != "none" and DUMP in manifest:
+                _restore_database(tar, places.database, backup.parent)
+            for count, name in enumerate(_wanted(manifest)):
+                _extract(tar, name, places)
+                told(count)
+    except (tarfile.TarError, ValueError, KeyError) as error:
+        raise BackupError(f"{backup} is no backup, or is damaged: {error}") from None
+    except OSError as error:
+        raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
+    return len(manifest)
+
+
+def _checked(tar: tarfile.TarFile) -> Mapping[str, Any]:
+    """What is in a backup, after a look at every byte of it."""
+    manifest: dict[str, Any] = json.loads(_content(tar, MANIFEST).read())["files"]
+    for name, known in manifest.items():
+        parts = PurePosixPath(name).parts
+        if ".." in parts or (parts[0] not in ("recordings", "state") and name != DUMP):
+            raise BackupError(f"{name}: has no place")
+        if _digest(_content(tar, name)) != known["sha256"]:
+            raise BackupError(f"{name} is damaged")
+    return manifest
+
+
+def _wanted(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """The files to be put back; of an episode that ended while it was saved, the whole one."""
+    for name in manifest:
+        ended = name.endswith(".part") and name.removesuffix(".part") in manifest
+        if "/" in name and not ended:
+            yield name
+
+
+def _restore_database(tar: tarfile.TarFile, database: str, beside: Path) -> None:
+    with tempfile.TemporaryFile(dir=beside) as dump:
+        shutil.copyfileobj(_content(tar, DUMP), dump, BLOCK)
+        dump.seek(0)
+        _postgresql(["pg_restore", *RESTORING], database, stdin=dump)
+
+
+def _content(tar: tarfile.TarFile, name: str) -> IO[bytes]:
+    content = tar.extractfile(name)
+    if content is None:
+        raise BackupError(f"{name} is no file")
+    return content
+
+
+def _digest(content: IO[bytes]) -> str:
+    digest = hashlib.sha256()
+    while block := content.read(BLOCK):
+        digest.update(block)
+    return digest.hexdigest()
+
+
+def _extract(tar: tarfile.TarFile, name: str, places: Places) -> None:
+    part, _, rest = name.partition("/")
+    folder = places.folder(part)
+    path = folder / rest
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        shutil.copyfileobj(_content(tar, name), file, BLOCK)
+    if os.geteuid() == 0:
+        owner = folder.stat()
+        for each in (path, path.parent):
+            os.chown(each, owner.st_uid, owner.st_gid)
+
+
+# Both
+
+
+def _postgresql(
+    words: list[str],
+    database: str,
+    *,
+    stdin: IO[bytes] | None = None,
+    stdout: IO[bytes] | None = None,
+) -> None:
+    """Run one of PostgreSQL's programs, in its container or here."""
+    if database == "compose":
+        command = [*COMPOSE, *words, *USER, "--dbname", "robotouille"]
+    else:
+        command = [*words, "--dbname", database]
+    try:
+        done = subprocess.run(  # noqa: S603
+            command,
+            stdin=stdin or subprocess.DEVNULL,
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            cwd=ROOT,
+            check=False,
+        )
+    except FileNotFoundError:
+        raise BackupError(f"{command[0]} is not installed; or give --database none") from None
+    if done.returncode:
+        raise BackupError(f"{words[0]}: {done.stderr.decode(errors='replace').strip()}")
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int], None]]:
+    """Tells how far it is on a terminal, now and then."""
+    last, shown = time.monotonic(), sys.stderr.isatty()
+
+    def told(count: int) -> None:
+        nonlocal last
+        if shown and time.monotonic() > last + TELL_SECONDS:
+            last = time.monotonic()
+            print(f"{count} files", file=sys.stderr)
+
+    yield told
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description="Save or restore what a lab has to keep.")
+    parser.add_argument("what", choices=("save", "restore"))
+    parser.add_argument("backup", type=Path, help="a tar file")
+    parser.add_argument("--recordings", type=Path, default=ROOT / "lab/data/recordings")
+    parser.add_argument("--state", type=Path, default=ROOT / "lab/data/recordings.state")
+    parser.add_argument("--database", default="compose", help="compose, none, or postgresql://…")
+    given = parser.parse_args()
+    places = Places(given.recordings, given.state, given.database)
+    try:
+        with _progress() as told:
+            count = {"save": save, "restore": restore}[given.what](given.backup, places, told)
+    except BackupError as error:
+        sys.exit(str(error))
+    print(f"{given.backup}: {count} files {given.what}d")
+
+
+if __name__ == "__main__":
+    main()
