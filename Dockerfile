@@ -11,7 +11,7 @@ COPY assets assets
 COPY domains domains
 COPY problems problems
 COPY renderings renderings
-RUN python -m venv /opt/robotouille && /opt/robotouille/bin/pip install --no-cache-dir '.[operator,data]'
+RUN python -m venv /opt/robotouille && /opt/robotouille/bin/pip install --no-cache-dir '.[operator,data,mqtt]'
 
 FROM python:3.13.7-slim-bookworm
 RUN groupadd --gid 10001 robotouille \

@@ -12,12 +12,13 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-__all__ = ["PostgreSQL", "missing", "postgresql"]
+__all__ = ["USER", "PostgreSQL", "missing", "postgresql", "program"]
 
 USER = "postgres"
 
 
-def _program(name: str) -> str | None:
+def program(name: str) -> str | None:
+    """Where one of its programs is; Debian has them in no PATH."""
     packaged = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
     return shutil.which(name) or (str(packaged[-1]) if packaged else None)
 
@@ -25,7 +26,7 @@ def _program(name: str) -> str | None:
 @cache
 def missing() -> str:
     """Why there can be no server here; empty if there can."""
-    if not _program("initdb") or not _program("pg_ctl"):
+    if not program("initdb") or not program("pg_ctl"):
         return "PostgreSQL is not installed"
     if os.geteuid() == 0 and subprocess.run(["id", USER], capture_output=True).returncode:
         return f"PostgreSQL refuses root, and there is no user {USER}"
@@ -59,7 +60,7 @@ class PostgreSQL:
             left.unlink()  # Where nobody reaps the dead, the next one would take it for alive.
 
     def _run(self, name: str, *arguments: str) -> None:
-        command = [str(_program(name)), f"--pgdata={self._folder}/data", *arguments]
+        command = [str(program(name)), f"--pgdata={self._folder}/data", *arguments]
         subprocess.run(
             command, user=self._user, cwd=self._folder, stdout=subprocess.DEVNULL, check=True
         )
