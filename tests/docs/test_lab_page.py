@@ -22,8 +22,8 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.analysis.activities import activities
+from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url
-from robotouille_data.query import asking
 from tests.support.pages import read, titled
 from tests.support.sources import ROOT
 from tests.support.worker_processes import free_ports

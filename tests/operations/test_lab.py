@@ -23,7 +23,6 @@ import yaml
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
 from robotouille_client import connect
-from robotouille_server import ServerSettings
 from tests.support.lab import Lab, lab, missing
 from tests.support.sources import ROOT
 
@@ -32,9 +31,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(bool(missing()), reason=missing()),
 ]
-needs_mqtt = pytest.mark.skipif(
-    "mqtt" not in ServerSettings.model_fields, reason="this server speaks no MQTT"
-)
 SERVICES = ("server", "mosquitto", "postgres", "catalogue", "prometheus", "caddy")
 SECONDS = 60
 DASHBOARD = json.loads((ROOT / "lab/grafana/dashboards/robotouille.json").read_text())
@@ -248,7 +244,6 @@ def test_passwords_are_on_no_command_line(running: Lab) -> None:
     assert done.returncode == 27  # Timed out.
 
 
-@needs_mqtt
 def test_the_server_tells_the_broker_what_happens(running: Lab, front: str) -> None:
     topics = [f"robotouille/v1/lab/{topic}" for topic in ("presence", "episodes/+/life")]
     words = [word for topic in topics for word in ("-t", topic)]
@@ -267,7 +262,6 @@ def test_the_server_tells_the_broker_what_happens(running: Lab, front: str) -> N
     assert events == ["opened", "started", "ended"]
 
 
-@needs_mqtt
 def test_mqtt_comes_through_caddy_too(running: Lab, front: str) -> None:
     client = pytest.importorskip("paho.mqtt.client", reason="needs the extra `mqtt`")
     found: list[bytes] = []
