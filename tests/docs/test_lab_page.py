@@ -26,7 +26,7 @@ from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url
 from tests.support.pages import read, titled
 from tests.support.sources import ROOT
-from tests.support.worker_processes import free_ports
+from tests.support.worker_processes import lasting_ports
 
 PAGE = read("lab.md")
 PROGRAMS = {
@@ -59,7 +59,7 @@ class Terminal:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        first = free_ports(2)
+        first = lasting_ports(2)
         self.port, self.broker = first, first + 1
         programs = folder / "programs"
         programs.mkdir()

@@ -26,7 +26,7 @@ from tests.support.compose import compose
 from tests.support.postgresql import USER as POSTGRES_USER
 from tests.support.postgresql import program as postgresql_program
 from tests.support.sources import ROOT
-from tests.support.worker_processes import free_ports
+from tests.support.worker_processes import lasting_ports
 
 __all__ = ["PROGRAMS", "Lab", "lab", "missing"]
 
@@ -74,7 +74,7 @@ class Lab:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.user = POSTGRES_USER if os.geteuid() == 0 else None
-        first = free_ports(len(PORTS))
+        first = lasting_ports(len(PORTS))
         self.port = {port: first + number for number, port in enumerate(PORTS)}
         self._copy()
         variables = (folder / ".env").read_text().splitlines()

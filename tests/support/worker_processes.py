@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import socket
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["COMMAND", "free_ports", "wait_for_ports", "workers"]
+__all__ = ["COMMAND", "free_ports", "lasting_ports", "wait_for_ports", "workers"]
 
 
 COMMAND = [sys.executable, "-m", "robotouille_server"]
@@ -30,6 +31,19 @@ def free_ports(count: int) -> int:
         except (OSError, OverflowError):
             continue
         return int(first)
+
+
+def lasting_ports(count: int) -> int:
+    """The same of ports that outgoing connections are not given meanwhile, either."""
+    while True:
+        first = random.SystemRandom().randrange(10_000, 32_768 - count)
+        try:
+            for port in range(first, first + count):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        return first
 
 
 @contextmanager
