@@ -4,42 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-import os
 import time
 from collections.abc import Awaitable, Callable, Mapping
-from functools import partial
 from pathlib import Path
 
 import pygame
 
-from robotouille.world.world import State
-from robotouille_client.window.chat_line import ChatLine
-from robotouille_client.window.controls import Button, Controls, Meaning
+from robotouille_client.window.display import Display
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.play_input import HelpRows, PlayInput
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
 
-_NOTICE_SECONDS = 3.0
-_BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
-_Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
-_OWN_KEYS = (
-    ("T or Enter", "say something (Enter sends, Esc cancels)"),
-    ("H", "this help"),
-    ("F12", "save a screenshot of the window"),
-)
-
 
 class Window:
     """One pygame window.
 
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
-    itself, e.g. pause a recording. `look` is that of a kitchen which is not installed. A `strip` is
-    drawn below the kitchen, and asked first about each event. `clock` and `sleep` are injected for
-    tests.
+    itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
+    that of a kitchen which is not installed. A `strip` is drawn below the kitchen, and asked first
+    about each event. `keys` are those of the window's own commands. A `display` that is given stays
+    open when this window is closed. `clock` and `sleep` are injected for tests.
     """
 
     def __init__(
@@ -51,35 +40,34 @@ class Window:
         headless: bool = False,
         screenshots: Path | None = None,
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
+        help_rows: HelpRows | None = None,
         look: KitchenLook | None = None,
         strip: Strip | None = None,
+        keys: KeyMap | None = None,
+        display: Display | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
-        self.size = size
-        self.caption = caption
         self.fps = fps
-        self.headless = headless
         self.screenshots = screenshots or Path.cwd()
         self.closed = False
         self.frames = 0
-        self._extra_keys = extra_keys or {}
         self._clock = clock
         self._sleep = sleep
-        self._look = look
         self._strip = strip
+        self._owns_display = display is None
+        self._display = display or Display(size, caption=caption, headless=headless)
         self._painter = Painter(
             look.rendering if look else None, look.pictures if look else None, strip
         )
-        self._chat = ChatLine()
-        self._controls: Controls | None = None
-        self._help = False
-        self._pointer: tuple[int, int] | None = None
-        self._notice = ""
-        self._notice_until = 0.0
-        self._pending: Callable[[View], Meaning] | None = None
-        self._surface: pygame.Surface | None = None
-        self._advice: tuple[_Asked, tuple[str, ...], str] | None = None
+        self._input = PlayInput(
+            keys=keys or KeyMap(),
+            look=look,
+            extra_keys=extra_keys or {},
+            help_rows=help_rows,
+            target=self._target,
+            clock=clock,
+        )
 
     async def run(self, source: Source, *, linger: float | None = 5.0) -> None:
         """Show a source until the window is closed, or `linger` seconds after it has finished.
@@ -104,184 +92,73 @@ class Window:
 
     def frame(self, source: Source) -> None:
         """Handle what has happened since the last frame, then draw."""
-        if self._surface is None:
-            self._open(source.view())
+        self._open(source.view())
         for event in pygame.event.get():
             self._handle(event, source, source.view())
-        self._retry(source, source.view())
+        self._input.tick(source, source.view())
         self._draw(source.view())
 
     def screenshot(self, path: Path | str) -> None:
         """Save what the window shows as a picture."""
-        if self._surface is not None:
-            pygame.image.save(self._surface, path)
+        self._display.save(path)
 
     def close(self) -> None:
         """Close the window; it cannot be opened again."""
         self.closed = True
-        if self._surface is not None:
-            self._surface = None
-            pygame.display.quit()
-
-    # Drawing
+        if self._owns_display:
+            self._display.close()
 
     def _open(self, view: View) -> None:
-        if self._surface is not None:
-            return
-        if self.headless:
-            os.environ["SDL_VIDEODRIVER"] = "dummy"
-        pygame.display.init()
-        pygame.font.init()
-        icon = self._painter.icon(view.world, 64)
-        if icon is not None:
-            pygame.display.set_icon(icon)
-        self._surface = pygame.display.set_mode(self.size, pygame.RESIZABLE)
-        pygame.display.set_caption(self.caption)
+        if not self._display.is_open:
+            if not pygame.font.get_init():
+                pygame.font.init()
+            self._display.open(self._painter.icon(view.world, 64))
 
     def _draw(self, view: View) -> None:
-        surface = pygame.display.get_surface()
+        surface = self._display.surface
         if self.closed or surface is None:
             return
-        self._surface = surface
-        hover = None if view.frozen else self._target(view)
+        hover = self._input.hover(view)
         shown = dataclasses.replace(view, hover=view.hover or hover)
-        self._painter.paint(surface, shown, self._ui_overlay(view, hover))
-        pygame.display.flip()
+        self._painter.paint(surface, shown, self._input.overlay(view, hover))
+        self._display.flip()
         self.frames += 1
-
-    def _ui_overlay(self, view: View, hover: str | None) -> UiOverlay:
-        interrupted = (view.pause is not None, view.offline is not None, view.frozen)
-        key = (view.state, view.me, hover, interrupted)
-        if self._advice is None or self._advice[0] != key:
-            self._advice = (key, self._tips(view, hover), self._prompt(view))
-        _, tips, prompt = self._advice
-        return UiOverlay(
-            pointer=self._pointer,
-            tips=tips,
-            prompt=self._notice if self._clock() < self._notice_until else prompt,
-            typing=self._chat.typed,
-            help=(*self._controls_of(view).help(), *_OWN_KEYS) if self._help else (),
-        )
-
-    def _prompt(self, view: View) -> str:
-        if view.pause is not None and view.offline is None:
-            return "T to chat · H for help"
-        if view.frozen:
-            return ""
-        if view.me is None:
-            return "You are watching · H for help"
-        options = self._controls_of(view).options(view.state, view.me)
-        words = [f"[{option.key.upper()}] {option.action.sentence}" for option in options]
-        return " · ".join(words) or ("" if view.step else "H for help")
-
-    def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
-        if hover is None:
-            return ()
-        if view.me is None:
-            return (hover,)
-        meaning = self._controls_of(view).click(view.state, view.me, hover)
-        if not meaning.valid:
-            return (hover, meaning.hint) if meaning.hint else (hover,)
-        return (meaning.hint,)
 
     # Events
 
     def _handle(self, event: pygame.Event, source: Source, view: View) -> None:
         if event.type == pygame.QUIT:
             self.closed = True
-        elif self._taken_by_strip(event, view):
+        elif self._display.handle(event) or self._taken_by_strip(event, view):
             return
-        elif event.type == pygame.MOUSEMOTION:
-            self._pointer = event.pos
-        elif event.type == pygame.WINDOWLEAVE:
-            self._pointer = None
-        elif event.type == pygame.MOUSEBUTTONDOWN:
-            self._pointer = event.pos
-            self._click(_BUTTONS.get(event.button), source, view)
-        elif event.type == pygame.TEXTINPUT:
-            self._chat.text(event.text)
-        elif event.type == pygame.KEYDOWN:
-            self._key(event.key, source, view)
+        else:
+            self._obey(self._input.handle(event, source, view))
+
+    def _obey(self, command: Command | None) -> None:
+        """Do what is not the game's."""
+        if command is Command.FULLSCREEN:
+            self._display.toggle_fullscreen()
+        elif command is Command.SCREENSHOT:
+            self._save_screenshot()
 
     def _taken_by_strip(self, event: pygame.Event, view: View) -> bool:
-        if self._strip is None or self._surface is None or self._chat.typed is not None:
+        surface = self._display.surface
+        if self._strip is None or surface is None or self._input.typing:
             return False
-        area = self._painter.layout(self._surface.get_size(), view.world).strip
+        area = self._painter.layout(surface.get_size(), view.world).strip
         return self._strip.handle(event, area)
 
-    def _click(self, button: Button | None, source: Source, view: View) -> None:
-        target, me = self._target(view), view.me
-        if self._help:
-            self._help = False
-        elif target is not None and me is not None and button is not None:
-            self._do(partial(self._clicked, me, target, button), source, view)
-
-    def _clicked(self, me: str, target: str, button: Button, view: View) -> Meaning:
-        return self._controls_of(view).click(view.state, me, target, button)
-
-    def _pressed(self, me: str, key: str, view: View) -> Meaning:
-        return self._controls_of(view).key(view.state, me, key)
-
-    def _key(self, key: int, source: Source, view: View) -> None:
-        name = pygame.key.name(key).casefold()
-        if self._chat.typed is not None:
-            said = self._chat.key(name)
-            if said:
-                source.say(said)
-            return
-        me = view.me
-        if name in self._extra_keys:
-            self._extra_keys[name]()
-        elif name == "escape":
-            self._help, self._pending = False, None
-        elif name == "f12":
-            self._save_screenshot()
-        elif me is not None and name in self._controls_of(view).keys:
-            self._do(partial(self._pressed, me, name), source, view)
-        elif name == "h":
-            self._help = not self._help
-        elif name in ("t", "return"):
-            self._chat.open(name)
-
-    def _do(self, read: Callable[[View], Meaning], source: Source, view: View) -> None:
-        """Act on an input, or keep it until the player is no longer busy."""
-        if view.frozen:
-            return
-        meaning = read(view)
-        self._pending = None
-        if meaning.action is not None:
-            source.act(meaning.action)
-        elif view.me is not None and view.state.busy_steps(view.me):
-            self._pending = read
-            self._tell(f"{meaning.hint}; what you asked for comes next (Esc to cancel)")
-        elif meaning.hint:
-            self._tell(meaning.hint[0].upper() + meaning.hint[1:])
-
-    def _retry(self, source: Source, view: View) -> None:
-        if self._pending is None or view.me is None or view.frozen:
-            return
-        if view.state.busy_steps(view.me):
-            return
-        read, self._pending = self._pending, None
-        self._notice = ""
-        self._do(read, source, view)
-
-    def _target(self, view: View) -> str | None:
-        """The station under the mouse, else the uppermost thing there."""
-        if self._pointer is None or self._surface is None:
+    def _target(self, pointer: tuple[int, int], view: View) -> str | None:
+        """The station under a point, else the uppermost thing there."""
+        surface = self._display.surface
+        if surface is None:
             return None
-        place = self._painter.layout(self._surface.get_size(), view.world)
-        tile = place.tile_at(self._pointer)
+        tile = self._painter.layout(surface.get_size(), view.world).tile_at(pointer)
         stage = self._painter.stage(view.state)
         there = [name for name, placed in stage.placed.items() if placed.tile == tile]
         if tile is None or not there:
             return None
         return min(there, key=lambda name: (name not in stage.stations, stage.placed[name].level))
-
-    def _controls_of(self, view: View) -> Controls:
-        if self._controls is None or self._controls.world is not view.world:
-            self._controls = Controls(view.world, self._look.bindings if self._look else None)
-        return self._controls
 
     def _save_screenshot(self) -> None:
         stamp = time.strftime("%Y%m%d-%H%M%S")
@@ -289,10 +166,6 @@ class Window:
         try:
             self.screenshot(path)
         except (pygame.error, OSError) as error:
-            self._tell(f"The screenshot cannot be saved: {error}")
+            self._input.tell(f"The screenshot cannot be saved: {error}")
         else:
-            self._tell(f"Saved {path}")
-
-    def _tell(self, notice: str) -> None:
-        self._notice = notice
-        self._notice_until = self._clock() + _NOTICE_SECONDS
+            self._input.tell(f"Saved {path}")

@@ -7,7 +7,7 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
-from robotouille_client.window.pictures.shapes import box, ellipse, pill
+from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, INK, PANEL, PAPER, TEXT, mixed
@@ -32,8 +32,6 @@ class Notices:
             self._outcome(target, layout, view.outcome)
         if ui_overlay.typing is not None:
             self._typing(target, layout, ui_overlay.typing)
-        elif ui_overlay.prompt:
-            self._prompt(target, layout, ui_overlay.prompt)
         if ui_overlay.help:
             self._help(target, layout, ui_overlay.help)
 
@@ -61,13 +59,6 @@ class Notices:
         for i, line in enumerate(lines):
             words = self._text.line(line, size, INK)
             target.blit(words, words.get_rect(midtop=(band.centerx, band.y + size + i * step)))
-
-    def _prompt(self, target: pygame.Surface, layout: Layout, prompt: str) -> None:
-        size = layout.text
-        words = self._text.fit(prompt, size, layout.panel.left - 4 * size)
-        plate = pill(self._text.line(words, size, TEXT), (*INK, 235))
-        middle = (layout.kitchen.centerx, layout.strip.top - 8)
-        target.blit(plate, plate.get_rect(midbottom=middle))
 
     def _typing(self, target: pygame.Surface, layout: Layout, typed: str) -> None:
         size = layout.text

@@ -9,6 +9,7 @@ import pygame
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.interruptions import Interruptions
+from robotouille_client.window.drawing.key_strip import KeyStrip
 from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
 from robotouille_client.window.drawing.motion import Motion
 from robotouille_client.window.drawing.notices import Notices
@@ -67,6 +68,7 @@ class Painter:
         self._panel.draw(surface, place, view)
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
+        self._key_strip.draw(surface, place, stage, ui_overlay)
         self._notices.draw(surface, place, view, ui_overlay)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
@@ -104,6 +106,7 @@ class Painter:
         self._overlays = Overlays(self._art, self._sprites, self._text)
         self._panel = Panel(self._art, self._sprites, self._text)
         self._interruptions = Interruptions(self._text)
+        self._key_strip = KeyStrip(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)
 
 

@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
-__all__ = ["UiOverlay"]
+__all__ = ["Mark", "UiOverlay"]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """The station that the owner's newest action is about, and what became of the action."""
+
+    station: str
+    fate: Literal["asked", "done", "refused"]
 
 
 @dataclass(frozen=True, slots=True)
 class UiOverlay:
     """What only the owner of a window sees.
 
-    `tips` are lines beside the mouse, `prompt` a line under the kitchen, `typing` the chat line
-    that is being typed (None when there is none), `help` rows of (key, meaning), if shown.
+    `tips` are lines beside the mouse, `prompt` a line under the kitchen for a while, `typing` the
+    chat line that is being typed (None when there is none), `help` rows of (key, meaning), if
+    shown.
+
+    The strip of keys under the kitchen has `hints`, rows of (key, what it does now), then `keys`,
+    which are always there, and `queued`, what waits to be done. `choices` are the numbered actions
+    of the open list, `chosen` the marked one of them; there is a `more` where the list goes on.
     """
 
     pointer: tuple[int, int] | None = None
@@ -20,3 +34,10 @@ class UiOverlay:
     prompt: str = ""
     typing: str | None = None
     help: tuple[tuple[str, str], ...] = ()
+    hints: tuple[tuple[str, str], ...] = ()
+    keys: tuple[tuple[str, str], ...] = ()
+    queued: tuple[str, ...] = ()
+    mark: Mark | None = None
+    choices: tuple[str, ...] | None = None
+    chosen: int = 0
+    more: str = ""

@@ -1,0 +1,129 @@
+"""What the keys do now, what waits, the list of actions, and the mark of the newest one."""
+
+from __future__ import annotations
+
+import pygame
+
+from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import Stage
+from robotouille_client.window.pictures.shapes import box
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import (
+    ACCENT,
+    BAD,
+    CARD,
+    FAINT,
+    GOOD,
+    INK,
+    PANEL,
+    PAPER,
+    TEXT,
+    Colour,
+)
+
+__all__ = ["KeyStrip"]
+
+_FATES: dict[str, Colour] = {"asked": PAPER, "done": GOOD, "refused": BAD}
+
+
+class KeyStrip:
+    """Draws in the lines between the kitchen and the window's lower edge, and over the kitchen."""
+
+    def __init__(self, text: Typesetter) -> None:
+        self._text = text
+
+    def draw(
+        self, target: pygame.Surface, layout: Layout, stage: Stage, ui_overlay: UiOverlay
+    ) -> None:
+        """What there is of it; words that are typed take the place of the keys."""
+        if ui_overlay.mark is not None:
+            self._mark(target, layout, stage, ui_overlay.mark)
+        if ui_overlay.typing is None:
+            self._keys(target, layout, ui_overlay)
+        if ui_overlay.choices is not None:
+            self._list(target, layout, ui_overlay)
+
+    def _mark(self, target: pygame.Surface, layout: Layout, stage: Stage, mark: Mark) -> None:
+        placed = stage.placed.get(mark.station)
+        if placed is None or placed.tile is None:
+            return
+        cell = layout.cell(placed.tile).inflate(-layout.tile // 10, -layout.tile // 10)
+        width = max(2, layout.tile // 20)
+        pygame.draw.rect(
+            target, _FATES[mark.fate], cell, width=width, border_radius=layout.tile // 8
+        )
+
+    def _keys(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
+        size, gap = layout.text, layout.text
+        middle = layout.strip.top - layout.text
+        right = layout.panel.left - gap
+        for key, words in reversed(ui_overlay.keys):
+            width = self._key_width(key, words, size - 2)
+            if right - width < gap:
+                break
+            right -= width
+            self._key(target, (right, middle), key, words, size - 2, FAINT)
+            right -= gap
+        x = gap
+        if ui_overlay.queued or ui_overlay.prompt:
+            queued = f"Next: {', '.join(ui_overlay.queued)} (Esc forgets)"
+            words = self._text.fit(ui_overlay.prompt or queued, size, right - x)
+            line = self._text.line(words, size, ACCENT)
+            target.blit(line, line.get_rect(midleft=(x, middle)))
+            x += line.get_width() + gap
+        for key, words in ui_overlay.hints:
+            room = right - x - self._key_width(key, "", size)
+            if room < 4 * size:
+                break
+            fitting = self._text.fit(words, size, room)
+            self._key(target, (x, middle), key, fitting, size, TEXT)
+            x += self._key_width(key, fitting, size) + gap
+
+    def _key_width(self, key: str, words: str, size: int) -> int:
+        cap = max(size * 3 // 2, self._text.width(key, size) + size * 2 // 3)
+        return cap + size // 2 + self._text.width(words, size)
+
+    def _key(
+        self,
+        target: pygame.Surface,
+        at: tuple[int, int],
+        key: str,
+        words: str,
+        size: int,
+        ink: Colour,
+    ) -> None:
+        """A key cap, and words beside it; `at` is the middle of its left edge."""
+        letters = self._text.line(key, size, ink)
+        cap = pygame.Rect(0, 0, self._key_width(key, "", size) - size // 2, size * 3 // 2)
+        cap.midleft = at
+        target.blit(box(cap.size, CARD, size // 3, FAINT), cap)
+        target.blit(letters, letters.get_rect(center=cap.center))
+        line = self._text.line(words, size, ink)
+        target.blit(line, line.get_rect(midleft=(cap.right + size // 2, at[1])))
+
+    def _list(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
+        size, pad = layout.text, layout.text
+        rows = list(ui_overlay.choices or ()) or ["Nothing can be done now."]
+        step = size * 7 // 4
+        most = layout.size[0] // 2
+        words = [self._text.fit(row, size, most) for row in rows]
+        foot = self._text.fit(ui_overlay.more, size - 2, most)
+        widest = max(self._text.width(row, size) for row in (*words, foot)) + 5 * pad
+        high = step * (len(rows) + bool(foot)) + 2 * pad
+        area = pygame.Rect(0, 0, widest, high)
+        area.bottomright = (layout.size[0] - pad, layout.size[1] - pad)
+        target.blit(box(area.size, (*PANEL, 245), pad, ACCENT), area)
+        for i, row in enumerate(words):
+            place = pygame.Rect(area.x + pad // 2, area.y + pad + i * step, widest - pad, step - 2)
+            chosen = bool(ui_overlay.choices) and i == ui_overlay.chosen
+            if chosen:
+                target.blit(box(place.size, ACCENT, pad // 2), place)
+            ink = INK if chosen else TEXT
+            number = self._text.line(str(i + 1) if ui_overlay.choices else "", size, ink)
+            target.blit(number, number.get_rect(midleft=(place.x + pad // 2, place.centery)))
+            line = self._text.line(row, size, ink)
+            target.blit(line, line.get_rect(midleft=(place.x + 2 * pad, place.centery)))
+        if foot:
+            line = self._text.line(foot, size - 2, FAINT)
+            target.blit(line, line.get_rect(bottomleft=(area.x + pad, area.bottom - pad)))

@@ -1,0 +1,286 @@
+"""What the owner of a window does in a game, and what the window tells nobody else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import pygame
+
+from robotouille.world.scene import scene
+from robotouille.world.world import State
+from robotouille_client.window.controls import Button, Controls
+from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
+from robotouille_client.window.hands.chat_line import ChatLine
+from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap
+from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
+from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.view import Source, View
+
+__all__ = ["HelpRows", "PlayInput"]
+
+HelpRows = tuple[tuple[str, str], ...]
+"""Rows of (key, what it does)."""
+
+_NOTICE_SECONDS = 3.0
+_BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
+_Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
+_Advice = tuple[tuple[str, ...], HelpRows]
+
+
+class PlayInput:
+    """Keys, clicks and commands in a game; `target` finds what is under a point of the window."""
+
+    def __init__(
+        self,
+        *,
+        keys: KeyMap,
+        look: KitchenLook | None,
+        extra_keys: Mapping[str, Callable[[], None]],
+        help_rows: HelpRows | None,
+        target: Callable[[tuple[int, int], View], str | None],
+        clock: Callable[[], float],
+    ) -> None:
+        self.hands = Hands(keys, clock)
+        self._look = look
+        self._extra_keys = extra_keys
+        self._help_rows = help_rows
+        self._target = target
+        self._clock = clock
+        self._chat = ChatLine()
+        self._controls: Controls | None = None
+        self._help = False
+        self._pointer: tuple[int, int] | None = None
+        self._notice = ""
+        self._notice_until = 0.0
+        self._advice: tuple[_Asked, _Advice] | None = None
+
+    @property
+    def typing(self) -> bool:
+        """Whether letters are those of a chat line."""
+        return self._chat.typed is not None
+
+    def tell(self, notice: str) -> None:
+        """Show a line for a while; nothing where it is empty."""
+        if notice:
+            self._notice = notice
+            self._notice_until = self._clock() + _NOTICE_SECONDS
+
+    def hover(self, view: View) -> str | None:
+        """What is under the mouse."""
+        if view.frozen or self._pointer is None:
+            return None
+        return self._target(self._pointer, view)
+
+    def tick(self, source: Source, view: View) -> None:
+        """Do what waits."""
+        self.tell(self.hands.tick(source, view))
+
+    # Events
+
+    def handle(self, event: pygame.Event, source: Source, view: View) -> Command | None:
+        """What an event asks for that is not the game's: CANCEL where nothing was to cancel."""
+        if event.type == pygame.MOUSEMOTION:
+            self._pointer = event.pos
+        elif event.type == pygame.WINDOWLEAVE:
+            self._pointer = None
+        elif event.type == pygame.WINDOWFOCUSLOST:
+            self.hands.release()
+        elif event.type == pygame.MOUSEBUTTONDOWN:
+            self._pointer = event.pos
+            self._click(_BUTTONS.get(event.button), source, view)
+        elif event.type == pygame.TEXTINPUT:
+            self._chat.text(event.text)
+        elif event.type == pygame.KEYUP:
+            self.hands.release(self.hands.keys.command(_name(event)))
+        elif event.type == pygame.KEYDOWN:
+            return self._key(_name(event), source, view)
+        return None
+
+    def command(
+        self, command: Command, source: Source, view: View, key: str = ""
+    ) -> Command | None:
+        """Do what a key of the window or a button of a gamepad asks for; it comes back where it is
+        not for the game."""
+        if command is Command.CANCEL:
+            return None if self._cancel() else command
+        if self.hands.choices is not None and self._in_list(command, source, view):
+            return None
+        if command is Command.HELP:
+            self._help = not self._help
+        elif command is Command.CHAT or (command is Command.ENTER and key):
+            self._chat.open(key)
+        elif view.me is None:
+            return command
+        elif command in DIRECTIONS:
+            self.tell(self.hands.walk(command, source, view))
+        elif command in (Command.USE, Command.ENTER):
+            self.tell(self.hands.use(self.controls(view), key, source, view))
+        elif command is Command.LIST:
+            self.hands.open_list(view)
+        else:
+            return command
+        return None
+
+    def _cancel(self) -> bool:
+        """Close what is open, or forget what waits; whether there was anything."""
+        if self._help or self.hands.choices is not None:
+            self._help, self.hands.choices = False, None
+            return True
+        return self.hands.queue.clear()
+
+    def _in_list(self, command: Command, source: Source, view: View) -> bool:
+        if command in (Command.UP, Command.DOWN):
+            self.hands.choose(1 if command is Command.DOWN else -1)
+        elif command in (Command.LEFT, Command.RIGHT):
+            self.hands.choose(MAX_CHOICES if command is Command.RIGHT else -MAX_CHOICES)
+        elif command in (Command.USE, Command.ENTER):
+            self.tell(self.hands.pick(None, source, view))
+        else:
+            return False
+        return True
+
+    def _click(self, button: Button | None, source: Source, view: View) -> None:
+        target = self.hover(view)
+        if self._help:
+            self._help = False
+        elif target is None or view.me is None or button is None:
+            return
+        elif button == "right" and self._uses(target, view):
+            self.tell(self.hands.use(self.controls(view), "", source, view))
+        else:
+            self.tell(self.hands.click(self.controls(view), target, button, source, view))
+
+    def _uses(self, target: str, view: View) -> bool:
+        """Whether a right click, which no input file gives a meaning, is on the station in use."""
+        clicks = self.controls(view).bindings.mouse_click_actions
+        bound = any(click.input_instructions.button == "right" for click in clicks)
+        return not bound and view.me is not None and scene(view.state)[view.me].at == target
+
+    def _key(self, name: str, source: Source, view: View) -> Command | None:
+        if self._chat.typed is not None:
+            said = self._chat.key(name)
+            if said:
+                source.say(said)
+            return None
+        if name in self._extra_keys:
+            self._extra_keys[name]()
+            return None
+        command = self.hands.keys.command(name)
+        if self.hands.choices is not None:
+            if name in tuple("123456789"):
+                self.tell(self.hands.pick(int(name), source, view))
+                return None
+        elif self._is_bound(name, command, view):
+            self.tell(self.hands.key(self.controls(view), name, source, view))
+            return None
+        return self.command(command, source, view, name) if command else None
+
+    def _is_bound(self, name: str, command: Command | None, view: View) -> bool:
+        """Whether a key is the domain's: what its input file binds comes first, but for the key
+        that means more than that where the file's meaning comes to nothing."""
+        if view.me is None or name in FIXED or name not in self.controls(view).keys:
+            return False
+        return command is not Command.USE
+
+    def controls(self, view: View) -> Controls:
+        """What clicks and keys mean in a view's world."""
+        if self._controls is None or self._controls.world is not view.world:
+            self._controls = Controls(view.world, self._look.bindings if self._look else None)
+        return self._controls
+
+    # What is shown
+
+    def overlay(self, view: View, hover: str | None) -> UiOverlay:
+        """What the owner sees over the view."""
+        tips, hints = self._advise(view, hover)
+        choices, more = self._choices()
+        return UiOverlay(
+            pointer=self._pointer,
+            tips=tips,
+            prompt=self._notice if self._clock() < self._notice_until else "",
+            typing=self._chat.typed,
+            help=self._help_of(view) if self._help else (),
+            hints=hints,
+            keys=self._permanent(view),
+            queued=self.hands.queue.labels,
+            mark=self._mark(view),
+            choices=choices,
+            chosen=self.hands.chosen % MAX_CHOICES,
+            more=more,
+        )
+
+    def _advise(self, view: View, hover: str | None) -> _Advice:
+        """Tips and hints: asked for once for each state."""
+        interrupted = (view.pause is not None, view.offline is not None, view.frozen)
+        key = (view.state, view.me, hover, interrupted)
+        if self._advice is None or self._advice[0] != key:
+            hints: HelpRows = ()
+            if view.me is not None and not view.frozen:
+                hints = self.hands.hints(self.controls(view), view.state, view.me)
+            self._advice = (key, (self._tips(view, hover), hints))
+        return self._advice[1]
+
+    def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
+        if hover is None:
+            return ()
+        if view.me is None:
+            return (hover,)
+        meaning = self.controls(view).click(view.state, view.me, hover)
+        if not meaning.valid:
+            return (hover, meaning.hint) if meaning.hint else (hover,)
+        return (meaning.hint,)
+
+    def _permanent(self, view: View) -> HelpRows:
+        keys = self.hands.keys
+        rows = [("", "You are watching")] if view.me is None and self._help_rows is None else []
+        if view.me is not None and not view.frozen:
+            rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]
+        if view.pause is not None and view.offline is None:
+            rows = [(keys.words(Command.CHAT), "say something")]
+        return tuple((key, does) for key, does in (*rows, (keys.words(Command.HELP), "help")))
+
+    def _walk_keys(self, view: View) -> str:
+        """The keys that walk here: a domain's own keys come before letters."""
+        keys, bound = self.hands.keys, self.controls(view).keys
+        order = (Command.UP, Command.LEFT, Command.DOWN, Command.RIGHT)
+        letters = [keys.keys(c)[0] for c in order if keys.keys(c) and keys.keys(c)[0] not in bound]
+        return "".join(letters).upper() if len(letters) == 4 else "Arrows"
+
+    def _mark(self, view: View) -> Mark | None:
+        if view.me is None or self.hands.queue.sent is None:
+            return None
+        station = self.hands.target(view.state, view.me)
+        return Mark(station, self.hands.queue.sent.fate) if station else None
+
+    def _choices(self) -> tuple[tuple[str, ...] | None, str]:
+        actions = self.hands.choices
+        if actions is None:
+            return None, ""
+        start = self.hands.page * MAX_CHOICES
+        shown = actions[start : start + MAX_CHOICES]
+        pages = -(-len(actions) // MAX_CHOICES)
+        more = f"{self.hands.page + 1} of {pages}: ← →" if pages > 1 else ""
+        return tuple(action.sentence for action in shown), more
+
+    def _help_of(self, view: View) -> HelpRows:
+        if self._help_rows is not None:
+            return self._help_rows
+        keys = self.hands.keys
+        use = " or ".join(k.capitalize() for k in keys.keys(Command.USE))
+        walk = dict.fromkeys((self._walk_keys(view), "Arrows"))
+        own = (
+            (", ".join(walk), "walk to the next station that way"),
+            (f"{use}, right click", "what is most useful here"),
+            (keys.words(Command.LIST), "all that can be done now, 1 to 9 picks"),
+        )
+        window = (
+            (f"{keys.words(Command.CHAT)} or Enter", "say something (Enter sends, Esc cancels)"),
+            (keys.words(Command.FULLSCREEN) + ", Alt+Enter", "fill the screen"),
+            (keys.words(Command.SCREENSHOT), "save a picture of the window"),
+            (keys.words(Command.HELP), "this help"),
+        )
+        return (*own, *self.controls(view).help(), *window) if view.me else window
+
+
+def _name(event: pygame.Event) -> str:
+    return pygame.key.name(event.key).casefold()

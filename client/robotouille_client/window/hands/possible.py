@@ -1,0 +1,82 @@
+"""What a player can do now, and which of it is the most useful."""
+
+from __future__ import annotations
+
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.scene import scene
+from robotouille.world.world import State
+from robotouille_client.window.controls import Controls, Meaning, Option
+from robotouille_client.window.hands.walking import destination, towards
+
+__all__ = ["possible", "use", "walk", "work"]
+
+
+def possible(state: State, me: str) -> tuple[GroundAction, ...]:
+    """All valid actions of a player: what can be done here, then the walks, the nearest first."""
+    valid = state.actions(me)
+    walks = {action: there for action in valid if (there := destination(action))}
+    here = scene(state)[me].at
+    floor = state.world.floor
+
+    def steps(action: GroundAction) -> int:
+        return floor.distance(here, walks[action]) if here else 0
+
+    others = [action for action in valid if action not in walks]
+    return (*others, *sorted(walks, key=steps))
+
+
+def walk(state: State, me: str, direction: tuple[int, int]) -> Meaning:
+    """What a direction key means."""
+    busy = state.busy_steps(me)
+    if busy:
+        return Meaning(None, f"{me} is busy for {busy} more step{'s' * (busy > 1)}")
+    action = towards(state, me, direction, scene(state))
+    if action is None:
+        return Meaning(None, "there is no free place that way")
+    return Meaning(action, action.sentence, True)
+
+
+def work(controls: Controls, state: State, me: str) -> tuple[Option, ...]:
+    """The keys of a domain that do something now."""
+    options = controls.options(state, me)
+    return tuple(option for option in options if not _is_done(state, option.action))
+
+
+def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
+    """The most useful thing to do here: work that a key stands for, else what a click on the
+    station would do. What is at work by itself stays where it is.
+
+    Args:
+        key: The one that was pressed; what the domain's input file says of it comes first.
+    """
+    own = controls.key(state, me, key) if key in controls.keys else None
+    if own is not None and own.valid and not _is_done(state, own.action):
+        return own
+    for option in work(controls, state, me):
+        return Meaning(option.action, option.action.sentence, True)
+    here = scene(state)[me].at
+    if here is None:
+        return own or Meaning(None, "nothing to do here")
+    clicked = controls.click(state, me, here)
+    if clicked.valid and _at_work(state, clicked.action):
+        return Meaning(None, "wait until it is done, or click to take it")
+    if clicked.valid or own is None or own.action is None:
+        return clicked
+    return own
+
+
+def _is_done(state: State, action: GroundAction | None) -> bool:
+    """Whether the work that an action starts was done before: what it takes steps for, holds."""
+    if action is None or action.touched or action.removed:
+        return False
+    timed = [node for effect in action.effects for node in effect.counters()]
+    results = [node for node in timed if node.sets or node.clears]
+    return bool(results) and all(
+        state.facts & node.sets == node.sets and not state.facts & node.clears for node in results
+    )
+
+
+def _at_work(state: State, action: GroundAction | None) -> bool:
+    """Whether an action is about something in progress."""
+    subjects = {row.subject for row in state.progress() if row.running}
+    return action is not None and not subjects.isdisjoint(action.arguments)

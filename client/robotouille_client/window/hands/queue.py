@@ -1,0 +1,127 @@
+"""What somebody wants done: the next thing is sent as soon as it can be, the others wait."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from robotouille.world.grounding.actions import GroundAction
+from robotouille_client.window.controls import Meaning
+from robotouille_client.window.view import Bubble, Source, View
+
+__all__ = ["MAX_QUEUED", "ActionQueue", "Intent", "Sent"]
+
+MAX_QUEUED = 3
+QUICK_SECONDS = 0.4
+"""Within these another input comes after the one that was sent; later it comes in its place."""
+SHOWN_SECONDS = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Intent:
+    """An input, read when its turn comes; `label` says it in a word or two."""
+
+    label: str
+    read: Callable[[View], Meaning]
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """The newest action that was sent, and what became of it by `time`, in seconds."""
+
+    action: GroundAction
+    time: float
+    step: int
+    bubble: Bubble | None
+    fate: Literal["asked", "done", "refused"] = "asked"
+
+
+class ActionQueue:
+    """Sends one action at a time; time is injected."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._waiting: list[Intent] = []
+        self._sent: Sent | None = None
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What waits, the next first."""
+        return tuple(intent.label for intent in self._waiting)
+
+    @property
+    def sent(self) -> Sent | None:
+        """The newest action, until a moment after it was answered."""
+        sent = self._sent
+        if sent is None or (sent.fate != "asked" and self._clock() - sent.time > SHOWN_SECONDS):
+            return None
+        return sent
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing waits, here or for an answer."""
+        return not self._waiting and (self._sent is None or self._sent.fate != "asked")
+
+    def clear(self) -> bool:
+        """Forget what waits; whether there was anything."""
+        had, self._waiting = bool(self._waiting), []
+        return had
+
+    def ask(self, intent: Intent, source: Source, view: View) -> str:
+        """Do something now, or when what came before it is done; a notice, or nothing."""
+        if view.frozen or view.me is None:
+            return ""
+        self._settle(view)
+        busy = bool(view.state.busy_steps(view.me))
+        sent = self._sent
+        just_sent = (
+            sent is not None and sent.fate == "asked" and self._clock() - sent.time < QUICK_SECONDS
+        )
+        if not (busy or just_sent or self._waiting):
+            return self._do(intent, source, view)
+        if len(self._waiting) >= MAX_QUEUED:
+            return f"{MAX_QUEUED} things wait already"
+        self._waiting.append(intent)
+        return ""
+
+    def tick(self, source: Source, view: View) -> str:
+        """Send the next thing where it can be sent now; a notice, or nothing."""
+        self._settle(view)
+        if view.frozen or view.me is None or not self._waiting:
+            return ""
+        if self._sent is not None and self._sent.fate == "asked":
+            return ""
+        if view.state.busy_steps(view.me):
+            return ""
+        return self._do(self._waiting.pop(0), source, view)
+
+    def _do(self, intent: Intent, source: Source, view: View) -> str:
+        meaning = intent.read(view)
+        if not meaning.valid:
+            self._waiting = []
+        if meaning.action is None:
+            return meaning.hint[:1].upper() + meaning.hint[1:]
+        self._sent = Sent(meaning.action, self._clock(), view.step, _bubble(view))
+        source.act(meaning.action)
+        return ""
+
+    def _settle(self, view: View) -> None:
+        """Notice what became of the action that was sent."""
+        sent = self._sent
+        if sent is None or sent.fate != "asked":
+            return
+        now, bubble = self._clock(), _bubble(view)
+        fate: Literal["asked", "done", "refused"] = "asked"
+        if bubble is not None and bubble is not sent.bubble:
+            fate, self._waiting = "refused", []
+        elif view.step > sent.step:
+            fate = "done"
+        if fate != "asked":
+            self._sent = Sent(sent.action, now, sent.step, bubble, fate)
+
+
+def _bubble(view: View) -> Bubble | None:
+    """Why the owner's newest action was refused, as long as that is seen."""
+    own = (b for b in view.bubbles if b.player == view.me and b.kind == "rejected")
+    return next(own, None)

@@ -1,0 +1,129 @@
+"""A window that is played by posted events: no screen, and a clock that is moved by hand."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+
+import pygame
+
+from robotouille import GroundAction, State, World
+from robotouille.world.scene import scene
+from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.hands.commands import DIRECTIONS, Command
+from robotouille_client.window.hands.walking import destination, towards
+from robotouille_client.window.view import Bubble, View
+from robotouille_client.window.window import Window
+
+SIZE = (800, 600)
+ARROWS = {
+    Command.LEFT: pygame.K_LEFT,
+    Command.RIGHT: pygame.K_RIGHT,
+    Command.UP: pygame.K_UP,
+    Command.DOWN: pygame.K_DOWN,
+}
+
+
+class Timer:
+    """A clock that only moves when something sleeps, or by hand."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    async def sleep(self, seconds: float) -> None:
+        self.now += seconds
+        await asyncio.sleep(0)
+
+
+class Script:
+    """A source that does at once what it is told; with `slow` only when it is stepped."""
+
+    def __init__(self, world: World, me: str | None = None, *, slow: bool = False) -> None:
+        self.world = world
+        self.me = me or world.players[0]
+        self.states: list[State] = [world.initial]
+        self.acted: list[GroundAction] = []
+        self.said: list[str] = []
+        self.bubbles: tuple[Bubble, ...] = ()
+        self.slow = slow
+        self._asked: GroundAction | None = None
+
+    @property
+    def state(self) -> State:
+        return self.states[-1]
+
+    @property
+    def finished(self) -> bool:
+        return self.state.goal_reached
+
+    def view(self) -> View:
+        before = self.states[-2] if len(self.states) > 1 else None
+        step = len(self.states) - 1
+        return View(self.world, self.state, before, step, me=self.me, bubbles=self.bubbles)
+
+    def act(self, action: GroundAction) -> None:
+        self.acted.append(action)
+        self._asked = action
+        if not self.slow:
+            self.step()
+
+    def step(self) -> None:
+        """The step in which the newest action is done."""
+        asked, self._asked = self._asked, None
+        self.states.append(self.state.step(asked if asked is not None else []).state)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+
+def at(world: World, station: str, size: tuple[int, int] = SIZE) -> tuple[int, int]:
+    """The middle of a station in a window."""
+    problem = world.task.problem
+    return layout(size, problem.width, problem.height).cell(world.thing(station).tile).center
+
+
+def press(window: Window, source: Script, *keys: int, mod: int = 0) -> None:
+    """Press and release keys, a frame after each."""
+    for key in keys:
+        pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=mod, unicode=""))
+        window.frame(source)
+        pygame.event.post(pygame.Event(pygame.KEYUP, key=key, mod=mod))
+        window.frame(source)
+
+
+def click(window: Window, source: Script, station: str, button: int = 1) -> None:
+    """Point at a station and click, then a frame."""
+    pos = at(source.world, station)
+    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
+    pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=button))
+    window.frame(source)
+
+
+def way(state: State, me: str, station: str) -> list[Command]:
+    """The directions that lead a player to a station, as few as there are."""
+    queue: deque[tuple[State, list[Command]]] = deque([(state, [])])
+    seen = set()
+    while queue:
+        now, path = queue.popleft()
+        placed = scene(now)
+        if placed[me].at == station:
+            return path
+        if placed[me].at in seen:
+            continue
+        seen.add(placed[me].at)
+        for command, direction in DIRECTIONS.items():
+            action = towards(now, me, direction, placed)
+            if action is not None:
+                after = now.step(action).state
+                while after.busy_steps(me):
+                    after = after.step([]).state
+                queue.append((after, [*path, command]))
+    raise AssertionError(f"no keys lead to {station}")
+
+
+def goes_to(action: GroundAction) -> str | None:
+    """Where an action walks to, if it is a walk."""
+    return destination(action)

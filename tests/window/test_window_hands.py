@@ -1,0 +1,270 @@
+"""Walking by keys, the key that does what is useful, the list, and what waits to be done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pygame
+import pytest
+from tests.support.window_play import ARROWS, SIZE, Script, Timer, click, goes_to, press, way
+
+from robotouille import Timing, World, load_task, task_names
+from robotouille.certification.certificate import load_certificate
+from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.rendering import rendering_of
+from robotouille.domain.schema import InputFile
+from robotouille.world.scene import scene
+from robotouille_client.window.hands.commands import Command, KeyMap, key_words
+from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.view import Bubble
+from robotouille_client.window.window import Window
+
+
+class Table:
+    """A window, its clock, and a game in it."""
+
+    def __init__(self, source: Script, **options: object) -> None:
+        self.timer = Timer()
+        self.source = source
+        self.window = Window(SIZE, headless=True, clock=self.timer, **options)  # type: ignore[arg-type]
+        self.window.frame(source)
+
+    def press(self, *keys: int, mod: int = 0) -> list[str]:
+        press(self.window, self.source, *keys, mod=mod)
+        return [action.name for action in self.source.acted]
+
+    def click(self, station: str, button: int = 1) -> None:
+        click(self.window, self.source, station, button)
+
+    def overlay(self):  # type: ignore[no-untyped-def]
+        return self.window._input.overlay(self.source.view(), None)
+
+    def here(self) -> str | None:
+        return scene(self.source.state)[self.source.me].at
+
+    def step(self) -> None:
+        self.source.step()
+        self.window.frame(self.source)
+
+
+@pytest.fixture
+def table() -> Iterator[Table]:
+    opened = Table(Script(World("training/01")))
+    yield opened
+    opened.window.close()
+
+
+@pytest.fixture
+def slow() -> Iterator[Table]:
+    opened = Table(Script(World("training/01"), slow=True))
+    yield opened
+    opened.window.close()
+
+
+def use_to_the_end(table: Table, task: str, walk, use) -> None:  # type: ignore[no-untyped-def]
+    """Play the proven plan of a task, each action by what stands for it."""
+    for line in load_certificate(load_task(task)).plan or ():
+        action = table.source.world.parse(table.source.state, table.source.me, line)
+        station = goes_to(action)
+        if station is not None:
+            walk(station)
+            assert table.here() == station
+            continue
+        before = len(table.source.acted)
+        use(action)
+        assert [str(a) for a in table.source.acted[before:]] == [str(action)]
+    assert table.source.finished
+
+
+TASKS = ("synchronous/01", "training/01", "synchronous/06")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_whole_task_by_keys_alone(task: str) -> None:
+    table = Table(Script(World(task)))
+
+    def walk(station: str) -> None:
+        table.press(*[ARROWS[c] for c in way(table.source.state, table.source.me, station)])
+
+    use_to_the_end(table, task, walk, lambda _: table.press(pygame.K_e))
+    table.window.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_whole_task_by_mouse_alone(task: str) -> None:
+    table = Table(Script(World(task)))
+    use_to_the_end(table, task, table.click, lambda _: table.click(table.here() or "", 3))
+    table.window.close()
+
+
+@pytest.mark.slow
+def test_the_arrows_lead_to_every_station_of_every_task() -> None:
+    for task in task_names():
+        world = World(task)
+        me = world.players[0]
+        for action in world.initial.actions(me):
+            station = goes_to(action)
+            if station is not None:
+                assert way(world.initial, me, station)
+
+
+def test_letters_and_arrows_walk(table: Table) -> None:
+    start = table.here()
+    assert table.press(pygame.K_DOWN) == ["move"]
+    below = table.here()
+    assert below != start
+    assert table.press(pygame.K_w) == ["move", "move"]
+    assert table.here() != below
+
+
+def test_where_there_is_nothing_a_line_says_so(table: Table) -> None:
+    assert table.press(pygame.K_RIGHT) == []
+    assert table.overlay().prompt == "There is no free place that way"
+    assert ("H", "help") in table.overlay().keys, "help stays findable"
+
+
+def test_a_letter_that_an_input_file_binds_is_the_files() -> None:
+    world = World("training/01")
+    bound = bindings_of(world.task).model_dump()
+    bound["keyboard_actions"][-1]["input_instructions"]["key"] = "d"
+    look = KitchenLook(rendering_of(world.task), InputFile.model_validate(bound), Path())
+    table = Table(Script(world), look=look)
+    assert table.press(pygame.K_d) == ["wait"]
+    assert table.press(pygame.K_a, pygame.K_RIGHT)[-1] == "move"
+    assert ("Arrows", "walk") in table.overlay().keys
+    table.window.close()
+
+
+def test_a_held_key_walks_on(table: Table) -> None:
+    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_LEFT, mod=0, unicode=""))
+    for seconds in (0.0, 0.2, 0.2, 0.0):
+        table.timer.now += seconds
+        table.window.frame(table.source)
+    assert len(table.source.acted) == 2
+    pygame.event.post(pygame.Event(pygame.KEYUP, key=pygame.K_LEFT, mod=0))
+    table.timer.now += 1.0
+    table.window.frame(table.source)
+    walked = len(table.source.acted)
+    table.window.frame(table.source)
+    assert len(table.source.acted) == walked
+
+
+def test_what_cooks_by_itself_is_not_taken_by_the_same_key() -> None:
+    table = Table(Script(World(load_task("asynchronous/01"))))
+    world, me = table.source.world, table.source.me
+    for kind in ("chicken", "stove"):
+        thing = next(n for n, p in scene(world.initial).items() if p.thing.kind == kind)
+        placed = scene(table.source.state)[thing]
+        station = placed.host or thing
+        table.press(*[ARROWS[c] for c in way(table.source.state, me, station)], pygame.K_e)
+    assert table.press(pygame.K_e)[-1] == "cook"
+    done = len(table.source.acted)
+    assert len(table.press(pygame.K_e)) == done
+    assert "wait until it is done" in table.overlay().prompt.lower()
+
+
+def test_the_list_has_all_actions_and_digits_pick(table: Table) -> None:
+    table.press(pygame.K_TAB)
+    choices = table.overlay().choices
+    valid = [action.sentence for action in table.source.state.actions("robot1")]
+    assert sorted(choices) == sorted(valid)
+    table.press(getattr(pygame, f"K_{choices.index('Do nothing') + 1}"))
+    assert [a.name for a in table.source.acted] == ["wait"]
+    assert table.overlay().choices is None
+
+
+def test_the_list_by_arrows_and_enter(table: Table) -> None:
+    table.press(pygame.K_TAB, pygame.K_DOWN, pygame.K_DOWN, pygame.K_UP)
+    wanted = table.overlay().choices[1]
+    assert table.overlay().chosen == 1
+    table.press(pygame.K_RETURN)
+    assert [a.sentence for a in table.source.acted] == [wanted]
+    table.press(pygame.K_TAB, pygame.K_ESCAPE)
+    assert table.overlay().choices is None
+
+
+def test_three_things_wait_and_escape_forgets_them(slow: Table) -> None:
+    slow.press(pygame.K_LEFT, pygame.K_e, pygame.K_DOWN, pygame.K_e)
+    assert len(slow.source.acted) == 1
+    assert slow.overlay().queued == ("E", "↓", "E")
+    slow.press(pygame.K_e)
+    assert slow.overlay().prompt == "3 things wait already"
+    slow.step()
+    assert len(slow.source.acted) == 2
+    slow.press(pygame.K_ESCAPE)
+    slow.step()
+    assert slow.overlay().queued == ()
+    assert len(slow.source.acted) == 2
+
+
+def test_what_waits_long_is_replaced_by_another_wish(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    slow.timer.now += 1.0
+    slow.press(pygame.K_DOWN)
+    assert len(slow.source.acted) == 2
+
+
+def test_an_action_is_acknowledged_at_once_and_confirmed(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    mark = slow.overlay().mark
+    assert (mark.station, mark.fate) == (goes_to(slow.source.acted[0]), "asked")
+    slow.step()
+    assert slow.overlay().mark.fate == "done"
+    slow.timer.now += 1.0
+    assert slow.overlay().mark is None
+
+
+def test_a_refusal_marks_the_station_and_forgets_what_waits(slow: Table) -> None:
+    slow.press(pygame.K_LEFT, pygame.K_e)
+    slow.source.bubbles = (Bubble("robot1", "Needs: something."),)
+    slow.window.frame(slow.source)
+    assert slow.overlay().mark.fate == "refused"
+    assert slow.overlay().queued == ()
+
+
+def test_the_strip_says_what_the_keys_do_now(table: Table) -> None:
+    table.press(*[ARROWS[c] for c in way(table.source.state, "robot1", "table1")])
+    assert [key for key, _ in table.overlay().hints] == ["E"]
+    table.press(pygame.K_e)
+    table.press(*[ARROWS[c] for c in way(table.source.state, "robot1", "board1")])
+    ((_, words),) = table.overlay().hints
+    assert words in [a.sentence for a in table.source.state.actions("robot1")]
+
+
+def test_nobody_walks_while_busy() -> None:
+    table = Table(Script(World(load_task("training/01", timing=Timing.PEOPLE))))
+    table.press(pygame.K_LEFT, pygame.K_e)
+    assert table.overlay().hints == ()
+    assert table.overlay().queued == ("E",)
+    table.window.close()
+
+
+def test_keys_can_be_changed_and_none_means_two_things() -> None:
+    keys = KeyMap().with_key(Command.USE, "f").with_key(Command.LIST, "a")
+    assert keys.command("f") is Command.USE
+    assert keys.command("a") is Command.LIST
+    assert keys.keys(Command.LEFT) == ()
+    assert keys.command("left") is Command.LEFT, "arrows always walk"
+    again = KeyMap(keys.changed)
+    assert again.changed == keys.changed == {"left": [], "use": ["f"], "list": ["a"]}
+    assert KeyMap({"nothing": ["x"], "use": ["return"]}).command("return") is Command.ENTER
+    table = Table(Script(World("training/01")), keys=keys)
+    table.press(pygame.K_a)
+    assert table.overlay().choices
+    table.window.close()
+
+
+def test_keys_have_names() -> None:
+    assert [key_words(k) for k in ("e", "tab", "space", "f11", "return", "left")] == [
+        "E", "Tab", "Space", "F11", "Enter", "←",
+    ]  # fmt: skip
+
+
+def test_alt_and_enter_fill_the_screen_and_do_not_open_the_chat(table: Table) -> None:
+    table.press(pygame.K_RETURN, mod=pygame.KMOD_LALT)
+    assert table.window._display.fullscreen
+    assert table.overlay().typing is None
+    table.press(pygame.K_F11)
+    assert not table.window._display.fullscreen
+    assert pygame.display.get_surface().get_size() == SIZE
