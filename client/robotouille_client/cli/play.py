@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
-from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import explain, fail
+
+if TYPE_CHECKING:
+    from robotouille_client.window.shell.local_game import Plan
 
 __all__ = ["play"]
 
 
 def play(
-    task: Annotated[str, typer.Argument(help="Task name or problem file.")],
+    task: Annotated[
+        str | None, typer.Argument(help="Task name or problem file; none: a menu.")
+    ] = None,
     mode: Annotated[Clock, typer.Option(help="Clock.")] = Clock.REALTIME,
     seats: Annotated[int | None, typer.Option(help="Number of seats.")] = None,
     partner: Annotated[BotKind, typer.Option(help="Who plays the other seats.")] = BotKind.PLANNER,
@@ -28,47 +33,53 @@ def play(
     ] = None,
     max_steps: Annotated[int, typer.Option(help="Step limit.")] = 1000,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
+    size: Annotated[
+        str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
+    ] = None,
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
     ] = None,
 ) -> None:
-    """Play a task in a window, without a server. Bots play the other seats."""
+    """Play a task in a window, without a server. Bots play the other seats.
+
+    Games that are played to their end are recorded: the menu has them under "Replays".
+    """
     import asyncio
 
-    from robotouille import World, load_task
-    from robotouille.episode import Episode, Rules
-    from robotouille_client.window import require_pygame, require_screen
-    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window import require_pygame
 
     try:
         require_pygame()
-        if screenshot is not None and not screenshot.parent.is_dir():
-            raise RobotouilleError(f"there is no folder {screenshot.parent}")
-        from robotouille_client.window.sources.local import LocalSource
-        from robotouille_client.window.window import Window
-
-        profile = timing or ("people" if mode is Clock.REALTIME else "benchmark")
-        world = World(load_task(task, seats=seats, timing=profile, seed=seed))
-        rules = Rules(clock=mode, step_rate=step_rate, max_steps=max_steps)
         if partner is BotKind.SCRIPTED:
             raise RobotouilleError("partners are random or planner bots")
-        make = policy_maker(partner, seed)
-        bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in world.players[1:]}
-        me = world.players[0]
-        if screenshot is None:
-            require_screen()
-        source = LocalSource(Episode(world, rules, time.monotonic()), me, bots, time.monotonic)
-        window = Window(
-            parse_size(size), caption=f"Robotouille: {world.task.name}", headless=bool(screenshot)
-        )
+        from robotouille_client.window.shell.local_game import Plan
+
+        plan = task and Plan(task, seats, mode, step_rate, partner, timing, max_steps, seed)
         if screenshot is not None:
-            window.frame(source)
-            window.screenshot(screenshot)
-            window.close()
-        else:
-            asyncio.run(window.run(source, linger=None))
+            if not plan:
+                raise RobotouilleError("a picture is of a task: name one")
+            _picture(plan, size or "1280x720", screenshot)
+            return
+        from robotouille_client.window.shell.starting import open_shell
+
+        shell = open_shell(size=size)
+        asyncio.run(shell.run(shell.play(plan) if plan else None))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
+
+
+def _picture(plan: Plan, size: str, path: Path) -> None:
+    """Save a game's first picture."""
+    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window.shell.local_game import LocalGame
+    from robotouille_client.window.window import Window
+
+    if not path.parent.is_dir():
+        raise RobotouilleError(f"there is no folder {path.parent}")
+    game = LocalGame(plan, "you", time.monotonic, None)
+    window = Window(parse_size(size), headless=True)
+    window.frame(game.source)
+    window.screenshot(path)
+    window.close()

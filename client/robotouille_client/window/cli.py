@@ -7,14 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robotouille.absence import Absence
 from robotouille.errors import RobotouilleError
-from robotouille.program import VersionOption, printable, tell
+from robotouille.program import VersionOption
 from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
@@ -23,6 +22,10 @@ if TYPE_CHECKING:
     from robotouille_client.window.pictures.kitchen_look import KitchenLook
 
 __all__ = ["main"]
+
+HERE = ("127.0.0.1", 8765)
+PLAYER = "player"
+SIZE = "1280x720"
 
 
 class SubstituteKind(StrEnum):
@@ -108,40 +111,25 @@ async def _run(
     opening: Opening | None,
     **show: object,
 ) -> None:
-    import asyncio
-
     from robotouille_client.client import connect
-    from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
-    from robotouille_client.window.sources.remote_look import fetch_look
+    from robotouille_client.window.shell.remote_game import remote_game
 
     if code is None:
         async with connect(url, name=name, kind="human", token=token) as client:
             code = await _find_code(client, opening)
-    role: Literal["player", "spectator"] = "spectator" if watch else "player"
-    with kept_seat(state_folder(), url, code, name) as kept:
-        asked = (seat,) if seat is not None else ()
-        resume = kept.token_for(asked) if kept is not None and not watch else None
-        async with connect(url, name=name, kind="human", token=token, resume=resume) as client:
-            game = await client.join(code, seat=seat, role=role)
-            if not watch and (back := came_back(client, game, kept)):
-                tell(printable(f"came back into {back}"), err=True)
-            does = "watches" if watch else f"plays {game.seat}"
-            tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)
-            keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))
-            try:
-                with TemporaryDirectory(prefix="robotouille-") as folder:
-                    look = await fetch_look(client, Path(folder))
-                    await _show(game, client.connected.is_set, look=look, **show)  # type: ignore[arg-type]
-            finally:
-                keeping.cancel()
+    opened = remote_game(url, code, name, seat=seat, watch=watch, token=token)
+    async with opened as (client, game, look):
+        await _show(game, client.connected.is_set, look=look, **show)  # type: ignore[arg-type]
 
 
 def command(
     code: Annotated[str | None, typer.Argument(help="Code or id of the episode to join.")] = None,
-    host: Annotated[str, typer.Option(help="The server's host.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="The server's port.")] = 8765,
+    host: Annotated[str, typer.Option(help="The server's host.")] = HERE[0],
+    port: Annotated[int, typer.Option(help="The server's port.")] = HERE[1],
     url: Annotated[str | None, typer.Option(help="The server's URL, instead of both.")] = None,
-    name: Annotated[str, typer.Option(help="Your name, as others see it.")] = "player",
+    name: Annotated[
+        str | None, typer.Option(help="Your name, as others see it; else that of the settings.")
+    ] = None,
     seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
     watch: Annotated[bool, typer.Option(help="Watch instead of play.")] = False,
     create: Annotated[str | None, typer.Option(help="Open an episode of this task.")] = None,
@@ -158,7 +146,9 @@ def command(
         float | None, typer.Option(help="Seconds for which an absent one's seat is kept.")
     ] = None,
     token: TokenOption = None,
-    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
+    size: Annotated[
+        str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
+    ] = None,
     headless: Annotated[bool, typer.Option(help="Draw without a screen.")] = False,
     screenshot: Annotated[
         Path | None, typer.Option(help="Save a picture here at the end (or --screenshot-step).")
@@ -172,7 +162,7 @@ def command(
     ] = None,
     version: VersionOption = False,
 ) -> None:
-    """Play or watch an episode in a window. Click to walk, take and put; H shows the keys."""
+    """Play or watch an episode in a window; without arguments, a menu. H shows the keys."""
     import asyncio
 
     from pydantic import ValidationError
@@ -189,17 +179,50 @@ def command(
         opening = _opening(
             create, seats=seats, absence=absence, stand_in=stand_in and stand_in.value, grace=grace
         )
-        asyncio.run(
-            _run(
-                server_url(url, host, port), code, name, seat, watch, token, opening,
-                size=parse_size(size), headless=headless, screenshot=screenshot,
-                screenshot_step=screenshot_step, linger=linger,
-            )
-        )  # fmt: skip
+        address = server_url(url, host, port)
+        if headless or screenshot is not None or linger is not None:
+            asyncio.run(
+                _run(
+                    address, code, name or PLAYER, seat, watch, token, opening,
+                    size=parse_size(size or SIZE), headless=headless, screenshot=screenshot,
+                    screenshot_step=screenshot_step, linger=linger,
+                )
+            )  # fmt: skip
+            return
+        asked = (code, create, url, seat) != (None,) * 4 or watch or (host, port) != HERE
+        _open_shell(address, code, name, seat, watch, token, opening, size, asked=asked)
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
+
+
+def _open_shell(
+    address: str,
+    code: str | None,
+    name: str | None,
+    seat: str | None,
+    watch: bool,
+    token: str | None,
+    opening: Opening | None,
+    size: str | None,
+    *,
+    asked: bool,
+) -> None:
+    """The window with its menu; first the episode that was asked for."""
+    import asyncio
+
+    from robotouille_client.window.shell.starting import open_shell
+
+    shell = open_shell(size=size, name=name, token=token)
+
+    async def first() -> object:
+        found = code
+        if found is None:
+            found = await shell.ask_server(lambda client: _find_code(client, opening), address)
+        return await shell.join(found, watch=watch, seat=seat, url=address) if found else None
+
+    asyncio.run(shell.run(first() if asked else None))
 
 
 def main() -> None:

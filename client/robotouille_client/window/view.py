@@ -127,6 +127,7 @@ class View:
     status: str = ""
     code: str = ""
     outcome: str = ""
+    won: bool = False
     hover: str | None = None
     notice: str = ""
     pause: PauseView | None = None

@@ -12,13 +12,20 @@ import pygame
 
 from robotouille_client.window.display import Display
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.forms.cards import Cards
+from robotouille_client.window.forms.form import Form
 from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.play_input import HelpRows, PlayInput
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
+
+CARD_SECONDS = 0.7
+"""For which a new card takes no answers: who plays is still pressing keys."""
+STAY = "stay"
 
 
 class Window:
@@ -28,7 +35,9 @@ class Window:
     itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
     that of a kitchen which is not installed. A `strip` is drawn below the kitchen, and asked first
     about each event. `keys` are those of the window's own commands. A `display` that is given stays
-    open when this window is closed. `clock` and `sleep` are injected for tests.
+    open when this window is closed. `cards` are shown beside the kitchen when a game is over, and
+    when its owner wants to leave it; `answer` is what was chosen there, None if the window was
+    closed. `clock` and `sleep` are injected for tests.
     """
 
     def __init__(
@@ -45,6 +54,8 @@ class Window:
         strip: Strip | None = None,
         keys: KeyMap | None = None,
         display: Display | None = None,
+        gamepads: Gamepads | None = None,
+        cards: Cards | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -52,11 +63,17 @@ class Window:
         self.screenshots = screenshots or Path.cwd()
         self.closed = False
         self.frames = 0
+        self.answer: object = None
         self._clock = clock
         self._sleep = sleep
         self._strip = strip
         self._owns_display = display is None
         self._display = display or Display(size, caption=caption, headless=headless)
+        self._gamepads = gamepads or Gamepads()
+        self._cards = cards
+        self._card: Form | None = None
+        self._card_since = 0.0
+        self._over = False
         self._painter = Painter(
             look.rendering if look else None, look.pictures if look else None, strip
         )
@@ -96,6 +113,7 @@ class Window:
         for event in pygame.event.get():
             self._handle(event, source, source.view())
         self._input.tick(source, source.view())
+        self._show_end(source, source.view())
         self._draw(source.view())
 
     def screenshot(self, path: Path | str) -> None:
@@ -113,6 +131,8 @@ class Window:
             if not pygame.font.get_init():
                 pygame.font.init()
             self._display.open(self._painter.icon(view.world, 64))
+            if not self._display.headless:
+                self._gamepads.open()
 
     def _draw(self, view: View) -> None:
         surface = self._display.surface
@@ -120,7 +140,11 @@ class Window:
             return
         hover = self._input.hover(view)
         shown = dataclasses.replace(view, hover=view.hover or hover)
+        if self._card is not None:
+            shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.
         self._painter.paint(surface, shown, self._input.overlay(view, hover))
+        if self._card is not None:
+            self._painter.card(surface, view.world, self._card)
         self._display.flip()
         self.frames += 1
 
@@ -129,17 +153,55 @@ class Window:
     def _handle(self, event: pygame.Event, source: Source, view: View) -> None:
         if event.type == pygame.QUIT:
             self.closed = True
-        elif self._display.handle(event) or self._taken_by_strip(event, view):
+        if event.type == pygame.QUIT or self._display.handle(event):
             return
+        if self._card is None and self._taken_by_strip(event, view):
+            return
+        self._input.tell(self._gamepads.notice(event))
+        pressed = self._gamepads.read(event)
+        if self._card is not None:
+            self._obey(self._ask(self._card, event, pressed), view)
+        elif pressed is not None:
+            self._obey(self._input.command(pressed, source, view), view)
         else:
-            self._obey(self._input.handle(event, source, view))
+            self._obey(self._input.handle(event, source, view), view)
+        if self._gamepads.let_go(event):
+            self._input.hands.release()
 
-    def _obey(self, command: Command | None) -> None:
+    def _obey(self, command: Command | None, view: View) -> None:
         """Do what is not the game's."""
         if command is Command.FULLSCREEN:
             self._display.toggle_fullscreen()
         elif command is Command.SCREENSHOT:
             self._save_screenshot()
+        elif command in (Command.CANCEL, Command.MENU) and self._cards is not None:
+            self._show(self._cards.leaving(view))
+
+    # Cards
+
+    def _show_end(self, source: Source, view: View) -> None:
+        """The card of a game that is over, once."""
+        over = source.finished and bool(view.outcome or view.farewell)
+        if over and self._cards is not None and not self._over:
+            self._over = True
+            self._input.hands.release()
+            card = self._cards.over(view)
+            if card is not None:
+                self._show(card)
+
+    def _show(self, card: Form) -> None:
+        self._card, self._card_since = card, self._clock()
+
+    def _ask(self, card: Form, event: pygame.Event, pressed: Command | None) -> Command | None:
+        """Give the card what is done, and take its answer."""
+        if self._over and self._clock() - self._card_since < CARD_SECONDS:
+            return None
+        command = card.command(pressed) if pressed else card.handle(event, self._input.hands.keys)
+        if card.result == STAY:
+            self._card = None
+        elif card.result is not None:
+            self.answer, self.closed = card.result, True
+        return None if command in (Command.CANCEL, Command.MENU) else command
 
     def _taken_by_strip(self, event: pygame.Event, view: View) -> bool:
         surface = self._display.surface

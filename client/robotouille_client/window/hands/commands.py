@@ -23,6 +23,7 @@ class Command(StrEnum):
     HELP = "help"
     FULLSCREEN = "fullscreen"
     SCREENSHOT = "screenshot"
+    MENU = "menu"
 
 
 DIRECTIONS: Mapping[Command, tuple[int, int]] = {

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from robotouille.episode import (
     Ended,
     Episode,
+    Event,
     Phase,
     Rejected,
     Said,
@@ -25,7 +27,10 @@ __all__ = ["LocalSource"]
 
 
 class LocalSource:
-    """An episode in this process; bots play the seats of others."""
+    """An episode in this process; bots play the seats of others.
+
+    `record` is given all that happens, in order.
+    """
 
     def __init__(
         self,
@@ -33,19 +38,24 @@ class LocalSource:
         me: str,
         bots: Mapping[str, tuple[str, Policy]],
         now: Callable[[], float],
+        *,
+        name: str = "you",
+        record: Callable[[Iterable[Event]], None] | None = None,
     ) -> None:
         self._episode = episode
         self._me = me
         self._bots = bots
         self._now = now
+        self._name = name
+        self._record = record
         self._chat_log = ChatLog(now)
         self._previous: State | None = None
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()
         self._decided = dict.fromkeys(bots, -1)
-        episode.join(me, "you", "human", now())
-        for player, (name, _) in bots.items():
-            episode.join(player, name, "bot", now())
+        episode.join(me, name, "human", now())
+        for player, (bot, _) in bots.items():
+            episode.join(player, bot, "bot", now())
 
     def view(self) -> View:
         self._episode.tick(self._now())
@@ -73,6 +83,7 @@ class LocalSource:
             chat=self._chat_log.lines,
             status=self._status(),
             outcome=outcome_words(outcome.to_json()) if outcome else "",
+            won=outcome is not None and outcome.success,
         )
 
     def _status(self) -> str:
@@ -99,7 +110,10 @@ class LocalSource:
             self._chat_log.rejected(player, only_words(error.message))
 
     def _take_events(self) -> None:
-        for event in self._episode.events():
+        events = list(self._episode.events())
+        if self._record is not None and events:
+            self._record(events)
+        for event in events:
             match event:
                 case Stepped():
                     self._previous, self._step_time = event.before, self._now()
@@ -123,7 +137,13 @@ class LocalSource:
         self._submit(self._me, action)
 
     def say(self, text: str) -> None:
-        self._episode.say("you", self._me, text, self._now())
+        self._episode.say(self._name, self._me, text, self._now())
+
+    @property
+    def outcome(self) -> dict[str, Any] | None:
+        """How the game ended, once it has, as recordings tell it."""
+        outcome = self._episode.outcome
+        return outcome.to_json() if outcome else None
 
     @property
     def finished(self) -> bool:

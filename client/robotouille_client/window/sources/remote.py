@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from robotouille.episode import Controller
 from robotouille.protocol import messages
@@ -99,6 +100,7 @@ class RemoteSource:
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
+            won=game.outcome is not None and game.outcome["reason"] == "goal",
             notice=self._chat_log.notice,
             pause=self._pause(),
             offline=self._offline(),
@@ -163,6 +165,11 @@ class RemoteSource:
 
     def say(self, text: str) -> None:
         self._game.say(text)
+
+    @property
+    def outcome(self) -> Mapping[str, Any] | None:
+        """How the game ended, once it has and the server has said so."""
+        return self._game.outcome
 
     @property
     def finished(self) -> bool:

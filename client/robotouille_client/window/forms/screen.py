@@ -1,0 +1,117 @@
+"""Forms that fill the window, one at a time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pygame
+
+from robotouille_client.window.display import Display
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.gamepad import Gamepads
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import ACCENT, BACKGROUND, FAINT
+
+__all__ = ["ClosedByOwnerError", "Screen", "text_size"]
+
+FRAME_SECONDS = 1 / 60
+WIDTH = 40
+"""Of a form, in letters' heights."""
+
+
+class ClosedByOwnerError(Exception):
+    """The window was closed while something was asked."""
+
+
+def text_size(size: tuple[int, int], scale: float) -> int:
+    """The height of letters in a window of a size."""
+    return max(11, round(min(size[1] / 40, size[0] / 54) * scale))
+
+
+class Screen:
+    """Asks forms in a display until each has a result."""
+
+    def __init__(
+        self,
+        display: Display,
+        *,
+        keys: KeyMap | None = None,
+        gamepads: Gamepads | None = None,
+        text_scale: float = 1.0,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.display = display
+        self.keys = keys or KeyMap()
+        self.gamepads = gamepads or Gamepads()
+        self.text_scale = text_scale
+        self._sleep = sleep
+        self._text: Typesetter | None = None
+
+    def splash(self, words: str) -> None:
+        """Words in an otherwise empty window, while something is loaded."""
+        self.display.open()
+        surface = self.display.surface
+        if surface is not None:
+            self._background(surface, words)
+            self.display.flip()
+
+    async def ask(self, form: Form, until: asyncio.Future[Any] | None = None) -> object:
+        """Show a form until it has a result, or `until` is done: then None.
+
+        Raises:
+            ClosedByOwnerError: The window was closed.
+        """
+        self.display.open()
+        shown: tuple[object, ...] = ()
+        while form.result is None and not (until is not None and until.done()):
+            events = pygame.event.get()
+            for event in events:
+                self._handle(event, form)
+            surface = self.display.surface
+            looks = (form.message, surface.get_size() if surface else None)
+            if surface is not None and (events or looks != shown):
+                self._draw(surface, form)
+                shown = looks
+            if form.result is None:
+                await self._sleep(FRAME_SECONDS)
+        return form.result
+
+    def _handle(self, event: pygame.Event, form: Form) -> None:
+        if event.type == pygame.QUIT:
+            raise ClosedByOwnerError
+        if self.display.handle(event):
+            return
+        pressed = self.gamepads.read(event)
+        form.message = self.gamepads.notice(event) or form.message
+        if pressed is not None:
+            form.command(pressed)
+        elif form.handle(event, self.keys) is Command.FULLSCREEN:
+            self.display.toggle_fullscreen()
+
+    def _draw(self, surface: pygame.Surface, form: Form) -> None:
+        self._background(surface, "Robotouille")
+        width, height = surface.get_size()
+        size = text_size((width, height), self.text_scale)
+        wide = WIDTH * size + (form.picture.get_width() if form.picture else 0)
+        area = pygame.Rect(0, 0, min(width - size, wide), height - 5 * size)
+        area.midbottom = (width // 2, height - size)
+        form.draw(surface, area, self._typesetter(), size)
+        self.display.flip()
+
+    def _background(self, surface: pygame.Surface, words: str) -> None:
+        surface.fill(BACKGROUND)
+        width, height = surface.get_size()
+        size = text_size((width, height), 1.0)
+        text = self._typesetter()
+        title = text.line(words, size * 2, ACCENT)
+        surface.blit(title, title.get_rect(midtop=(width // 2, size)))
+        foot = text.line("F11 fills the screen", max(10, size - 4), FAINT)
+        surface.blit(foot, foot.get_rect(topright=(width - size, size)))
+
+    def _typesetter(self) -> Typesetter:
+        if self._text is None:
+            self._text = Typesetter()
+        return self._text

@@ -1,0 +1,65 @@
+"""What one sees when a game is over: won or not, how well, who did what, and what comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from robotouille.certification.certificate import load_certificate
+from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Task, Timing
+from robotouille.errors import RobotouilleError
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.widgets import Button, Row, Words
+from robotouille_client.window.pictures.theme import BAD, GOOD
+from robotouille_client.window.shell.shares import SeatShare, ShareRow
+from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.view import View
+
+__all__ = ["best_words", "end_card"]
+
+
+def end_card(
+    view: View, outcome: Mapping[str, Any] | None, buttons: Sequence[tuple[str, object]]
+) -> Form:
+    """The card of a game that is over.
+
+    Args:
+        view: The last that was shown.
+        outcome: How it ended, as recordings and servers tell it; None if nobody knows.
+        buttons: Words and answers, the first of which is the one of Enter.
+    """
+    rows: list[Row] = []
+    if outcome is not None:
+        rows.append(Words(f"{outcome_words(outcome)}."))
+        acted = sum(int(seat.get("acted", 0)) for seat in outcome.get("seats", ()))
+        if words := best_words(view.world.task, int(outcome["steps"]), acted):
+            rows.append(Words(words))
+        names = {seat.player: seat.name for seat in view.seats}
+        for seat in outcome.get("seats", ()):
+            player = str(seat.get("player", ""))
+            you = " (you)" if player == view.me else ""
+            rows.append(ShareRow(SeatShare.of((names.get(player) or player) + you, seat)))
+    elif view.farewell is not None:
+        rows.append(Words(f"{view.farewell.title}. {view.farewell.text}"))
+    rows += [Button(label, answer) for label, answer in buttons]
+    title = "Done!" if view.won else "The game is over" if outcome is None else "Not done this time"
+    return Form(title, rows, cancel=buttons[-1][1], accent=GOOD if view.won else BAD)
+
+
+def best_words(task: Task, steps: int, acted: int) -> str:
+    """How far a game was from the shortest plan that is known; empty where none is.
+
+    With the timing for people, where walks and work take several steps, actions are compared.
+    """
+    try:
+        certificate = load_certificate(load_task(task.name, seats=task.seats))
+    except (RobotouilleError, OSError):
+        return ""
+    if certificate.length is None or certificate.plan is None:
+        return ""
+    proven = "Proven best" if certificate.optimal else "Best known"
+    if task.timing is Timing.BENCHMARK:
+        return f"{proven}: {certificate.length} steps. This game: {steps}."
+    best = sum(len(step.split(";")) - step.count("wait") for step in certificate.plan)
+    return f"{proven}: {best} actions. This game: {acted}."

@@ -1,0 +1,57 @@
+"""The cards of a game, and of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.widgets import Button
+from robotouille_client.window.shell.end_card import end_card
+from robotouille_client.window.view import View
+from robotouille_client.window.window import STAY
+
+__all__ = ["GameCards", "ReplayCards"]
+
+
+class GameCards:
+    """What is asked in a game and after it; `buttons` are words and answers."""
+
+    def __init__(
+        self,
+        outcome: Callable[[], Mapping[str, Any] | None],
+        buttons: Sequence[tuple[str, object]],
+    ) -> None:
+        self._outcome = outcome
+        self._buttons = tuple(buttons)
+        self._last: View | None = None
+
+    def over(self, view: View) -> Form:
+        """What one sees, and may do, when a game is over."""
+        self._last = view
+        return end_card(view, self._outcome(), self._buttons)
+
+    def leaving(self, view: View) -> Form:
+        """Whether one means to leave a game that goes on."""
+        rows = [Button("Go on", STAY), Button("Leave it", "menu"), Button("Quit", "quit")]
+        return Form("Leave this game?", rows, cancel=STAY)
+
+    def again(self, message: str) -> Form:
+        """The card of a game that is over once more, e.g. after its replay."""
+        if self._last is None:
+            raise AssertionError("asked again for what was not over")
+        form = self.over(self._last)
+        form.message = message
+        return form
+
+
+class ReplayCards:
+    """What is asked while a recording is watched; at its end it stays on the screen."""
+
+    def over(self, view: View) -> None:
+        """Nothing: one may go back in it."""
+
+    def leaving(self, view: View) -> Form:
+        """Whether one has seen enough."""
+        rows = [Button("Leave the replay", "menu"), Button("Go on watching", STAY)]
+        return Form("Seen enough?", rows, cancel=STAY)

@@ -1,0 +1,123 @@
+"""A game in this process: its world, its partners, and its recording."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import secrets
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from robotouille.domain.catalogue import load_task
+from robotouille.episode import Episode, Event, Rules
+from robotouille.episode.rules import Clock
+from robotouille.errors import RecordingError
+from robotouille.replay.container import compress
+from robotouille.replay.recorder import Recorder, header
+from robotouille.world.world import World
+from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.window.sources.local import LocalSource
+
+__all__ = ["LocalGame", "Plan", "recordings_folder"]
+
+KEPT_RECORDINGS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be played here: a task with its seats, the clock, the partners, and the seed of
+    all that is random."""
+
+    task: str
+    seats: int | None = None
+    clock: Clock = Clock.REALTIME
+    rate: float = 5.0
+    partner: BotKind = BotKind.PLANNER
+    timing: str | None = None
+    max_steps: int = 1000
+    seed: int = 0
+
+    @property
+    def profile(self) -> str:
+        """The timing: people's in real time, unless something else is asked for."""
+        return self.timing or ("people" if self.clock is Clock.REALTIME else "benchmark")
+
+
+def recordings_folder() -> Path:
+    """Where the games that were played here are kept."""
+    from platformdirs import user_data_path
+
+    return user_data_path("robotouille") / "recordings"
+
+
+class LocalGame:
+    """An episode, its source for the window, and its file, if a `folder` is given for it."""
+
+    def __init__(
+        self, plan: Plan, name: str, now: Callable[[], float], folder: Path | None
+    ) -> None:
+        task = load_task(plan.task, seats=plan.seats, timing=plan.profile, seed=plan.seed)
+        self.world = World(task)
+        rules = Rules(clock=plan.clock, step_rate=plan.rate, max_steps=plan.max_steps)
+        make = policy_maker(plan.partner, plan.seed)
+        me, *others = self.world.players
+        bots = {p: (f"{plan.partner.value} bot", make(self.world.initial, p)) for p in others}
+        self.path: Path | None = None
+        self._recorder = Recorder(self.world)
+        if folder is not None:
+            self._begin(folder, rules, plan.seed)
+        episode = Episode(self.world, rules, now())
+        self.source = LocalSource(episode, me, bots, now, name=name, record=self._record)
+
+    def finish(self) -> Path | None:
+        """Close the recording; its file, or None where there is none."""
+        path = self.path
+        if path is None or path.suffix != ".part":
+            return path
+        whole = path.with_suffix("")
+        try:
+            whole.write_bytes(compress(path.read_bytes()))
+            path.unlink()
+        except OSError:
+            return None
+        self.path = whole
+        return whole
+
+    def discard(self) -> None:
+        """Forget a game that was left: what there is of it shows nothing."""
+        if self.path is not None:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def _begin(self, folder: Path, rules: Rules, seed: int) -> None:
+        created = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+        episode = secrets.token_hex(4)
+        words = re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{created}_{self.world.task.name}_{episode}")
+        head = header(self.world.task, rules, episode=episode, seed=seed, created=created)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _forget_old(folder)
+            self.path = folder / f"{words}.rbt.part"
+            self.path.write_bytes(self._recorder.begin(head))
+        except (OSError, RecordingError):
+            self.path = None
+
+    def _record(self, events: Iterable[Event]) -> None:
+        """Append events; a disk that is full ends the recording, not the game."""
+        if self.path is None:
+            return
+        try:
+            with self.path.open("ab") as file:
+                file.write(self._recorder.record(events))
+        except (OSError, RecordingError):
+            self.discard()
+            self.path = None
+
+
+def _forget_old(folder: Path) -> None:
+    """Make room for one more recording."""
+    kept = sorted(folder.glob("*.rbt*"), key=lambda path: path.name)
+    for path in kept[: max(0, len(kept) - KEPT_RECORDINGS + 1)]:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,46 @@
+"""A kitchen on a server, entered: connection, seat, looks."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+from robotouille.program import printable, tell
+from robotouille_client.client import Client, connect
+from robotouille_client.game import Game
+from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
+from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.sources.remote_look import fetch_look
+
+__all__ = ["remote_game"]
+
+
+@asynccontextmanager
+async def remote_game(
+    url: str, code: str, name: str, *, seat: str | None = None, watch: bool, token: str | None
+) -> AsyncIterator[tuple[Client, Game, KitchenLook | None]]:
+    """Enter an episode, and come back into one's seat if one had one.
+
+    Raises:
+        RobotouilleError: There is no way in; its words say why.
+    """
+    role: Literal["player", "spectator"] = "spectator" if watch else "player"
+    with kept_seat(state_folder(), url, code, name) as kept:
+        asked = (seat,) if seat is not None else ()
+        resume = kept.token_for(asked) if kept is not None and not watch else None
+        async with connect(url, name=name, kind="human", token=token, resume=resume) as client:
+            game = await client.join(code, seat=seat, role=role)
+            if not watch and (back := came_back(client, game, kept)):
+                tell(printable(f"came back into {back}"), err=True)
+            does = "watches" if watch else f"plays {game.seat}"
+            tell(printable(f"{game.name or name} {does} in {game.code}"), err=True)
+            keeping = asyncio.create_task(keep_seat(client, game, None if watch else kept))
+            try:
+                with TemporaryDirectory(prefix="robotouille-") as folder:
+                    yield client, game, await fetch_look(client, Path(folder))
+            finally:
+                keeping.cancel()

@@ -1,0 +1,84 @@
+"""What the window remembers of its owner: a JSON file in the user's own folder for settings."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+__all__ = ["Settings", "load_settings", "save_settings", "settings_path"]
+
+VERSION = 1
+Name = Annotated[str, Field(min_length=1, max_length=40)]
+Side = Annotated[int, Field(ge=160, le=8192)]
+
+
+class Settings(BaseModel):
+    """All that is remembered.
+
+    `size` is that of the window in pixels, `text_scale` makes letters larger or smaller, `keys` are
+    those that differ from the defaults. `task`, `partner` and `rate` (steps a second) were played
+    last, `server` and `code` joined last.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    version: int = VERSION
+    name: Name = "player"
+    size: tuple[Side, Side] = (1280, 720)
+    fullscreen: bool = False
+    text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
+    keys: dict[str, list[str]] = {}
+    task: str = "synchronous/01"
+    seats: Annotated[int, Field(ge=1, le=8)] = 1
+    partner: str = "planner"
+    rate: Annotated[float, Field(ge=1, le=20)] = 5.0
+    server: str = "ws://127.0.0.1:8765"
+    code: str = ""
+    learned: bool = False
+
+
+def settings_path() -> Path:
+    """Where the settings are."""
+    from platformdirs import user_config_path
+
+    return user_config_path("robotouille") / "window.json"
+
+
+def load_settings(path: Path) -> tuple[Settings, str]:
+    """The settings, and words where they could not be read: a file that is broken or of another
+    version is kept beside, as `….bak`, and the defaults are taken."""
+    try:
+        raw: Any = json.loads(path.read_text(encoding="utf-8"))
+        version = raw.get("version") if isinstance(raw, dict) else None
+        if version != VERSION:
+            return Settings(), _set_aside(path, f"are of version {version}")
+        return Settings.model_validate(raw), ""
+    except FileNotFoundError:
+        return Settings(), ""
+    except (ValueError, ValidationError, RecursionError):
+        return Settings(), _set_aside(path, "cannot be read")
+    except OSError as error:
+        return Settings(), f"The settings cannot be read: {error.strerror}."
+
+
+def save_settings(settings: Settings, path: Path) -> str:
+    """Write the settings; words where that fails, which is no reason to stop."""
+    draft = path.with_name(f"{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft.write_text(settings.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        draft.replace(path)
+    except OSError as error:
+        return f"The settings cannot be saved: {error.strerror}."
+    return ""
+
+
+def _set_aside(path: Path, what: str) -> str:
+    beside = path.with_name(f"{path.name}.bak")
+    with contextlib.suppress(OSError):
+        path.replace(beside)
+    return f"The settings {what}: these are the defaults. The old file is {beside.name}."

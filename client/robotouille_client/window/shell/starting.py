@@ -1,0 +1,43 @@
+"""The shell of a process: its first picture at once, then all that has to be loaded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robotouille_client.window import require_pygame, require_screen
+
+if TYPE_CHECKING:
+    from robotouille_client.window.shell.shell import Shell
+
+__all__ = ["open_shell"]
+
+
+def open_shell(
+    *, size: str | None = None, name: str | None = None, token: str | None = None
+) -> Shell:
+    """The window with what is remembered of its owner; what is given here comes first.
+
+    Raises:
+        RobotouilleError: There is no screen, pygame is missing, or the size is none.
+    """
+    require_pygame()
+    require_screen()
+    from robotouille_client.window.display import Display
+    from robotouille_client.window.forms.screen import Screen
+    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window.shell.settings import load_settings, settings_path
+
+    path = settings_path()
+    settings, told = load_settings(path)
+    if size is not None:
+        settings.size = parse_size(size)
+    settings.name = name or settings.name
+    display = Display(settings.size, fullscreen=settings.fullscreen)
+    Screen(display).splash("Robotouille")
+
+    from robotouille_client.window.shell.local_game import recordings_folder
+    from robotouille_client.window.shell.shell import Shell
+
+    shell = Shell(settings, display, path=path, recordings=recordings_folder(), token=token)
+    shell.message = told
+    return shell

@@ -1,0 +1,101 @@
+"""Two minutes that teach by doing: one sentence at a time, each waits until it is done.
+
+The words are made from the domain's own actions: nothing here knows what a kitchen is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Literal
+
+from robotouille.episode.rules import Clock
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.scene import scene
+from robotouille.world.world import State
+from robotouille_client.window.hands.commands import Command, KeyMap
+from robotouille_client.window.hands.walking import destination
+from robotouille_client.window.shell.local_game import Plan
+from robotouille_client.window.view import Source, View
+
+__all__ = ["TUTORIAL", "Lesson", "TutorialSource", "kind_of"]
+
+TUTORIAL = Plan("training/01", clock=Clock.TURN, max_steps=500)
+"""What is played: nothing hurries, and the task is a small one."""
+
+Kind = Literal["walk", "take", "put", "work"]
+
+
+@dataclass(frozen=True, slots=True)
+class Lesson:
+    """What is to be done, and how one does it."""
+
+    kind: Kind
+    words: str
+
+
+def lessons(keys: KeyMap) -> tuple[Lesson, ...]:
+    """All of it, in order."""
+    use = keys.words(Command.USE)
+    return (
+        Lesson("walk", "Walk to another place: press an arrow key, or click on the place."),
+        Lesson("take", f"Walk to something that lies there and take it: {use}, or a click."),
+        Lesson("put", f"Carry it somewhere else and put it down: {use}, or a click there."),
+        Lesson("work", f"Some places are for work: bring something, put it down, press {use}."),
+    )
+
+
+class TutorialSource:
+    """A source whose notice is the lesson; all else is another source's."""
+
+    def __init__(self, source: Source, keys: KeyMap) -> None:
+        self._source = source
+        self._lessons = list(lessons(keys))
+        self._goal_key = keys.words(Command.LIST)
+
+    @property
+    def lesson(self) -> Lesson | None:
+        """The one that is to be done now; None when all are."""
+        return self._lessons[0] if self._lessons else None
+
+    def view(self) -> View:
+        view = self._source.view()
+        return dataclasses.replace(view, notice=self._words(view))
+
+    def act(self, action: GroundAction) -> None:
+        """Act; a valid action of the lesson's kind is the lesson done."""
+        state, lesson = self._source.view().state, self.lesson
+        valid = action.player is not None and action in state.actions(action.player)
+        if lesson is not None and valid and kind_of(state, action) == lesson.kind:
+            self._lessons.pop(0)
+        self._source.act(action)
+
+    def say(self, text: str) -> None:
+        self._source.say(text)
+
+    @property
+    def finished(self) -> bool:
+        return self._source.finished
+
+    def _words(self, view: View) -> str:
+        if view.outcome:
+            return ""
+        if self.lesson is not None:
+            return self.lesson.words
+        goal = view.world.task.goal_description
+        return f"Now the whole task: {goal} {self._goal_key} lists all you can do."
+
+
+def kind_of(state: State, action: GroundAction) -> Kind:
+    """What an action is, by what it changes: where its player is, or what is held."""
+    if destination(action) is not None:
+        return "walk"
+    before = _held(state, action.player)
+    after = _held(state.world.successor(state, action), action.player)
+    if before == after:
+        return "work"
+    return "take" if len(after) > len(before) else "put"
+
+
+def _held(state: State, player: str | None) -> set[str]:
+    return {name for name, placed in scene(state).items() if placed.host == player}
