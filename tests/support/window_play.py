@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Iterator
 
 import pygame
 
@@ -127,3 +128,33 @@ def way(state: State, me: str, station: str) -> list[Command]:
 def goes_to(action: GroundAction) -> str | None:
     """Where an action walks to, if it is a walk."""
     return destination(action)
+
+
+class Fingers:
+    """What somebody does at a shell: a generator that posts events, and yields after each frame.
+
+    Its `sleep` takes the place of asyncio's; when the generator is at its end the window is closed.
+    """
+
+    def __init__(self, timer: Timer) -> None:
+        self.timer = timer
+        self.script: Iterator[None] = iter(())
+        self.ended = False
+
+    async def sleep(self, seconds: float) -> None:
+        await self.timer.sleep(seconds)
+        for _ in self.script:
+            return
+        self.ended = True
+        pygame.event.post(pygame.Event(pygame.QUIT))
+
+
+def post(*keys: int | str) -> None:
+    """Post keys by number, and text as typed."""
+    for key in keys:
+        if isinstance(key, str):
+            for letter in key:
+                pygame.event.post(pygame.Event(pygame.TEXTINPUT, text=letter))
+        else:
+            pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
+            pygame.event.post(pygame.Event(pygame.KEYUP, key=key, mod=0))

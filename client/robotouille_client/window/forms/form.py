@@ -151,7 +151,7 @@ class Form:
             target.blit(text.line(line, round(size * 1.5), self._accent), (inner.x, y))
             y += text.height(round(size * 1.5))
         y += pad // 2
-        if self.picture is not None:
+        if self.picture is not None and self.picture.get_width() * 2 < inner.width:
             place = self.picture.get_rect(topright=(inner.right, y))
             target.blit(self.picture, place)
             inner.width -= place.width + pad

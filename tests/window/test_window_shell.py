@@ -1,0 +1,356 @@
+"""The game around the games, from the menu to the end card, by posted events."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pygame
+import pytest
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+from tests.support.window_play import ARROWS, Fingers, Script, Timer, goes_to, post, way
+
+from robotouille import World, load_task
+from robotouille.certification.certificate import load_certificate
+from robotouille.episode.rules import Clock
+from robotouille.replay.recording import read_recording
+from robotouille_client import connect
+from robotouille_client.window.display import Display
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.shell.local_game import Plan
+from robotouille_client.window.shell.settings import Settings, load_settings
+from robotouille_client.window.shell.shell import Shell
+from robotouille_client.window.shell.tutorial import TUTORIAL, TutorialSource
+from robotouille_client.window.window import Window
+
+SIZE = (640, 480)
+SMALL = Plan("synchronous/01", clock=Clock.TURN, max_steps=100)
+
+
+class Evening:
+    """A shell, what is asked in it, and the fingers of its owner."""
+
+    def __init__(self, folder: Path, settings: Settings | None = None) -> None:
+        self.folder = folder
+        self.fingers = Fingers(Timer())
+        self.shell = Shell(
+            settings or Settings(learned=True, size=SIZE),
+            Display(SIZE, headless=True),
+            path=folder / "window.json",
+            recordings=folder / "recordings",
+            clock=self.fingers.timer,
+            sleep=self.fingers.sleep,
+        )
+        self.titles: list[str] = []
+        self.form: Form | None = None
+        self.window: Window | None = None
+
+    def watch(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Note each form that is asked, and each window of a game."""
+        ask, show, start = Screen.ask, Window._show, Window.run
+
+        async def asked(screen: Screen, form: Form, until: object = None) -> object:
+            self.form = form
+            self.titles.append(form.title)
+            return await ask(screen, form, until)  # type: ignore[arg-type]
+
+        def shown(window: Window, form: Form) -> None:
+            self.form = form
+            self.titles.append(form.title)
+            show(window, form)
+
+        async def started(window: Window, source: object, **options: object) -> None:
+            self.window = window
+            await start(window, source, **options)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(Screen, "ask", asked)
+        monkeypatch.setattr(Window, "_show", shown)
+        monkeypatch.setattr(Window, "run", started)
+
+    async def go(self, script: Callable[[], Iterator[None]], first: Plan | None = None) -> None:
+        self.fingers.script = script()
+        await self.shell.run(self.shell.play(first) if first is not None else None)
+
+    def choose(self, label: str) -> Iterator[None]:
+        """Go down to a button of the form that is asked, and press Enter."""
+        assert self.form is not None
+        row = next(row for row in self.form.rows if row.label == label)
+        for _ in self.form.rows:
+            if self.form.focused is row:
+                break
+            post(pygame.K_DOWN)
+            yield
+        assert self.form.focused is row
+        post(pygame.K_RETURN)
+        yield from wait(3)
+
+
+def wait(frames: int) -> Iterator[None]:
+    for _ in range(frames):
+        yield
+
+
+def keys_of(plan: Plan) -> Iterator[None]:
+    """Play the proven plan of a task with arrows and E."""
+    world = World(load_task(plan.task, timing="benchmark"))
+    state, me = world.initial, world.players[0]
+    for line in load_certificate(world.task).plan or ():
+        action = world.parse(state, me, line)
+        station = goes_to(action)
+        for key in [ARROWS[c] for c in way(state, me, station)] if station else [pygame.K_e]:
+            post(key)
+            yield from wait(2)
+        state = state.step(action).state
+
+
+@pytest.fixture
+def evening(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Evening:
+    found = Evening(tmp_path)
+    found.watch(monkeypatch)
+    return found
+
+
+async def test_a_game_its_end_its_replay_again_and_quit(evening: Evening) -> None:
+    def script() -> Iterator[None]:
+        yield from keys_of(SMALL)
+        assert evening.titles == ["Done!"]
+        assert evening.form is not None
+        words = [row.label for row in evening.form.rows]
+        assert words[0].startswith("Goal reached in ")
+        assert words[1].startswith("Proven best: 8 steps. This game: ")
+        assert words[-6:] == [
+            "Play again", "Next task", "Watch the replay", "Save a video", "Menu", "Quit",
+        ]  # fmt: skip
+        assert any(word.endswith("(you)") for word in words)
+        post(pygame.K_e, pygame.K_RETURN)
+        yield from wait(2)
+        assert evening.titles == ["Done!"], "who still plays does not answer the card"
+        yield from wait(60)
+        yield from evening.choose("Watch the replay")
+        yield from wait(5)
+        post(pygame.K_ESCAPE)
+        yield from wait(2)
+        yield from evening.choose("Leave the replay")
+        yield from evening.choose("Play again")
+        yield from wait(3)
+        post(pygame.K_ESCAPE)
+        yield from wait(2)
+        assert evening.titles[-1] == "Leave this game?"
+        yield from evening.choose("Leave it")
+        assert evening.titles[-1] == "Hello, player"
+        yield from evening.choose("Quit")
+        yield from wait(100)
+        raise AssertionError("it goes on after Quit")
+
+    await asyncio.wait_for(evening.go(script, SMALL), 60)
+    assert not evening.fingers.ended
+    (path,) = (evening.folder / "recordings").iterdir()
+    recording = read_recording(path)
+    assert recording.verify().ok
+    assert recording.outcome is not None
+    assert recording.outcome["reason"] == "goal"
+
+
+async def test_losing_does_not_look_like_winning(evening: Evening) -> None:
+    def script() -> Iterator[None]:
+        for _ in range(4):
+            post(pygame.K_SPACE)
+            yield from wait(2)
+        assert evening.titles == ["Not done this time"]
+        yield from wait(60)
+        post(pygame.K_ESCAPE)
+        yield from wait(100)
+
+    short = Plan("synchronous/01", clock=Clock.TURN, max_steps=3)
+    await asyncio.wait_for(evening.go(script, short), 60)
+    assert not evening.fingers.ended, "Escape quits"
+
+
+async def test_play_from_the_menu_with_another_task_and_next(evening: Evening) -> None:
+    def script() -> Iterator[None]:
+        yield
+        yield from evening.choose("Play here")
+        post(pygame.K_DOWN)
+        yield
+        task = evening.shell.settings.task
+        post(pygame.K_RIGHT)
+        yield
+        yield from evening.choose("Start")
+        assert evening.window is not None
+        assert evening.shell.settings.task != task
+        post(pygame.K_ESCAPE)
+        yield from wait(2)
+        yield from evening.choose("Quit")
+
+    await asyncio.wait_for(evening.go(script), 60)
+    kept, words = load_settings(evening.folder / "window.json")
+    assert not words
+    assert kept.task.startswith("synchronous/02")
+    assert not list((evening.folder / "recordings").glob("*")), "a game that was left is not kept"
+
+
+async def test_settings_are_kept_and_followed(evening: Evening) -> None:
+    def script() -> Iterator[None]:
+        yield
+        yield from evening.choose("Settings")
+        for _ in "player":
+            post(pygame.K_BACKSPACE)
+        post("Ada e")
+        yield
+        yield from evening.choose("Keys")
+        post(pygame.K_UP, pygame.K_DOWN, pygame.K_DOWN, pygame.K_DOWN, pygame.K_DOWN, pygame.K_DOWN)
+        yield
+        assert evening.form is not None
+        assert evening.form.focused is not None
+        yield from evening.choose("Use what is here")
+        post(pygame.K_f)
+        yield from wait(2)
+        yield from evening.choose("Save")
+        assert evening.form.title == "Hello, Ada e"
+        yield from evening.choose("Quit")
+
+    await asyncio.wait_for(evening.go(script), 60)
+    kept, _ = load_settings(evening.folder / "window.json")
+    assert (kept.name, kept.keys) == ("Ada e", {"use": ["f"]})
+
+
+async def test_the_tutorial_ends_with_its_task(evening: Evening) -> None:
+    def script() -> Iterator[None]:
+        yield
+        yield from evening.choose("Tutorial: two minutes")
+        yield from wait(10)
+        yield from keys_of(TUTORIAL)
+        assert evening.titles[-1] == "Done!"
+        yield from wait(60)
+        yield from evening.choose("Menu")
+        yield from evening.choose("Quit")
+
+    evening.shell.settings.learned = False
+    await asyncio.wait_for(evening.go(script), 60)
+    assert evening.shell.settings.learned
+
+
+def test_the_tutorial_waits_until_each_thing_is_done() -> None:
+    script = Script(World("training/01"))
+    source = TutorialSource(script, KeyMap())
+    told = [source.view().notice]
+    for line in load_certificate("training/01").plan or ():
+        source.act(script.world.parse(script.state, script.me, line))
+        if source.view().notice != told[-1]:
+            told.append(source.view().notice)
+            if source.lesson is not None:
+                before = source.lesson
+                source.act(script.world.parse(script.state, script.me, "wait()"))
+                assert source.lesson is before, "to wait teaches nothing"
+    assert [words.split(":")[0] for words in told] == [
+        "Walk to another place",
+        "Walk to something that lies there and take it",
+        "Carry it somewhere else and put it down",
+        "Some places are for work",
+        "Now the whole task",
+    ]
+
+
+async def test_a_window_can_be_closed_anywhere(evening: Evening) -> None:
+    for first in (None, SMALL):
+        await asyncio.wait_for(evening.go(lambda: wait(3), first), 30)
+        assert evening.fingers.ended
+
+
+async def test_a_task_that_is_none_is_told_in_the_menu(evening: Evening) -> None:
+    evening.shell.settings.task = "no/such"
+
+    def script() -> Iterator[None]:
+        yield
+        yield from evening.choose("Join by code")
+        yield from evening.choose("Play")
+        yield from wait(400)
+        assert evening.form is not None
+        assert evening.form.message, "nobody listens there"
+        post(pygame.K_ESCAPE)
+        yield from wait(3)
+        yield from evening.choose("Quit")
+
+    evening.shell.settings.server = "ws://127.0.0.1:9"
+    await asyncio.wait_for(evening.go(script), 60)
+
+
+def test_open_a_kitchen_on_a_server_wait_for_others_and_leave(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evening = Evening(tmp_path)
+    evening.watch(monkeypatch)
+
+    async def main() -> None:
+        async with serving(tmp_path / "server") as server:
+            evening.shell.settings.server = server.url
+            evening.shell.settings.task = "multi_agent/01"
+
+            def script() -> Iterator[None]:
+                yield
+                yield from evening.choose("Open a kitchen on a server")
+                yield from evening.choose("Open and join")
+                while evening.window is None:
+                    yield
+                yield from wait(5)
+                post(pygame.K_ESCAPE)
+                yield from wait(2)
+                yield from evening.choose("Leave it")
+                yield from evening.choose("Kitchens on a server")
+                while evening.titles[-1] != "Kitchens":
+                    yield
+                assert evening.form is not None
+                assert "lettuce burger" in evening.form.rows[0].label
+                yield from evening.choose("Back")
+                yield from evening.choose("Quit")
+
+            monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+            evening.shell._clock = asyncio.get_running_loop().time
+            evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
+            await asyncio.wait_for(evening.go(script), 60)
+            assert evening.shell.settings.code
+            async with connect(server.url, name="bob") as bob:
+                (found,) = await bob.episodes()
+                assert found.code == evening.shell.settings.code
+
+    run(main())
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "cannot be read"),
+        ('{"version": 7}', "are of version 7"),
+        ("[]", "are of version None"),
+        ('{"version": 1, "rate": "fast"}', "cannot be read"),
+        ('{"version": 1, "colour": "red"}', "cannot be read"),
+    ],
+)
+def test_settings_that_cannot_be_read_are_kept_beside(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "window.json"
+    path.write_text(text)
+    settings, words = load_settings(path)
+    assert settings == Settings()
+    assert told in words
+    assert (tmp_path / "window.json.bak").read_text() == text
+    assert not path.exists()
+
+
+def test_no_settings_are_the_defaults(tmp_path: Path) -> None:
+    assert load_settings(tmp_path / "none" / "window.json") == (Settings(), "")
+
+
+async def test_settings_that_cannot_be_saved_are_no_reason_to_stop(evening: Evening) -> None:
+    (evening.folder / "file").write_text("")
+    evening.shell._path = evening.folder / "file" / "window.json"
+    await asyncio.wait_for(evening.go(lambda: wait(2)), 30)
+    assert "cannot be saved" in evening.shell.message
+
+
+def test_the_settings_file_says_its_version(tmp_path: Path) -> None:
+    assert json.loads(Settings().model_dump_json())["version"] == 1
