@@ -184,6 +184,25 @@ def test_the_list_by_arrows_and_enter(table: Table) -> None:
     assert table.overlay().choices is None
 
 
+def test_the_strip_and_the_list_can_be_clicked(table: Table) -> None:
+    def click(key: str) -> None:
+        places = table.window._painter._key_strip._places
+        area = next(area for area, name in places if name == key)
+        pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=area.center, button=1))
+        table.window.frame(table.source)
+
+    table.press(*[ARROWS[c] for c in way(table.source.state, "robot1", "table1")])
+    walked = len(table.source.acted)
+    click("E")
+    assert [a.name for a in table.source.acted[walked:]] == ["pick-up-item"]
+    click("Tab")
+    wanted = table.overlay().choices[1]
+    click("2")
+    assert table.source.acted[-1].sentence == wanted
+    click("H")
+    assert table.overlay().help
+
+
 def test_three_things_wait_and_escape_forgets_them(slow: Table) -> None:
     slow.press(pygame.K_LEFT, pygame.K_e, pygame.K_DOWN, pygame.K_e)
     assert len(slow.source.acted) == 1

@@ -164,6 +164,9 @@ async def test_losing_does_not_look_like_winning(evening: Evening) -> None:
         assert evening.titles == ["Not done this time"]
         yield from wait(60)
         post(pygame.K_ESCAPE)
+        yield from wait(3)
+        assert evening.titles[-1] == "Hello, player"
+        post(pygame.K_ESCAPE)
         yield from wait(100)
 
     short = Plan("synchronous/01", clock=Clock.TURN, max_steps=3)

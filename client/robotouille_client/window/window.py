@@ -25,6 +25,7 @@ __all__ = ["Window"]
 
 CARD_SECONDS = 0.7
 """For which a new card takes no answers: who plays is still pressing keys."""
+CARD_KEYS = (("↑↓", "choose"), ("Enter", "do it"), ("Esc", "back"))
 STAY = "stay"
 
 
@@ -83,6 +84,7 @@ class Window:
             extra_keys=extra_keys or {},
             help_rows=help_rows,
             target=self._target,
+            key_at=self._painter.key_at,
             clock=clock,
         )
 
@@ -142,7 +144,10 @@ class Window:
         shown = dataclasses.replace(view, hover=view.hover or hover)
         if self._card is not None:
             shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.
-        self._painter.paint(surface, shown, self._input.overlay(view, hover))
+        overlay = self._input.overlay(view, hover)
+        if self._card is not None:
+            overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
+        self._painter.paint(surface, shown, overlay)
         if self._card is not None:
             self._painter.card(surface, view.world, self._card)
         self._display.flip()

@@ -32,11 +32,17 @@ class KeyStrip:
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
+        self._places: list[tuple[pygame.Rect, str]] = []
+
+    def key_at(self, pos: tuple[int, int]) -> str:
+        """The key that was drawn at a point, a digit for a row of the list; else nothing."""
+        return next((key for area, key in reversed(self._places) if area.collidepoint(pos)), "")
 
     def draw(
         self, target: pygame.Surface, layout: Layout, stage: Stage, ui_overlay: UiOverlay
     ) -> None:
         """What there is of it; words that are typed take the place of the keys."""
+        self._places = []
         if ui_overlay.mark is not None:
             self._mark(target, layout, stage, ui_overlay.mark)
         if ui_overlay.typing is None:
@@ -97,6 +103,8 @@ class KeyStrip:
         letters = self._text.line(key, size, ink)
         cap = pygame.Rect(0, 0, self._key_width(key, "", size) - size // 2, size * 3 // 2)
         cap.midleft = at
+        whole = cap.inflate(size // 2 + self._text.width(words, size), size // 2)
+        self._places.append((whole.move((whole.width - cap.width) // 2, 0), key))
         target.blit(box(cap.size, CARD, size // 3, FAINT), cap)
         target.blit(letters, letters.get_rect(center=cap.center))
         line = self._text.line(words, size, ink)
@@ -117,6 +125,7 @@ class KeyStrip:
         for i, row in enumerate(words):
             place = pygame.Rect(area.x + pad // 2, area.y + pad + i * step, widest - pad, step - 2)
             chosen = bool(ui_overlay.choices) and i == ui_overlay.chosen
+            self._places.append((place, str(i + 1)))
             if chosen:
                 target.blit(box(place.size, ACCENT, pad // 2), place)
             ink = INK if chosen else TEXT

@@ -77,6 +77,10 @@ class Painter:
         place = self.layout(surface.get_size(), world)
         form.draw(surface, place.panel, self._text, max(11, place.text - 2))
 
+    def key_at(self, pos: tuple[int, int]) -> str:
+        """The key that the newest picture shows at a point; else nothing."""
+        return self._key_strip.key_at(pos) if self._world is not None else ""
+
     def layout(self, size: tuple[int, int], world: World) -> Layout:
         """Where things are on a surface of a size."""
         problem = world.task.problem

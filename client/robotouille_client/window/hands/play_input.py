@@ -28,7 +28,8 @@ _Advice = tuple[tuple[str, ...], HelpRows]
 
 
 class PlayInput:
-    """Keys, clicks and commands in a game; `target` finds what is under a point of the window."""
+    """Keys, clicks and commands in a game; `target` finds what is under a point of the window, and
+    `key_at` the key that is drawn there."""
 
     def __init__(
         self,
@@ -38,6 +39,7 @@ class PlayInput:
         extra_keys: Mapping[str, Callable[[], None]],
         help_rows: HelpRows | None,
         target: Callable[[tuple[int, int], View], str | None],
+        key_at: Callable[[tuple[int, int]], str],
         clock: Callable[[], float],
     ) -> None:
         self.hands = Hands(keys, clock)
@@ -45,6 +47,7 @@ class PlayInput:
         self._extra_keys = extra_keys
         self._help_rows = help_rows
         self._target = target
+        self._key_at = key_at
         self._clock = clock
         self._chat = ChatLine()
         self._controls: Controls | None = None
@@ -87,6 +90,9 @@ class PlayInput:
             self.hands.release()
         elif event.type == pygame.MOUSEBUTTONDOWN:
             self._pointer = event.pos
+            key = "" if self.typing else self._key_at(event.pos).casefold()
+            if key and event.button == 1:
+                return self._key(key, source, view)
             self._click(_BUTTONS.get(event.button), source, view)
         elif event.type == pygame.TEXTINPUT:
             self._chat.text(event.text)

@@ -24,12 +24,13 @@ def open_shell(
     require_screen()
     from robotouille_client.window.display import Display
     from robotouille_client.window.forms.screen import Screen
-    from robotouille_client.window.playback import parse_size
     from robotouille_client.window.shell.settings import load_settings, settings_path
 
     path = settings_path()
     settings, told = load_settings(path)
     if size is not None:
+        from robotouille_client.window.playback import parse_size
+
         settings.size = parse_size(size)
     settings.name = name or settings.name
     display = Display(settings.size, fullscreen=settings.fullscreen)
