@@ -21,7 +21,11 @@ from tests.support.sources import (
 )
 
 MAX_IN_FOLDER = 12
-WIDE_FOLDERS = {"robotouille": 18, "robotouille.planners.kitchen": 14}
+WIDE_FOLDERS = {
+    "robotouille": 18,
+    "robotouille.planners.kitchen": 14,
+    "robotouille_client.window": 14,
+}
 """Folders that hold more than they should, and how much they hold at most."""
 
 TEST_FILES = sorted((ROOT / "tests").rglob("*.py"))

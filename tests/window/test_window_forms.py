@@ -6,7 +6,7 @@ import pygame
 import pytest
 from tests.support.window_play import post
 
-from robotouille_client.window.display import Display
+from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import (
     Button,

@@ -206,7 +206,7 @@ def test_the_strip_and_the_list_can_be_clicked(table: Table) -> None:
 def test_three_things_wait_and_escape_forgets_them(slow: Table) -> None:
     slow.press(pygame.K_LEFT, pygame.K_e, pygame.K_DOWN, pygame.K_e)
     assert len(slow.source.acted) == 1
-    assert slow.overlay().queued == ("E", "↓", "E")
+    assert slow.overlay().queued == ("E", "Down", "E")
     slow.press(pygame.K_e)
     assert slow.overlay().prompt == "3 things wait already"
     slow.step()
@@ -276,7 +276,7 @@ def test_keys_can_be_changed_and_none_means_two_things() -> None:
 
 def test_keys_have_names() -> None:
     assert [key_words(k) for k in ("e", "tab", "space", "f11", "return", "left")] == [
-        "E", "Tab", "Space", "F11", "Enter", "←",
+        "E", "Tab", "Space", "F11", "Enter", "Left",
     ]  # fmt: skip
 
 

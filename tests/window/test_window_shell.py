@@ -18,14 +18,14 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.episode.rules import Clock
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
-from robotouille_client.window.display import Display
+from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
 from robotouille_client.window.hands.commands import KeyMap
-from robotouille_client.window.shell.local_game import Plan
+from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.settings import Settings, load_settings
 from robotouille_client.window.shell.shell import Shell
-from robotouille_client.window.shell.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.window import Window
 
 SIZE = (640, 480)

@@ -15,7 +15,7 @@ from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import explain, fail
 
 if TYPE_CHECKING:
-    from robotouille_client.window.shell.local_game import Plan
+    from robotouille_client.window.shell.games.local_game import Plan
 
 __all__ = ["play"]
 
@@ -52,7 +52,7 @@ def play(
         require_pygame()
         if partner is BotKind.SCRIPTED:
             raise RobotouilleError("partners are random or planner bots")
-        from robotouille_client.window.shell.local_game import Plan
+        from robotouille_client.window.shell.games.local_game import Plan
 
         plan = task and Plan(task, seats, mode, step_rate, partner, timing, max_steps, seed)
         if screenshot is not None:
@@ -73,7 +73,7 @@ def play(
 def _picture(plan: Plan, size: str, path: Path) -> None:
     """Save a game's first picture."""
     from robotouille_client.window.playback import parse_size
-    from robotouille_client.window.shell.local_game import LocalGame
+    from robotouille_client.window.shell.games.local_game import LocalGame
     from robotouille_client.window.window import Window
 
     if not path.parent.is_dir():

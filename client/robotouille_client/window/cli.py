@@ -112,7 +112,7 @@ async def _run(
     **show: object,
 ) -> None:
     from robotouille_client.client import connect
-    from robotouille_client.window.shell.remote_game import remote_game
+    from robotouille_client.window.shell.games.remote_game import remote_game
 
     if code is None:
         async with connect(url, name=name, kind="human", token=token) as client:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pygame
 
-from robotouille_client.window.display import Display
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.cards import Cards
+from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
@@ -25,7 +25,7 @@ __all__ = ["Window"]
 
 CARD_SECONDS = 0.7
 """For which a new card takes no answers: who plays is still pressing keys."""
-CARD_KEYS = (("↑↓", "choose"), ("Enter", "do it"), ("Esc", "back"))
+CARD_KEYS = (("Arrows", "choose"), ("Enter", "do it"), ("Esc", "back"))
 STAY = "stay"
 
 
@@ -149,7 +149,8 @@ class Window:
             overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
         self._painter.paint(surface, shown, overlay)
         if self._card is not None:
-            self._painter.card(surface, view.world, self._card)
+            place = self._painter.layout(surface.get_size(), view.world)
+            self._card.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
         self._display.flip()
         self.frames += 1
 

@@ -120,7 +120,7 @@ class KeyStrip:
         widest = max(self._text.width(row, size) for row in (*words, foot)) + 5 * pad
         high = step * (len(rows) + bool(foot)) + 2 * pad
         area = pygame.Rect(0, 0, widest, high)
-        area.bottomright = (layout.size[0] - pad, layout.size[1] - pad)
+        area.bottomright = (layout.size[0] - pad, layout.strip.top - 2 * pad)
         target.blit(box(area.size, (*PANEL, 245), pad, ACCENT), area)
         for i, row in enumerate(words):
             place = pygame.Rect(area.x + pad // 2, area.y + pad + i * step, widest - pad, step - 2)

@@ -17,7 +17,6 @@ from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel import Panel
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
-from robotouille_client.window.forms.form import Form
 from robotouille_client.window.pictures.appearance import Stage
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -48,7 +47,7 @@ class Painter:
         self._rendering = rendering
         self._pictures = () if pictures is None else (pictures,)
         self._strip = strip
-        self._text = Typesetter()
+        self.text = self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
 
@@ -71,11 +70,6 @@ class Painter:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._key_strip.draw(surface, place, stage, ui_overlay)
         self._notices.draw(surface, place, view, ui_overlay)
-
-    def card(self, surface: pygame.Surface, world: World, form: Form) -> None:
-        """Draw a form in place of the panel: the kitchen stays in sight."""
-        place = self.layout(surface.get_size(), world)
-        form.draw(surface, place.panel, self._text, max(11, place.text - 2))
 
     def key_at(self, pos: tuple[int, int]) -> str:
         """The key that the newest picture shows at a point; else nothing."""

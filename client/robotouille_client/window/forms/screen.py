@@ -8,7 +8,7 @@ from typing import Any
 
 import pygame
 
-from robotouille_client.window.display import Display
+from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads

@@ -59,7 +59,7 @@ FIXED: Mapping[str, Command] = {
 }
 """Keys that mean the same for everybody, so that nobody can lock themselves out."""
 
-_SHORT = {"return": "Enter", "escape": "Esc", "left": "←", "right": "→", "up": "↑", "down": "↓"}
+_SHORT = {"return": "Enter", "escape": "Esc"}
 
 
 class KeyMap:
@@ -98,6 +98,6 @@ class KeyMap:
 
 
 def key_words(key: str) -> str:
-    """A key's name as it is shown: `E`, `Space`, `F11`, `←`."""
+    """A key's name as it is shown: `E`, `Space`, `F11`."""
     short = len(key) == 1 or key[1:].isdigit()
     return _SHORT.get(key) or (key.upper() if short else key.capitalize())

@@ -265,7 +265,7 @@ class PlayInput:
         start = self.hands.page * MAX_CHOICES
         shown = actions[start : start + MAX_CHOICES]
         pages = -(-len(actions) // MAX_CHOICES)
-        more = f"{self.hands.page + 1} of {pages}: ← →" if pages > 1 else ""
+        more = f"{self.hands.page + 1} of {pages}: Left, Right" if pages > 1 else ""
         return tuple(action.sentence for action in shown), more
 
     def _help_of(self, view: View) -> HelpRows:

@@ -15,26 +15,26 @@ from robotouille.domain.catalogue import task_names
 from robotouille.errors import RobotouilleError
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
-from robotouille_client.window.display import Display
 from robotouille_client.window.forms.cards import Cards
+from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.shell.game_cards import GameCards, ReplayCards
-from robotouille_client.window.shell.local_game import LocalGame, Plan
-from robotouille_client.window.shell.menu import menu
-from robotouille_client.window.shell.play_menu import PlayMenu, task_title
-from robotouille_client.window.shell.remote_game import remote_game
-from robotouille_client.window.shell.replays_menu import recent_recordings, replays_menu
-from robotouille_client.window.shell.server_menus import (
+from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.shell.games.remote_game import remote_game
+from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
+from robotouille_client.window.shell.screens.main_menu import menu
+from robotouille_client.window.shell.screens.play_menu import PlayMenu, task_title
+from robotouille_client.window.shell.screens.replays_menu import recent_recordings, replays_menu
+from robotouille_client.window.shell.screens.server_menus import (
     JoinMenu,
     OpenMenu,
     lobby_menu,
     waiting_form,
 )
+from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.settings import Settings, save_settings
-from robotouille_client.window.shell.settings_menu import KeysMenu, SettingsMenu
-from robotouille_client.window.shell.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.window import Window
 

@@ -22,7 +22,7 @@ def open_shell(
     """
     require_pygame()
     require_screen()
-    from robotouille_client.window.display import Display
+    from robotouille_client.window.forms.display import Display
     from robotouille_client.window.forms.screen import Screen
     from robotouille_client.window.shell.settings import load_settings, settings_path
 
@@ -36,7 +36,7 @@ def open_shell(
     display = Display(settings.size, fullscreen=settings.fullscreen)
     Screen(display).splash("Robotouille")
 
-    from robotouille_client.window.shell.local_game import recordings_folder
+    from robotouille_client.window.shell.games.local_game import recordings_folder
     from robotouille_client.window.shell.shell import Shell
 
     shell = Shell(settings, display, path=path, recordings=recordings_folder(), token=token)

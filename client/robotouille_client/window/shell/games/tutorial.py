@@ -15,7 +15,7 @@ from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.walking import destination
-from robotouille_client.window.shell.local_game import Plan
+from robotouille_client.window.shell.games.local_game import Plan
 from robotouille_client.window.view import Source, View
 
 __all__ = ["TUTORIAL", "Lesson", "TutorialSource", "kind_of"]

@@ -6,9 +6,9 @@ from robotouille.domain.catalogue import load_task, task_names
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, Slider, Words
-from robotouille_client.window.shell.local_game import Plan
+from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.screens.thumbnails import thumbnail
 from robotouille_client.window.shell.settings import Settings
-from robotouille_client.window.shell.thumbnails import thumbnail
 
 __all__ = ["PlayMenu", "pace_words", "task_title"]
 

@@ -9,7 +9,7 @@ from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, Row, Slider, TextField, Words
-from robotouille_client.window.shell.play_menu import pace_words, task_title
+from robotouille_client.window.shell.screens.play_menu import pace_words, task_title
 from robotouille_client.window.shell.settings import Settings
 
 __all__ = ["JoinMenu", "OpenMenu", "episode_words", "lobby_menu", "waiting_form"]

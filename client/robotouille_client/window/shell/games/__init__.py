@@ -1,0 +1,1 @@
+"""What is played: here, on a server, and to learn it."""

@@ -1,0 +1,1 @@
+"""The screens of the menu: what each asks, and what was answered."""
