@@ -17,6 +17,7 @@ from robotouille_client.window.forms.form import Form
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.play_input import HelpRows, PlayInput
+from robotouille_client.window.hands.sounds import Sounds
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import Source, View
@@ -38,7 +39,7 @@ class Window:
     about each event. `keys` are those of the window's own commands. A `display` that is given stays
     open when this window is closed. `cards` are shown beside the kitchen when a game is over, and
     when its owner wants to leave it; `answer` is what was chosen there, None if the window was
-    closed. `clock` and `sleep` are injected for tests.
+    closed. `sounds` are told each view. `clock` and `sleep` are injected for tests.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Window:
         display: Display | None = None,
         gamepads: Gamepads | None = None,
         cards: Cards | None = None,
+        sounds: Sounds | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -72,6 +74,7 @@ class Window:
         self._display = display or Display(size, caption=caption, headless=headless)
         self._gamepads = gamepads or Gamepads()
         self._cards = cards
+        self._sounds = sounds
         self._card: Form | None = None
         self._card_since = 0.0
         self._over = False
@@ -115,6 +118,8 @@ class Window:
         for event in pygame.event.get():
             self._handle(event, source, source.view())
         self._input.tick(source, source.view())
+        if self._sounds is not None:
+            self._sounds.heard(source.view())
         self._show_end(source, source.view())
         self._draw(source.view())
 
@@ -180,6 +185,8 @@ class Window:
             self._display.toggle_fullscreen()
         elif command is Command.SCREENSHOT:
             self._save_screenshot()
+        elif command is Command.SOUND and self._sounds is not None:
+            self._input.tell(self._sounds.toggle())
         elif command in (Command.CANCEL, Command.MENU) and self._cards is not None:
             self._show(self._cards.leaving(view))
 

@@ -24,6 +24,7 @@ class Command(StrEnum):
     FULLSCREEN = "fullscreen"
     SCREENSHOT = "screenshot"
     MENU = "menu"
+    SOUND = "sound"
 
 
 DIRECTIONS: Mapping[Command, tuple[int, int]] = {
@@ -43,6 +44,7 @@ DEFAULT_KEYS: Mapping[Command, tuple[str, ...]] = {
     Command.LIST: ("tab",),
     Command.CHAT: ("t",),
     Command.HELP: ("h",),
+    Command.SOUND: ("m",),
     Command.FULLSCREEN: ("f11",),
     Command.SCREENSHOT: ("f12",),
 }

@@ -115,7 +115,7 @@ class PlayInput:
             self._help = not self._help
         elif command is Command.CHAT or (command is Command.ENTER and key):
             self._chat.open(key)
-        elif view.me is None:
+        elif view.me is None or command is Command.SOUND:
             return command
         elif command in DIRECTIONS:
             self.tell(self.hands.walk(command, source, view))
@@ -281,6 +281,7 @@ class PlayInput:
         )
         window = (
             (f"{keys.words(Command.CHAT)} or Enter", "say something (Enter sends, Esc cancels)"),
+            (keys.words(Command.SOUND), "sound on or off"),
             (keys.words(Command.FULLSCREEN) + ", Alt+Enter", "fill the screen"),
             (keys.words(Command.SCREENSHOT), "save a picture of the window"),
             (keys.words(Command.HELP), "this help"),

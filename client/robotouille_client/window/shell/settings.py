@@ -30,6 +30,7 @@ class Settings(BaseModel):
     name: Name = "player"
     size: tuple[Side, Side] = (1280, 720)
     fullscreen: bool = False
+    sound: bool = True
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
     keys: dict[str, list[str]] = {}
     task: str = "synchronous/01"

@@ -20,6 +20,7 @@ from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
+from robotouille_client.window.hands.sounds import Sounds
 from robotouille_client.window.shell.game_cards import GameCards, ReplayCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
 from robotouille_client.window.shell.games.remote_game import remote_game
@@ -73,6 +74,7 @@ class Shell:
         self._clock = clock
         self._sleep = sleep
         self._gamepads = Gamepads()
+        self._sounds = None if display.headless else Sounds()
         self._screen = Screen(display, gamepads=self._gamepads, sleep=sleep)
         self._follow_settings()
 
@@ -91,6 +93,8 @@ class Shell:
             pass
         finally:
             self._remember()
+            if self._sounds is not None:
+                self._sounds.close()
             self.display.close()
 
     async def _go(self, where: str) -> object:
@@ -312,6 +316,7 @@ class Shell:
             display=self.display,
             gamepads=self._gamepads,
             cards=cards,
+            sounds=self._sounds,
             keys=self._screen.keys,
             screenshots=Path.cwd(),
             clock=self._clock,
@@ -319,6 +324,8 @@ class Shell:
             **options,
         )
         await window.run(source, linger=None)
+        if self._sounds is not None:
+            self.settings.sound = self._sounds.on
         if window.answer is None:
             raise ClosedByOwnerError
         return window.answer
@@ -347,6 +354,8 @@ class Shell:
     def _follow_settings(self) -> None:
         self._screen.keys = KeyMap(self.settings.keys)
         self._screen.text_scale = self.settings.text_scale
+        if self._sounds is not None:
+            self._sounds.on = self.settings.sound
 
     def _remember(self) -> None:
         self.settings.size = self.display.size

@@ -18,6 +18,7 @@ _WORDS = {
     Command.LIST: "List of all actions",
     Command.CHAT: "Say something",
     Command.HELP: "Help",
+    Command.SOUND: "Sound on or off",
     Command.FULLSCREEN: "Fill the screen",
     Command.SCREENSHOT: "Save a picture",
 }
@@ -33,8 +34,9 @@ class SettingsMenu:
         self._scale = Slider(
             "Size of letters", settings.text_scale, 0.8, 1.6, 0.1, lambda x: f"{round(x * 100)} %"
         )
+        self._sound = Choice("Sound", [("on", True), ("off", False)], settings.sound)
         rows = (
-            self._name, self._server, self._full, self._scale,
+            self._name, self._server, self._sound, self._full, self._scale,
             Button("Keys", "keys"), Button("Save", "save"), Button("Back", "back"),
         )  # fmt: skip
         self.form = Form("Settings", rows)
@@ -43,6 +45,7 @@ class SettingsMenu:
         """Take over what was set."""
         settings.name = self._name.text.strip() or settings.name
         settings.server = self._server.text.strip() or settings.server
+        settings.sound = bool(self._sound.value)
         settings.fullscreen = bool(self._full.value)
         settings.text_scale = self._scale.value
 
