@@ -11,8 +11,8 @@ from typing import Literal
 
 from robotouille.program import printable, tell
 from robotouille_client.client import Client, connect
-from robotouille_client.game import Game
 from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
+from robotouille_client.game import Game
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.sources.remote_look import fetch_look
 
