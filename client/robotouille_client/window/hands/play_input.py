@@ -13,6 +13,7 @@ from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
 from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
+from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.view import Source, View
 
@@ -253,6 +254,9 @@ class PlayInput:
         return "".join(letters).upper() if len(letters) == 4 else "Arrows"
 
     def _mark(self, view: View) -> Mark | None:
+        if self.hands.choices:
+            there = destination(self.hands.choices[self.hands.chosen])
+            return Mark(there, "asked") if there else None
         if view.me is None or self.hands.queue.sent is None:
             return None
         station = self.hands.target(view.state, view.me)
