@@ -91,6 +91,11 @@ class Window:
             clock=clock,
         )
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Its size in pixels, while it does not fill the screen."""
+        return self._display.size
+
     async def run(self, source: Source, *, linger: float | None = 5.0) -> None:
         """Show a source until the window is closed, or `linger` seconds after it has finished.
 
