@@ -127,3 +127,37 @@ def test_a_server_that_asks_for_a_token_gets_it(tmp_path: Path) -> None:
             await window
 
     run(main())
+
+
+def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[tuple[object, ...], bool]]:
+    """How a command opens the window with its menu."""
+    found: list[tuple[tuple[object, ...], bool]] = []
+
+    def record(*arguments: object, asked: bool) -> None:
+        found.append((arguments, asked))
+
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr(cli, "_open_shell", record)
+    done = runner.invoke(client_app, list(words))
+    assert done.exit_code == 0, done.output
+    return found
+
+
+@pytest.mark.parametrize(
+    ("words", "asked"),
+    [
+        ([], False),
+        (["--name", "ada"], False),
+        (["--size", "800x600"], False),
+        (["KQXZB-MHTWA"], True),
+        (["--watch"], True),
+        (["--create", "synchronous/01"], True),
+        (["--port", "9000"], True),
+        (["--url", "ws://here"], True),
+    ],
+)
+def test_without_anything_to_join_there_is_a_menu(
+    monkeypatch: pytest.MonkeyPatch, words: list[str], asked: bool
+) -> None:
+    ((_, was_asked),) = opened(monkeypatch, *words)
+    assert was_asked is asked
