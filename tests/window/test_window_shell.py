@@ -156,6 +156,13 @@ async def test_a_game_its_end_its_replay_again_and_quit(evening: Evening) -> Non
     assert recording.outcome["reason"] == "goal"
 
 
+async def test_a_game_that_is_closed_at_its_end_is_kept(evening: Evening) -> None:
+    await asyncio.wait_for(evening.go(lambda: keys_of(SMALL), SMALL), 60)
+    assert evening.fingers.ended
+    (path,) = (evening.folder / "recordings").iterdir()
+    assert read_recording(path).verify().ok
+
+
 async def test_losing_does_not_look_like_winning(evening: Evening) -> None:
     def script() -> Iterator[None]:
         for _ in range(4):

@@ -144,11 +144,10 @@ class Shell:
         if game.path is not None:
             buttons += [("Watch the replay", "watch"), ("Save a video", "video")]
         cards = GameCards(lambda: source.outcome, [*buttons, ("Menu", "menu"), ("Quit", "quit")])
-        answer = await self._show(source, cards, caption=task_title(plan.task))
-        if not source.finished:
-            game.discard()
-            return answer
-        path = game.finish()
+        try:
+            answer = await self._show(source, cards, caption=task_title(plan.task))
+        finally:
+            path = game.finish(over=source.finished)
         while answer in ("watch", "video") and path is not None:
             if answer == "watch":
                 await self._watch(path)

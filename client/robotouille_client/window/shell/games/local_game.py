@@ -71,8 +71,12 @@ class LocalGame:
         episode = Episode(self.world, rules, now())
         self.source = LocalSource(episode, me, bots, now, name=name, record=self._record)
 
-    def finish(self) -> Path | None:
-        """Close the recording; its file, or None where there is none."""
+    def finish(self, *, over: bool) -> Path | None:
+        """Close the recording; its file, or None where there is none. One of a game that is not
+        over is forgotten."""
+        if not over:
+            self._discard()
+            return None
         path = self.path
         if path is None or path.suffix != ".part":
             return path
@@ -85,8 +89,7 @@ class LocalGame:
         self.path = whole
         return whole
 
-    def discard(self) -> None:
-        """Forget a game that was left: what there is of it shows nothing."""
+    def _discard(self) -> None:
         if self.path is not None:
             with contextlib.suppress(OSError):
                 self.path.unlink(missing_ok=True)
@@ -112,7 +115,7 @@ class LocalGame:
             with self.path.open("ab") as file:
                 file.write(self._recorder.record(events))
         except (OSError, RecordingError):
-            self.discard()
+            self._discard()
             self.path = None
 
 
