@@ -276,6 +276,14 @@ def test_keys_can_be_changed_and_none_means_two_things() -> None:
     table.window.close()
 
 
+def test_help_says_what_the_keys_do_in_this_domain(table: Table) -> None:
+    table.press(pygame.K_h)
+    rows = dict(table.overlay().help)
+    assert rows["E, right click"] == "what is most useful here"
+    assert rows["Space"] == "wait"
+    assert rows["H"] == "this help"
+
+
 def test_keys_have_names() -> None:
     assert [key_words(k) for k in ("e", "tab", "space", "f11", "return", "left")] == [
         "E", "Tab", "Space", "F11", "Enter", "Left",

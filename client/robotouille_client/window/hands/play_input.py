@@ -11,7 +11,7 @@ from robotouille.world.world import State
 from robotouille_client.window.controls import Button, Controls
 from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
 from robotouille_client.window.hands.chat_line import ChatLine
-from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap
+from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command, KeyMap, key_words
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
@@ -276,7 +276,9 @@ class PlayInput:
         if self._help_rows is not None:
             return self._help_rows
         keys = self.hands.keys
-        use = " or ".join(k.capitalize() for k in keys.keys(Command.USE))
+        bound = self.controls(view).bindings.keyboard_actions
+        always = {b.input_instructions.key for b in bound if b.input_instructions.at is None}
+        use = " or ".join(key_words(k) for k in keys.keys(Command.USE) if k not in always)
         walk = dict.fromkeys((self._walk_keys(view), "Arrows"))
         own = (
             (", ".join(walk), "walk to the next station that way"),
