@@ -106,11 +106,11 @@ class View:
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
-    players whose decision a step has waited for, for a while.
+    players whose decision a step has waited for, for a while; `watching` counts spectators.
 
-    `notice` is something the operator says to everybody. A game that stands still has a `pause`;
-    `offline` are the seconds since the connection was lost, None while there is one; with a
-    `farewell` the owner is out of the game.
+    `notice` is something the operator says to everybody. A game that begins in `starts_in` seconds
+    is counted down to, and one that stands still has a `pause`; `offline` are the seconds since the
+    connection was lost, None while there is one; with a `farewell` the owner is out of the game.
     """
 
     world: World
@@ -133,6 +133,8 @@ class View:
     offline: float | None = None
     farewell: FarewellView | None = None
     waits_for: tuple[str, ...] = ()
+    starts_in: float | None = None
+    watching: int = 0
 
     @property
     def frozen(self) -> bool:

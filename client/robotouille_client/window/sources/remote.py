@@ -18,6 +18,7 @@ from robotouille_client.window.sources.texts import (
     farewell,
     outcome_words,
     pause_words,
+    waiting_words,
 )
 from robotouille_client.window.view import GLIDE_SECONDS, FarewellView, PauseView, SeatView, View
 
@@ -96,6 +97,8 @@ class RemoteSource:
             bubbles=self._chat_log.bubbles,
             chat=self._chat_log.lines,
             status=self._status(),
+            starts_in=self._starts_in(),
+            watching=game.spectators,
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
@@ -120,6 +123,12 @@ class RemoteSource:
         left = self._countdown.left(game.pause, self._now())
         why, detail = pause_words(game.pause.reason, game.seats, left)
         return PauseView(why, detail, left, self._countdown.share(left))
+
+    def _starts_in(self) -> float | None:
+        """The seconds until the game begins, while that is counted down to."""
+        starts_at = self._game.starts_at
+        waiting = starts_at is not None and self._game.phase == "waiting" and self._connected()
+        return max(0.0, starts_at - self._now()) if starts_at is not None and waiting else None
 
     def _offline(self) -> float | None:
         """For how many seconds the connection has been away."""
@@ -151,8 +160,7 @@ class RemoteSource:
         if game.paused:
             return "Paused"
         if game.phase == "waiting":
-            free = sum(not seat.name for seat in game.seats)
-            return f"Waiting for {free} more player{'s' * (free != 1)}"
+            return waiting_words(game.seats, self._starts_in())
         if game.turn is not None:
             return "Your turn" if game.turn == game.seat else f"{game.turn}'s turn"
         return ""

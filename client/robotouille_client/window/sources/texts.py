@@ -8,7 +8,7 @@ from math import ceil
 from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.view import FarewellView
 
-__all__ = ["clock_words", "farewell", "outcome_words", "pause_words"]
+__all__ = ["clock_words", "farewell", "outcome_words", "pause_words", "waiting_words"]
 
 REASONS = {
     "goal": "Goal reached",
@@ -76,6 +76,16 @@ def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> t
         case "deserted":
             return "Everybody is away", f"{waiting}, then the game ends."
     return "The game stands still", f"{reason}. {waiting}."
+
+
+def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None) -> str:
+    """What a game that has not begun waits for."""
+    if starts_in is not None:
+        return f"Starts in {ceil(starts_in)}" if starts_in > 0 else "Starts now"
+    away = [seat.name for seat in seats if seat.name and not seat.present]
+    free = sum(not seat.name for seat in seats)
+    more = [f"{free} more player{'s' * (free != 1)}"] if free else []
+    return f"Waiting for {_listed([*away, *more]) or 'the others'}"
 
 
 def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:
