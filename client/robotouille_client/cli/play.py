@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from pydantic import ValidationError
@@ -14,7 +14,24 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from robotouille_client.console import explain, fail
 
+if TYPE_CHECKING:
+    from robotouille.domain.task import Task
+
 __all__ = ["play"]
+
+
+COUNTDOWN = 3.0
+"""Seconds before a game in real time."""
+NO_CERTIFICATE = 1000
+"""Steps for a task of which no shortest plan is known."""
+
+
+def step_limit(task: Task, mode: Clock, step_rate: float) -> int:
+    """The steps that somebody gets for a task."""
+    from robotouille.certification.step_limit import people_step_limit
+
+    limit = people_step_limit(task, step_rate if mode is Clock.REALTIME else None)
+    return limit or NO_CERTIFICATE
 
 
 def play(
@@ -26,7 +43,10 @@ def play(
     timing: Annotated[
         str | None, typer.Option(help="benchmark or people; people in real time by default.")
     ] = None,
-    max_steps: Annotated[int, typer.Option(help="Step limit.")] = 1000,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(help="Step limit; else six times the shortest plan, three minutes at least."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
     screenshot: Annotated[
@@ -50,7 +70,13 @@ def play(
 
         profile = timing or ("people" if mode is Clock.REALTIME else "benchmark")
         world = World(load_task(task, seats=seats, timing=profile, seed=seed))
-        rules = Rules(clock=mode, step_rate=step_rate, max_steps=max_steps)
+        limit = step_limit(world.task, mode, step_rate) if max_steps is None else max_steps
+        rules = Rules(
+            clock=mode,
+            step_rate=step_rate,
+            max_steps=limit,
+            countdown=0.0 if screenshot else COUNTDOWN,
+        )
         if partner is BotKind.SCRIPTED:
             raise RobotouilleError("partners are random or planner bots")
         make = policy_maker(partner, seed)

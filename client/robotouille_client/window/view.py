@@ -108,9 +108,10 @@ class View:
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
     players whose decision a step has waited for, for a while; `watching` counts spectators.
 
-    `notice` is something the operator says to everybody. A game that begins in `starts_in` seconds
-    is counted down to, and one that stands still has a `pause`; `offline` are the seconds since the
-    connection was lost, None while there is one; with a `farewell` the owner is out of the game.
+    A game that is over has an `outcome` in words, and was `won` or not. `notice` is something the
+    operator says to everybody. A game that begins in `starts_in` seconds is counted down to, and
+    one that stands still has a `pause`; `offline` are the seconds since the connection was lost,
+    None while there is one; with a `farewell` the owner is out of the game.
     """
 
     world: World
@@ -127,6 +128,7 @@ class View:
     status: str = ""
     code: str = ""
     outcome: str = ""
+    won: bool = False
     hover: str | None = None
     notice: str = ""
     pause: PauseView | None = None

@@ -72,7 +72,11 @@ class ServerSettings(BaseSettings):
         None, description="Number of seats, where the task leaves a choice."
     )
     seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of everything random.")
-    max_steps: MaxSteps = Field(500, description="Step limit of an episode.")
+    max_steps: MaxSteps = Field(
+        500,
+        description="Step limit of an episode. If nothing is said, games with people's timing have "
+        "one from the shortest plan.",
+    )
     grace: Grace = Field(30.0, description="Seconds a lost connection keeps its seat.")
     countdown: Countdown = Field(
         3.0,

@@ -18,7 +18,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.window.sources.chat_log import ChatLog
-from robotouille_client.window.sources.texts import clock_words, outcome_words
+from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
 from robotouille_client.window.view import GLIDE_SECONDS, SeatView, View
 
 __all__ = ["LocalSource"]
@@ -73,13 +73,22 @@ class LocalSource:
             chat=self._chat_log.lines,
             status=self._status(),
             outcome=outcome_words(outcome.to_json()) if outcome else "",
+            won=outcome is not None and outcome.success,
+            starts_in=self._starts_in(),
         )
 
     def _status(self) -> str:
+        starts_in = self._starts_in()
+        if starts_in is not None:
+            return waiting_words((), starts_in)
         turn = self._episode.on_turn
         if turn is None:
             return ""
         return "Your turn" if turn == self._me else f"{turn}'s turn"
+
+    def _starts_in(self) -> float | None:
+        starts_at = self._episode.starts_at
+        return None if starts_at is None else max(0.0, starts_at - self._now())
 
     def _let_bots_move(self) -> None:
         """At most one bot thinks in a frame, so that the window stays smooth."""

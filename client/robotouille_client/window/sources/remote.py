@@ -19,6 +19,7 @@ from robotouille_client.window.sources.texts import (
     outcome_words,
     pause_words,
     waiting_words,
+    won,
 )
 from robotouille_client.window.view import GLIDE_SECONDS, FarewellView, PauseView, SeatView, View
 
@@ -102,6 +103,7 @@ class RemoteSource:
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
+            won=won(game.outcome),
             notice=self._chat_log.notice,
             pause=self._pause(),
             offline=self._offline(),

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import ceil
 
+from robotouille.episode import Reason
 from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.view import FarewellView
 
-__all__ = ["clock_words", "farewell", "outcome_words", "pause_words", "waiting_words"]
+__all__ = ["clock_words", "farewell", "outcome_words", "pause_words", "waiting_words", "won"]
 
 REASONS = {
     "goal": "Goal reached",
@@ -35,6 +36,11 @@ def outcome_words(outcome: Mapping[str, object]) -> str:
     link = "in" if outcome["reason"] == "goal" else "after"
     detail = f": {outcome['detail']}" if outcome.get("detail") else ""
     return f"{reason} {link} {outcome['steps']} steps{detail}"
+
+
+def won(outcome: Mapping[str, object] | None) -> bool:
+    """Whether a game has ended with its goal reached."""
+    return outcome is not None and outcome["reason"] == Reason.GOAL
 
 
 def clock_words(clock: str, rules: Mapping[str, object]) -> str:
