@@ -234,7 +234,7 @@ def test_rejections_in_words() -> None:
     def words(reason: str) -> str:
         return Bubble.rejection("robot1", from_words(reason)).text
 
-    assert words("not: lettuce1 has been cut") == "But lettuce1 has been cut!"
-    assert words("table1 has a free surface") == "Needs: table1 has a free surface."
+    assert words("must not be: lettuce1 is cut") == "Must not be: lettuce1 is cut."
+    assert words("needs: table1 has a free surface") == "Needs: table1 has a free surface."
     assert words("robot1 is busy for 2 more steps") == "Robot1 is busy for 2 more steps."
     assert Bubble.rejection("robot1", []).text

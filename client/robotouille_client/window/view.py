@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, UnmetKind
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
 __all__ = [
@@ -87,15 +87,11 @@ class Bubble:
     kind: Literal["rejected", "chat"] = "rejected"
 
     @classmethod
-    def rejection(cls, player: str, unmet: Sequence[Unmet]) -> Bubble:
-        """The first of what is unmet, as something a player could say."""
-        if not unmet:
-            return cls(player, "This cannot be done now.")
-        first, words = unmet[0], unmet[0].words
-        if first.kind is UnmetKind.CONDITION and not first.expected:
-            return cls(player, f"But {words.removeprefix('not: ')}!")
-        if first.kind is UnmetKind.CONDITION:
-            return cls(player, f"Needs: {words}.")
+    def rejection(
+        cls, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
+    ) -> Bubble:
+        """The first of what is unmet, as `say` has it."""
+        words = say(unmet[0]) if unmet else "this cannot be done now"
         return cls(player, f"{words[0].upper()}{words[1:]}.")
 
 

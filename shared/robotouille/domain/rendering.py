@@ -1,8 +1,9 @@
 """Schema of rendering files: which picture shows each kind of object in each state.
 
 Two dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds
-`assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, lists of looks for players,
-and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item itself).
+`assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, `language`, lists of looks
+for players, and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item
+itself).
 Nothing here draws; it only decides which file shows what. See docs/formats.md.
 """
 
@@ -16,6 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from robotouille.domain.companions import companion_folder, rendering_path
 from robotouille.domain.extends import FileKind, each, read_extending
+from robotouille.domain.language import Language
 from robotouille.domain.schema import Extends, Schema
 from robotouille.domain.task import Task
 
@@ -27,6 +29,7 @@ __all__ = [
     "Facings",
     "RenderingFile",
     "Trait",
+    "language_of",
     "rendering_of",
 ]
 
@@ -166,7 +169,7 @@ class FloorArt(Schema):
 
 
 class RenderingFile(Schema):
-    """How a domain looks.
+    """How a domain looks, and (`language`) what people call what is in it.
 
     `assets` is the folder of its pictures; what is not there is looked for in those of
     `inherited_assets`, which are the folders of the renderings it extends.
@@ -186,6 +189,7 @@ class RenderingFile(Schema):
     container: Group = Group()
     progress: dict[str, FileName] = Field(default={})
     icons: dict[str, FileName] = Field(default={})
+    language: Language = Language()
 
     def group_of(self, kind: str) -> Group | None:
         """The group that has pictures of a kind."""
@@ -233,6 +237,7 @@ _fields = each(
     player=each(),
     progress=each(),
     icons=each(),
+    language=each(kinds=each(), actions=each(), predicates=each()),
     **{
         group: each(constants=each(), entities=each()) for group in ("item", "station", "container")
     },
@@ -260,3 +265,8 @@ RENDERING_FILES = FileKind(
 def rendering_of(task: Task) -> RenderingFile:
     """The rendering beside a task or shipped for its domain; the kitchen's where there is none."""
     return read_extending(rendering_path(task.domain, task.folder), RENDERING_FILES)
+
+
+def language_of(task: Task) -> Language:
+    """What people call the things of a task, by its own rendering; nothing where it has none."""
+    return rendering_of(task).language if task.domain.rendering_json else Language()

@@ -8,6 +8,7 @@ import pygame
 
 from robotouille.domain.rendering import RenderingFile
 from robotouille.world.scene import Placed
+from robotouille.world.usefulness import work_in_progress
 from robotouille.world.world import Progress, State
 from robotouille_client.window.drawing.kitchen_layer import RAISED
 from robotouille_client.window.drawing.motion import Pose
@@ -223,7 +224,7 @@ class Overlays:
 
 
 def _rows(state: State | None) -> tuple[Progress, ...]:
-    return state.progress() if state is not None else ()
+    return work_in_progress(state) if state is not None else ()
 
 
 def _holder(placed: Placed | None, stage: Stage, poses: dict[str, Pose]) -> str | None:

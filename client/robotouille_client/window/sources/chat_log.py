@@ -26,10 +26,13 @@ class ChatLog:
         self._notice = ""
         self._notice_until = 0.0
 
-    def rejected(self, player: str, unmet: Sequence[Unmet]) -> None:
-        """A player's action was rejected; no word of those that a later one has replaced."""
+    def rejected(
+        self, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
+    ) -> None:
+        """A player's action was rejected, for reasons as `say` has them; no word of those that a
+        later one has replaced."""
         if all(each.kind is not UnmetKind.SUPERSEDED for each in unmet):
-            self._add(Bubble.rejection(player, unmet))
+            self._add(Bubble.rejection(player, unmet, say))
 
     def said(self, name: str, player: str, text: str) -> None:
         self._lines.append((name, text))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
+from robotouille.domain.rendering import language_of
 from robotouille.episode import (
     Ended,
     Episode,
@@ -16,6 +18,7 @@ from robotouille.errors import ProtocolError
 from robotouille.planning.policies.policy import Policy
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import only_words
+from robotouille.world.wording import Wording
 from robotouille.world.world import State
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
@@ -38,6 +41,8 @@ class LocalSource:
         self._me = me
         self._bots = bots
         self._now = now
+        names = {player: name for player, (name, _) in bots.items()}
+        self._wording = Wording(episode.world, language_of(episode.world.task), me, names)
         self._chat_log = ChatLog(now)
         self._previous: State | None = None
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
@@ -120,7 +125,8 @@ class LocalSource:
                         policy.observe(did)
                         self._decided[player] = min(self._decided[player], event.step - 1)
                 case Rejected():
-                    self._chat_log.rejected(event.player, event.unmet)
+                    say = partial(self._wording.reason, state=self._episode.state)
+                    self._chat_log.rejected(event.player, event.unmet, say)
                 case Said():
                     self._chat_log.said(event.name, event.player, event.text)
                 case Ended():

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
+from robotouille.domain.language import Language
+from robotouille.domain.rendering import language_of
 from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import only_words
+from robotouille.world.wording import Wording
 from robotouille.world.world import State
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import Announced, Changed, Heard, Over, Refused
@@ -57,11 +61,16 @@ class RemoteSource:
     """An episode on a server, through a `Game`."""
 
     def __init__(
-        self, game: Game, now: Callable[[], float], connected: Callable[[], bool] = lambda: True
+        self,
+        game: Game,
+        now: Callable[[], float],
+        connected: Callable[[], bool] = lambda: True,
+        language: Language | None = None,
     ) -> None:
         self._game = game
         self._connected = connected
         self._now = now
+        self._language = language
         self._chat_log = ChatLog(now)
         self._countdown = _Countdown()
         self._previous: State | None = None
@@ -76,7 +85,8 @@ class RemoteSource:
                     self._previous = event.previous
                     self._show_rejections(event)
                 case Refused() if game.seat:
-                    self._chat_log.rejected(game.seat, event.unmet)
+                    say = partial(self._wording.reason, state=game.state)
+                    self._chat_log.rejected(game.seat, event.unmet, say)
                 case Heard():
                     self._chat_log.said(event.name, event.seat, event.text)
                 case Announced():
@@ -109,6 +119,15 @@ class RemoteSource:
             offline=self._offline(),
             farewell=self._farewell,
         )
+
+    @property
+    def _wording(self) -> Wording:
+        """The words for who plays the seat."""
+        game = self._game
+        if self._language is None:
+            self._language = language_of(game.world.task)
+        names = {s.player: s.name for s in game.seats if s.name and s.player != game.seat}
+        return Wording(game.world, self._language, game.seat, names)
 
     def _seat(self, seat: SeatInfo) -> SeatView:
         by_bot = seat.controller == Controller.STAND_IN
@@ -145,7 +164,8 @@ class RemoteSource:
     def _show_rejections(self, event: Changed) -> None:
         for player, action, applied in event.did:
             if not applied:
-                self._chat_log.rejected(player, only_words(f"too late: {action.sentence}"))
+                does = self._wording.action(action, event.state)
+                self._chat_log.rejected(player, only_words(f"too late to {does}"))
 
     def _phase(self) -> float:
         elapsed = self._now() - self._game.step_time
