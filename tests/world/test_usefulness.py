@@ -5,27 +5,11 @@ from __future__ import annotations
 import pytest
 
 from robotouille import State, World
-from robotouille.world.usefulness import changes_something, useful_actions, work_in_progress
+from robotouille.world.people.usefulness import changes_something, useful_actions, work_in_progress
+from tests.support.scripted import BOILING, POT_AT_SINK, after
 
 CUTTING = ["move table9", "pick-up-item", "move board1", "place-item", "cut"]
 COOKING = ["move table11", "pick-up-item chicken1", "move stove1", "place-item", "cook"]
-FILLING = ["move table2", "pick-up-container pot1", "move sink1", "place-container", "fill-pot"]
-BOILING = [
-    *FILLING, "-", "-", "-", "pick-up-container pot1", "move stove1", "place-container",
-    "boil-water",
-]  # fmt: skip
-
-
-def after(name: str, *lines: str) -> State:
-    state = World(name).initial
-    player = state.world.players[0]
-    for line in lines:
-        word, *arguments = line.split()
-        actions = [a for a in state.actions(player) if a.name == word]
-        chosen = [a for a in actions if set(arguments) <= set(a.arguments)][:1]
-        assert chosen or line == "-"
-        state = state.step(chosen).state
-    return state
 
 
 def useless(state: State) -> list[str]:
@@ -41,7 +25,7 @@ def useless(state: State) -> list[str]:
         (CUTTING, []),
         ([*CUTTING, "cut", "cut"], ["cut"]),
         ([*COOKING, "-", "-", "-", "-"], ["cook"]),
-        (FILLING, ["fill-pot"]),
+        (POT_AT_SINK, ["fill-pot"]),
         (BOILING, ["boil-water"]),
         ([*BOILING, "-", "-", "-", "-"], ["boil-water"]),
     ],

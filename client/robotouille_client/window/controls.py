@@ -13,14 +13,13 @@ from types import MappingProxyType
 from typing import Literal
 
 from robotouille.domain.input_bindings import bindings_of
-from robotouille.domain.language import Language
-from robotouille.domain.rendering import language_of
+from robotouille.domain.rendering import Language, language_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.people.usefulness import changes_something, useful_actions, work_in_progress
+from robotouille.world.people.wording import Wording
 from robotouille.world.scene import Placed, scene
 from robotouille.world.unmet import Unmet
-from robotouille.world.usefulness import changes_something, useful_actions, work_in_progress
-from robotouille.world.wording import Wording
 from robotouille.world.world import State, World
 
 __all__ = ["Button", "Controls", "Meaning", "Option"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pygame
 
-from robotouille.world.wording import Wording
+from robotouille.world.people.wording import Wording
 from robotouille.world.world import State
 from robotouille_client.window.chat_line import ChatLine
 from robotouille_client.window.controls import Button, Controls, Meaning

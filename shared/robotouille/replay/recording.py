@@ -25,8 +25,8 @@ from robotouille.replay.container import (
     plain,
     version_of,
 )
-from robotouille.replay.earlier_words import as_recorded
 from robotouille.replay.frame_schema import check_frame
+from robotouille.replay.notes import as_recorded
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name

@@ -7,8 +7,8 @@ from collections import defaultdict
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
+from robotouille.world.people.usefulness import work_in_progress
 from robotouille.world.scene import Placed
-from robotouille.world.usefulness import work_in_progress
 from robotouille.world.world import Progress, State
 from robotouille_client.window.drawing.kitchen_layer import RAISED
 from robotouille_client.window.drawing.motion import Pose

@@ -17,8 +17,8 @@ from robotouille.episode import (
 from robotouille.errors import ProtocolError
 from robotouille.planning.policies.policy import Policy
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
-from robotouille.world.wording import Wording
 from robotouille.world.world import State
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from robotouille.domain.language import Language
-from robotouille.domain.rendering import language_of
+from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
-from robotouille.world.wording import Wording
 from robotouille.world.world import State
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import Announced, Changed, Heard, Over, Refused

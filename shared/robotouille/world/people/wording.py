@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Mapping
 from string import Formatter
 from types import MappingProxyType
 
-from robotouille.domain.language import Language
+from robotouille.domain.rendering import Language
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.text import describe
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -130,10 +130,11 @@ class Wording:
         return f"needs: {fact}" if unmet.expected else f"not while {fact}"
 
     def _known(self, objects: tuple[str, ...], state: State, *, you: bool = True) -> list[str]:
-        """What some objects are called; one that is not known keeps its name, and without `you`
-        a player does, since a domain speaks of each as of another."""
-        known = [name for name in objects if name in self.world.thing_names]
-        called = self.things([n for n in known if you or n != self.me], state)
+        """What some objects are called; one that is not known keeps its name. Without `you` that
+        player is called like others, as a domain speaks of it."""
+        called = self.things((n for n in objects if n in self.world.thing_names), state)
+        if not you and self.me in called:
+            called[self.me] = f"the {self._noun(self.me, state)}"
         return [called.get(name, name) for name in objects]
 
     def _kinds(self, predicate: str) -> list[str]:
