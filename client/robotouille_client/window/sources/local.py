@@ -15,7 +15,7 @@ from robotouille.episode import (
     Stepped,
 )
 from robotouille.errors import ProtocolError
-from robotouille.planning.policies.policy import Policy
+from robotouille.planning.policies.policy import Policy, TeamPolicy
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
@@ -51,9 +51,11 @@ class LocalSource:
         episode.join(me, "you", "human", now())
         for player, (name, _) in bots.items():
             episode.join(player, name, "bot", now())
+        self._introduce()
 
     def view(self) -> View:
         self._episode.tick(self._now())
+        self._take_events()  # A bot decides on a state once it has been told what led to it.
         self._let_bots_move()
         self._take_events()
         episode = self._episode
@@ -95,6 +97,25 @@ class LocalSource:
         starts_at = self._episode.starts_at
         return None if starts_at is None else max(0.0, starts_at - self._now())
 
+    def _introduce(self) -> None:
+        """Tell the bots who plays what: they count on one another, and not on people."""
+        seats, clock = self._episode.seats.values(), self._episode.rules.clock.value
+        for _, policy in self._bots.values():
+            if isinstance(policy, TeamPolicy):
+                policy.meet({seat.player: seat.controller.value for seat in seats}, clock)
+
+    def _let_bots_speak(self) -> None:
+        for player, (name, policy) in self._bots.items():
+            if isinstance(policy, TeamPolicy):
+                for text in policy.speak():
+                    self._episode.say(name, player, text, self._now())
+
+    def _hear(self, event: Said) -> None:
+        self._chat_log.said(event.name, event.player, event.text)
+        for player, (_, policy) in self._bots.items():
+            if isinstance(policy, TeamPolicy) and player != event.player:
+                policy.hear(event.player, event.text)
+
     def _let_bots_move(self) -> None:
         """At most one bot thinks in a frame, so that the window stays smooth."""
         episode = self._episode
@@ -103,7 +124,9 @@ class LocalSource:
             if episode.phase is Phase.RUNNING and may and self._decided[player] < episode.step:
                 self._decided[player] = episode.step
                 self._submit(player, policy.act(episode.state))
-                return
+                break
+        if not episode.ended:
+            self._let_bots_speak()
 
     def _submit(self, player: str, action: GroundAction | None) -> None:
         self._seq[player] += 1
@@ -128,7 +151,7 @@ class LocalSource:
                     say = partial(self._wording.reason, state=self._episode.state)
                     self._chat_log.rejected(event.player, event.unmet, say)
                 case Said():
-                    self._chat_log.said(event.name, event.player, event.text)
+                    self._hear(event)
                 case Ended():
                     self._step_time = self._now()
                 case _:
