@@ -58,6 +58,7 @@ def play(
 
     from robotouille import World, load_task
     from robotouille.episode import Episode, Rules
+    from robotouille.planning.policies.standing import seat_out_of_the_way
     from robotouille_client.window import require_pygame, require_screen
     from robotouille_client.window.playback import parse_size
 
@@ -80,8 +81,9 @@ def play(
         if partner is BotKind.SCRIPTED:
             raise RobotouilleError("partners are random or planner bots")
         make = policy_maker(partner, seed)
-        bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in world.players[1:]}
-        me = world.players[0]
+        me = seat_out_of_the_way(world.initial)
+        others = [player for player in world.players if player != me]
+        bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in others}
         if screenshot is None:
             require_screen()
         source = LocalSource(Episode(world, rules, time.monotonic()), me, bots, time.monotonic)

@@ -102,7 +102,8 @@ class View:
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
-    players whose decision a step has waited for, for a while; `watching` counts spectators.
+    players whose decision a step has waited for, for a while; `watching` counts spectators, and
+    `blocked` tells who waits for which station, and who stands there.
 
     A game that is over has an `outcome` in words, and was `won` or not. `notice` is something the
     operator says to everybody. A game that begins in `starts_in` seconds is counted down to, and
@@ -133,6 +134,7 @@ class View:
     waits_for: tuple[str, ...] = ()
     starts_in: float | None = None
     watching: int = 0
+    blocked: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def frozen(self) -> bool:

@@ -20,6 +20,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
+from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
 from robotouille_client.window.view import GLIDE_SECONDS, SeatView, View
@@ -44,6 +45,7 @@ class LocalSource:
         names = {player: name for player, (name, _) in bots.items()}
         self._wording = Wording(episode.world, language_of(episode.world.task), me, names)
         self._chat_log = ChatLog(now)
+        self._blockages = Blockages(now)
         self._previous: State | None = None
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()
@@ -82,6 +84,7 @@ class LocalSource:
             outcome=outcome_words(outcome.to_json()) if outcome else "",
             won=outcome is not None and outcome.success,
             starts_in=self._starts_in(),
+            blocked=self._blockages.at(episode.state) if episode.running else (),
         )
 
     def _status(self) -> str:
@@ -112,6 +115,8 @@ class LocalSource:
 
     def _hear(self, event: Said) -> None:
         self._chat_log.said(event.name, event.player, event.text)
+        state = self._episode.state
+        self._blockages.said(event.player, event.text, state, self._wording)
         for player, (_, policy) in self._bots.items():
             if isinstance(policy, TeamPolicy) and player != event.player:
                 policy.hear(event.player, event.text)
@@ -140,6 +145,8 @@ class LocalSource:
             match event:
                 case Stepped():
                     self._previous, self._step_time = event.before, self._now()
+                    for move, attempt in zip(event.moves, event.attempts, strict=True):
+                        self._blockages.refused(move.player, attempt.unmet, event.state)
                     did = [
                         (move.player, move.action, attempt.applied)
                         for move, attempt in zip(event.moves, event.attempts, strict=True)
@@ -150,6 +157,7 @@ class LocalSource:
                 case Rejected():
                     say = partial(self._wording.reason, state=self._episode.state)
                     self._chat_log.rejected(event.player, event.unmet, say)
+                    self._blockages.refused(event.player, event.unmet, self._episode.state)
                 case Said():
                     self._hear(event)
                 case Ended():

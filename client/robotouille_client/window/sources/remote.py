@@ -15,6 +15,7 @@ from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import Announced, Changed, Heard, Over, Refused
+from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import (
     clock_words,
@@ -71,6 +72,7 @@ class RemoteSource:
         self._now = now
         self._language = language
         self._chat_log = ChatLog(now)
+        self._blockages = Blockages(now)
         self._countdown = _Countdown()
         self._previous: State | None = None
         self._lost_at: float | None = None
@@ -86,8 +88,10 @@ class RemoteSource:
                 case Refused() if game.seat:
                     say = partial(self._wording.reason, state=game.state)
                     self._chat_log.rejected(game.seat, event.unmet, say)
+                    self._blockages.refused(game.seat, event.unmet, game.state)
                 case Heard():
                     self._chat_log.said(event.name, event.seat, event.text)
+                    self._blockages.said(event.seat, event.text, game.state, self._wording)
                 case Announced():
                     self._chat_log.announced(event.text)
                 case Over() if not event.outcome:
@@ -109,6 +113,7 @@ class RemoteSource:
             status=self._status(),
             starts_in=self._starts_in(),
             watching=game.spectators,
+            blocked=self._blockages.at(game.state) if game.running else (),
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
