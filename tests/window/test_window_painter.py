@@ -64,7 +64,7 @@ def test_any_size(size: tuple[int, int]) -> None:
     [
         {"step": 6}, {"max_steps": 70}, {"clock": "lockstep"}, {"phase": 0.9}, {"me": None},
         {"bubbles": ()}, {"chat": ()}, {"status": ""}, {"code": ""}, {"outcome": "Goal reached"},
-        {"starts_in": 2.5},
+        {"starts_in": 2.5}, {"watching": 2}, {"blocked": (("robot1", "stove1", "robot1"),)},
         {"hover": "table1"}, {"seats": ()}, {"notice": "lunch"}, {"offline": 0.5},
         {"pause": PauseView("Paused by the operator")}, {"farewell": FarewellView("Out", "Gone.")},
     ],

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.names import given_names
 from robotouille_client.console import explain, fail
 
 if TYPE_CHECKING:
@@ -83,7 +84,8 @@ def play(
         make = policy_maker(partner, seed)
         me = seat_out_of_the_way(world.initial)
         others = [player for player in world.players if player != me]
-        bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in others}
+        names = given_names(seed)
+        bots = {p: (names[i], make(world.initial, p)) for i, p in enumerate(others)}
         if screenshot is None:
             require_screen()
         source = LocalSource(Episode(world, rules, time.monotonic()), me, bots, time.monotonic)

@@ -12,6 +12,7 @@ from robotouille.world.world import State, World
 
 __all__ = [
     "GLIDE_SECONDS",
+    "NEWS",
     "Bubble",
     "FarewellView",
     "PauseView",
@@ -20,6 +21,8 @@ __all__ = [
     "View",
 ]
 
+NEWS = "·"
+"""Whose line of the chat it is that tells who comes and goes."""
 GLIDE_SECONDS = 0.3
 """For how long a step is seen where no clock says how long it takes."""
 

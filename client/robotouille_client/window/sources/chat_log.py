@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from robotouille.world.unmet import Unmet, UnmetKind
-from robotouille_client.window.view import Bubble
+from robotouille_client.window.view import NEWS, Bubble
 
 __all__ = ["ChatLog"]
 
@@ -38,6 +38,10 @@ class ChatLog:
         self._lines.append((name, text))
         if player:
             self._add(Bubble(player, text, "chat"))
+
+    def happened(self, text: str) -> None:
+        """Something that nobody says: who comes and goes."""
+        self._lines.append((NEWS, text))
 
     def announced(self, text: str) -> None:
         """Words of the operator: in the chat under no name, and as a notice for a while."""

@@ -14,11 +14,19 @@ from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.game import Game
-from robotouille_client.sansio.game_events import Announced, Changed, Heard, Over, Refused
+from robotouille_client.sansio.game_events import (
+    Announced,
+    Changed,
+    Heard,
+    Over,
+    Refused,
+    RosterChanged,
+)
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import (
     clock_words,
+    comings_and_goings,
     farewell,
     outcome_words,
     pause_words,
@@ -74,6 +82,7 @@ class RemoteSource:
         self._chat_log = ChatLog(now)
         self._blockages = Blockages(now)
         self._countdown = _Countdown()
+        self._seats: tuple[SeatInfo, ...] = ()
         self._previous: State | None = None
         self._lost_at: float | None = None
         self._farewell: FarewellView | None = None
@@ -92,6 +101,10 @@ class RemoteSource:
                 case Heard():
                     self._chat_log.said(event.name, event.seat, event.text)
                     self._blockages.said(event.seat, event.text, game.state, self._wording)
+                case RosterChanged():
+                    for news in comings_and_goings(self._seats, event.seats, game.seat):
+                        self._chat_log.happened(news)
+                    self._seats = event.seats
                 case Announced():
                     self._chat_log.announced(event.text)
                 case Over() if not event.outcome:

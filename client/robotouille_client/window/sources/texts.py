@@ -9,7 +9,15 @@ from robotouille.episode import Reason
 from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.view import FarewellView
 
-__all__ = ["clock_words", "farewell", "outcome_words", "pause_words", "waiting_words", "won"]
+__all__ = [
+    "clock_words",
+    "comings_and_goings",
+    "farewell",
+    "outcome_words",
+    "pause_words",
+    "waiting_words",
+    "won",
+]
 
 REASONS = {
     "goal": "Goal reached",
@@ -92,6 +100,25 @@ def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None) -> str:
     free = sum(not seat.name for seat in seats)
     more = [f"{free} more player{'s' * (free != 1)}"] if free else []
     return f"Waiting for {_listed([*away, *more]) or 'the others'}"
+
+
+def comings_and_goings(
+    before: Iterable[SeatInfo], now: Iterable[SeatInfo], me: str | None
+) -> list[str]:
+    """Who has come and gone between two rosters, but for oneself."""
+    known = {seat.player: seat for seat in before}
+    told = []
+    for seat in now:
+        old = known.get(seat.player)
+        if old is None or seat.player == me:
+            continue
+        if old.name and old.name != seat.name:
+            told.append(f"{old.name} has left")
+        if seat.name and old.name != seat.name:
+            told.append(f"{seat.name} joins")
+        elif seat.name and old.present != seat.present:
+            told.append(f"{seat.name} is back" if seat.present else f"{seat.name} is away")
+    return told
 
 
 def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:
