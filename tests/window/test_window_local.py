@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille import World, load_task
+from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning.policies import PlannerPolicy, RandomPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
@@ -35,6 +35,21 @@ def test_it_is_counted_down_to() -> None:
     timer.now = 3.1
     view = game.view()
     assert (view.starts_in, view.status) == (None, "")
+
+
+def test_bots_think_before_the_game_begins() -> None:
+    timer, world, asked = Timer(), World("multi_agent/02"), []
+
+    class Bot(RandomPolicy):
+        def act(self, state: State) -> GroundAction | None:
+            asked.append(timer.now)
+            return super().act(state)
+
+    bots = {player: ("bot", Bot(player, 1)) for player in world.players[1:]}
+    game = LocalSource(Episode(world, RULES, 0.0), world.players[0], bots, timer)
+    for timer.now in (0.0, 1.0, 2.0):
+        assert game.view().step == 0
+    assert len(asked) == len(bots)
 
 
 def test_out_of_steps_is_not_won() -> None:

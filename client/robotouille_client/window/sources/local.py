@@ -50,6 +50,7 @@ class LocalSource:
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()
         self._decided = dict.fromkeys(bots, -1)
+        self._ready: set[str] = set()
         episode.join(me, "you", "human", now())
         for player, (name, _) in bots.items():
             episode.join(player, name, "bot", now())
@@ -124,6 +125,8 @@ class LocalSource:
     def _let_bots_move(self) -> None:
         """At most one bot thinks in a frame, so that the window stays smooth."""
         episode = self._episode
+        if episode.starts_at is not None:
+            self._let_a_bot_get_ready()
         for player, (_, policy) in self._bots.items():
             may = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
             if episode.phase is Phase.RUNNING and may and self._decided[player] < episode.step:
@@ -132,6 +135,14 @@ class LocalSource:
                 break
         if not episode.ended:
             self._let_bots_speak()
+
+    def _let_a_bot_get_ready(self) -> None:
+        """Its first plan takes longest: it is made while the game is counted down to."""
+        for player, (_, policy) in self._bots.items():
+            if player not in self._ready:
+                self._ready.add(player)
+                policy.act(self._episode.state)
+                return
 
     def _submit(self, player: str, action: GroundAction | None) -> None:
         self._seq[player] += 1
