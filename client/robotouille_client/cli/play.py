@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from pydantic import ValidationError
@@ -12,9 +12,27 @@ from pydantic import ValidationError
 from robotouille.episode.rules import Clock
 from robotouille.errors import RobotouilleError
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.names import given_names
 from robotouille_client.console import explain, fail
 
+if TYPE_CHECKING:
+    from robotouille.domain.task import Task
+
 __all__ = ["play"]
+
+
+COUNTDOWN = 3.0
+"""Seconds before a game in real time."""
+NO_CERTIFICATE = 1000
+"""Steps for a task of which no shortest plan is known."""
+
+
+def step_limit(task: Task, mode: Clock, step_rate: float) -> int:
+    """The steps that somebody gets for a task."""
+    from robotouille.certification.step_limit import people_step_limit
+
+    limit = people_step_limit(task, step_rate if mode is Clock.REALTIME else None)
+    return limit or NO_CERTIFICATE
 
 
 def play(
@@ -26,7 +44,10 @@ def play(
     timing: Annotated[
         str | None, typer.Option(help="benchmark or people; people in real time by default.")
     ] = None,
-    max_steps: Annotated[int, typer.Option(help="Step limit.")] = 1000,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(help="Step limit; else six times the shortest plan, three minutes at least."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
     screenshot: Annotated[
@@ -38,6 +59,7 @@ def play(
 
     from robotouille import World, load_task
     from robotouille.episode import Episode, Rules
+    from robotouille.planning.policies.standing import seat_out_of_the_way
     from robotouille_client.window import require_pygame, require_screen
     from robotouille_client.window.playback import parse_size
 
@@ -50,12 +72,20 @@ def play(
 
         profile = timing or ("people" if mode is Clock.REALTIME else "benchmark")
         world = World(load_task(task, seats=seats, timing=profile, seed=seed))
-        rules = Rules(clock=mode, step_rate=step_rate, max_steps=max_steps)
+        limit = step_limit(world.task, mode, step_rate) if max_steps is None else max_steps
+        rules = Rules(
+            clock=mode,
+            step_rate=step_rate,
+            max_steps=limit,
+            countdown=0.0 if screenshot else COUNTDOWN,
+        )
         if partner is BotKind.SCRIPTED:
             raise RobotouilleError("partners are random or planner bots")
         make = policy_maker(partner, seed)
-        bots = {p: (f"{partner.value} bot", make(world.initial, p)) for p in world.players[1:]}
-        me = world.players[0]
+        me = seat_out_of_the_way(world.initial)
+        others = [player for player in world.players if player != me]
+        names = given_names(seed)
+        bots = {p: (names[i], make(world.initial, p)) for i, p in enumerate(others)}
         if screenshot is None:
             require_screen()
         source = LocalSource(Episode(world, rules, time.monotonic()), me, bots, time.monotonic)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pygame
 
+from robotouille.world.people.wording import Wording
 from robotouille.world.world import State
 from robotouille_client.window.chat_line import ChatLine
 from robotouille_client.window.controls import Button, Controls, Meaning
@@ -171,18 +172,25 @@ class Window:
         if view.me is None:
             return "You are watching · H for help"
         options = self._controls_of(view).options(view.state, view.me)
-        words = [f"[{option.key.upper()}] {option.action.sentence}" for option in options]
+        wording = self._wording(view)
+        words = [f"[{o.key.upper()}] {wording.action(o.action, view.state)}" for o in options]
         return " · ".join(words) or ("" if view.step else "H for help")
 
     def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
         if hover is None:
             return ()
+        name = self._wording(view).thing(hover, view.state)
+        title = name[:1].upper() + name[1:]
         if view.me is None:
-            return (hover,)
+            return (title,)
         meaning = self._controls_of(view).click(view.state, view.me, hover)
         if not meaning.valid:
-            return (hover, meaning.hint) if meaning.hint else (hover,)
+            return (title, meaning.hint) if meaning.hint else (title,)
         return (meaning.hint,)
+
+    def _wording(self, view: View) -> Wording:
+        names = {seat.player: seat.name for seat in view.seats}
+        return self._controls_of(view).wording(view.me, names)
 
     # Events
 
@@ -280,7 +288,12 @@ class Window:
 
     def _controls_of(self, view: View) -> Controls:
         if self._controls is None or self._controls.world is not view.world:
-            self._controls = Controls(view.world, self._look.bindings if self._look else None)
+            look = self._look
+            self._controls = (
+                Controls(view.world, look.bindings, look.rendering.language)
+                if look
+                else Controls(view.world)
+            )
         return self._controls
 
     def _save_screenshot(self) -> None:
