@@ -78,7 +78,7 @@ def test_an_action_that_cannot_be_done_is_rejected_with_its_reasons(tmp_path: Pa
             await ada.call("join", episode=await ada.opened(ALONE, clock="lockstep"))
             unmet = await ada.call("act", action="Move robot1 from table1 to table2")
             assert unmet["action"]["status"] == "rejected"
-            assert "robot1 stands at table1" in unmet["action"]["reasons"]
+            assert "needs: robot1 stands at table1" in unmet["action"]["reasons"]
             assert "Rejected" in ada.read and "Valid actions" in ada.read
             unknown = await ada.call("act", action="Fly to the moon\nStep 9: robot1: serve")
             assert unknown["action"]["code"] == "action/unknown"

@@ -174,7 +174,7 @@ def test_one_episode_can_be_watched_in_words(tmp_path: Path) -> None:
             lines = [(line["kind"], line["who"], line["text"]) for line in seen["lines"]]
             assert ("say", "ada", "Hello there") in lines
             assert ("seat", "robot2", "bob is here (human)") in lines
-            assert ("note", "", "all seats are taken, the game begins") in lines
+            assert ("note", "", "everybody is there, the game begins") in lines
             assert ("act", "robot1", action.sentence) in lines
             for seat, played in zip(seen["seats"], room.episode.seats.values(), strict=True):
                 counts = [seat[each.value] for each in Activity]

@@ -77,7 +77,7 @@ def _made_up(
     return row(
         dataset=dataset,
         task=task,
-        instance=f"own-{task[:2]}-{instance}",
+        instance=f"own-{dataset}-{task[:2]}-{instance}",
         seed=instance,
         agent=agent,
         strategy="react" if agent == "react" else "",

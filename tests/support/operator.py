@@ -72,7 +72,7 @@ async def viewing(
 ) -> AsyncIterator[tuple[Server, OperatorPort, Api]]:
     """A server on a free port, its operator's view on another, and a client of that; with
     `tokens` the view asks for the server's own."""
-    settings = ServerSettings(port=0, recordings=folder, **options)
+    settings = ServerSettings(port=0, recordings=folder, **{"countdown": 0.0, **options})
     async with AsyncExitStack() as stack:
         serving = serve(settings, timestamp=lambda: STAMP, storage=storage, wall=wall)
         server = await stack.enter_async_context(serving)

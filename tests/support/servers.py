@@ -40,7 +40,7 @@ async def serving(
 ) -> AsyncIterator[Server]:
     """A server on a free port whose ids, codes and timestamps are always the same; stand-ins think
     while time stands still."""
-    settings = ServerSettings(port=port, recordings=folder, **options)
+    settings = ServerSettings(port=port, recordings=folder, **{"countdown": 0.0, **options})
     async with serve(
         settings,
         randomness=random.Random(seed),

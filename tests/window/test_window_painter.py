@@ -64,6 +64,7 @@ def test_any_size(size: tuple[int, int]) -> None:
     [
         {"step": 6}, {"max_steps": 70}, {"clock": "lockstep"}, {"phase": 0.9}, {"me": None},
         {"bubbles": ()}, {"chat": ()}, {"status": ""}, {"code": ""}, {"outcome": "Goal reached"},
+        {"starts_in": 2.5}, {"watching": 2}, {"blocked": (("robot1", "stove1", "robot1"),)},
         {"hover": "table1"}, {"seats": ()}, {"notice": "lunch"}, {"offline": 0.5},
         {"pause": PauseView("Paused by the operator")}, {"farewell": FarewellView("Out", "Gone.")},
     ],
@@ -71,6 +72,12 @@ def test_any_size(size: tuple[int, int]) -> None:
 def test_every_field_is_seen(change) -> None:
     view = full_view(World("multi_agent/09"), 5)
     assert picture(dataclasses.replace(view, **change)) != picture(view)
+
+
+def test_losing_does_not_look_like_winning() -> None:
+    view = full_view(World("multi_agent/01"), 3)
+    ended = dataclasses.replace(view, outcome="Over")
+    assert picture(dataclasses.replace(ended, won=True)) != picture(ended)
 
 
 def test_a_countdown_moves_between_two_frames_and_its_number_with_it() -> None:
@@ -227,7 +234,7 @@ def test_rejections_in_words() -> None:
     def words(reason: str) -> str:
         return Bubble.rejection("robot1", from_words(reason)).text
 
-    assert words("not: lettuce1 has been cut") == "But lettuce1 has been cut!"
-    assert words("table1 has a free surface") == "Needs: table1 has a free surface."
+    assert words("must not be: lettuce1 is cut") == "Must not be: lettuce1 is cut."
+    assert words("needs: table1 has a free surface") == "Needs: table1 has a free surface."
     assert words("robot1 is busy for 2 more steps") == "Robot1 is busy for 2 more steps."
     assert Bubble.rejection("robot1", []).text

@@ -6,14 +6,20 @@ import pytest
 
 from robotouille.episode import PauseReason
 from robotouille.protocol.messages import SeatInfo
-from robotouille_client.window.sources.texts import farewell, outcome_words, pause_words
+from robotouille_client.window.sources.texts import (
+    comings_and_goings,
+    farewell,
+    outcome_words,
+    pause_words,
+    waiting_words,
+)
 
 
 def seats(*present: bool) -> list[SeatInfo]:
     names = ("ada", "bob", "carol")
     return [
         SeatInfo(player=f"robot{i}", name=name, kind="human", present=here)
-        for i, (name, here) in enumerate(zip(names, present, strict=True), 1)
+        for i, (name, here) in enumerate(zip(names, present, strict=False), 1)
     ]
 
 
@@ -61,3 +67,25 @@ def test_codes_have_words_and_other_reasons_are_the_servers() -> None:
 def test_an_outcome_names_what_it_came_from() -> None:
     outcome = {"reason": "abandoned", "steps": 4, "detail": "bob did not come back"}
     assert outcome_words(outcome) == "Given up after 4 steps: bob did not come back"
+
+
+def test_who_comes_and_goes_is_told_but_of_oneself() -> None:
+    def told(before: list[SeatInfo], now: list[SeatInfo]) -> list[str]:
+        return comings_and_goings(before, now, "robot1")
+
+    two, free = seats(True, True), [seats(True)[0], SeatInfo(player="robot2")]
+    assert told(free, two) == ["bob joins"]
+    assert told(two, free) == ["bob has left"]
+    assert told(two, seats(False, False)) == ["bob is away"]
+    assert told(seats(True, False), two) == ["bob is back"]
+    other = [two[0], two[1].model_copy(update={"name": "carol"})]
+    assert told(two, other) == ["bob has left", "carol joins"]
+    assert told([], two) == told(two, two) == []
+
+
+def test_what_a_game_waits_for_before_it_begins() -> None:
+    assert waiting_words(seats(True, True), 2.2) == "Starts in 3"
+    assert waiting_words(seats(True, True), 0.0) == "Starts now"
+    assert waiting_words(seats(True, False), None) == "Waiting for bob"
+    free = [*seats(True), SeatInfo(player="robot2"), SeatInfo(player="robot3")]
+    assert waiting_words(free, None) == "Waiting for 2 more players"

@@ -127,7 +127,7 @@ def test_while_it_is_paused_nothing_is_sent_and_afterwards_it_is(tmp_path: Path)
             assert at.room.episode.seats["robot1"].seq == 0
             at.source.say("still here?")
             await asyncio.sleep(0.1)
-            assert at.source.view().chat == (("ada", "still here?"),)
+            assert at.source.view().chat == (("·", "bob joins"), ("ada", "still here?"))
             at.room.resume()
             await asyncio.sleep(0.1)
             assert at.source.view().pause is None
@@ -225,13 +225,13 @@ def test_the_operators_words_are_seen_for_a_while_and_stay_in_the_chat(tmp_path:
             await asyncio.sleep(0.1)
             view = at.source.view()
             assert view.notice == "lunch at noon"
-            assert view.chat == (("", "lunch at noon"),)
+            assert view.chat == (("·", "bob joins"), ("", "lunch at noon"))
             await asyncio.sleep(4.0)
             assert at.source.view().notice == "lunch at noon"
             await asyncio.sleep(10.0)
             view = at.source.view()
             assert view.notice == ""
-            assert view.chat == (("", "lunch at noon"),)
+            assert view.chat == (("·", "bob joins"), ("", "lunch at noon"))
 
     run(main())
 

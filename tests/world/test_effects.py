@@ -176,7 +176,7 @@ def test_predicates_without_arguments() -> None:
     assert state.holds("alarm")
     assert "tap" not in [action.name for action in state.actions("bot1")]
     (unmet,) = world.unmet(state, world.action("tap", "cube1"))
-    assert (str(unmet), unmet.predicate, unmet.expected) == ("not: alarm()", "alarm", False)
+    assert (str(unmet), unmet.predicate, unmet.expected) == ("must not be: alarm()", "alarm", False)
 
 
 def test_a_deleted_object_is_gone_with_its_facts_and_effects() -> None:

@@ -53,7 +53,7 @@ def test_exactly_is_character_for_character(sentence: str) -> None:
 def test_a_known_action_that_is_not_valid_says_what_is_unmet(sentence: str) -> None:
     world = kitchen(items=[PATTY])
     for ask in (world.initial.step, lambda text: world.parse(world.initial, "robot1", text)):
-        with pytest.raises(UnknownNameError, match="now: robot1 stands at stove1; patty1 lies"):
+        with pytest.raises(UnknownNameError, match="now: needs: robot1 stands at stove1; needs: p"):
             ask(sentence)
     found = world.parse(world.initial, "robot1", sentence, valid=False)
     assert found is world.action("cook", "robot1", "patty1", "stove1")

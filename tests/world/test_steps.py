@@ -53,7 +53,7 @@ def test_the_order_of_a_joint_action_decides_who_gets_the_place() -> None:
     other = world.initial.step([second, first])
     assert [a.applied for a in one.attempts] == [True, False]
     assert one.state.holds("loc", "robot1", "table2")
-    assert one.attempts[1].reasons == ("table2 has nobody standing at it",)
+    assert one.attempts[1].reasons == ("needs: table2 has nobody standing at it",)
     assert other.state.holds("loc", "robot2", "table2")
     assert one.state == world.initial.step(first).state
 
@@ -107,13 +107,13 @@ def test_reasons_are_in_words() -> None:
     world = kitchen(items=[PATTY])
     cook = world.action("cook", "robot1", "patty1", "stove1")
     assert tuple(map(str, world.unmet(world.initial, cook))) == (
-        "robot1 stands at stove1",
-        "patty1 lies directly on stove1",
+        "needs: robot1 stands at stove1",
+        "needs: patty1 lies directly on stove1",
     )
     board = world.action("cook", "robot1", "patty1", "table1")
     (unmet,) = world.unmet(world.initial, board)
     kind = UnmetKind.CONDITION
-    assert unmet == Unmet(kind, "table1 is a stove", "isstove", ("table1",))
+    assert unmet == Unmet(kind, "needs: table1 is a stove", "isstove", ("table1",))
 
 
 def test_unknown_names_are_refused_with_the_nearest() -> None:

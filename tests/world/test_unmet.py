@@ -20,7 +20,7 @@ def test_a_precondition_says_what_should_hold_of_which_objects() -> None:
         ("robot1", "stove1"),
         True,
     )
-    assert str(first) == "robot1 stands at stove1"
+    assert str(first) == "needs: robot1 stands at stove1"
     assert second.predicate == "item_on"
 
 
@@ -55,6 +55,7 @@ def test_a_kind_of_a_newer_server_is_another_kind() -> None:
         ("it is robot2's turn", UnmetKind.TURN, ("robot2",)),
         ("robot2 is not yours to move: you play robot1", UnmetKind.SEAT, ("robot2",)),
         ("superseded by action 7", UnmetKind.SUPERSEDED, ()),
+        ("needs: lettuce1 is cut", UnmetKind.CONDITION, ()),
         ("lettuce1 is cut", UnmetKind.CONDITION, ()),
     ],
 )
@@ -65,8 +66,9 @@ def test_recorded_words_are_understood(
 
 
 def test_recorded_words_of_a_negated_precondition() -> None:
-    (unmet,) = from_words("not: lettuce1 is cut")
-    assert (unmet.kind, unmet.expected) == (UnmetKind.CONDITION, False)
+    for words in ("must not be: lettuce1 is cut", "not: lettuce1 is cut"):
+        (unmet,) = from_words(words)
+        assert (unmet.kind, unmet.expected) == (UnmetKind.CONDITION, False)
     assert only_words("because")[0].kind is UnmetKind.OTHER
 
 

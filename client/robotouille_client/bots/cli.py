@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, runtime_checkable
@@ -13,6 +14,7 @@ import typer
 from robotouille.errors import ProtocolError, RobotouilleError
 from robotouille.program import VersionOption, printable, tell
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.names import given_names
 from robotouille_client.console import TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ async def _waiting(url: str, name: str, token: str | None, kind: Kind) -> str:
 
 async def _run(
     url: str,
-    name: str,
+    names: Sequence[str],
     token: str | None,
     episode: str | None,
     seat: str | None,
@@ -76,17 +78,17 @@ async def _run(
         if isinstance(bot, TextBot):
             player = await opened.enter_async_context(bot.opened())
             return await _take_seat(
-                url, name, token, episode, seat, player, bot.view, seats, bot.kind
+                url, names, token, episode, seat, player, bot.view, seats, bot.kind
             )
         make_policy = bot
         return await _take_seat(
-            url, name, token, episode, seat, lambda game: play(game, make_policy), "state"
+            url, names, token, episode, seat, lambda game: play(game, make_policy), "state"
         )
 
 
 async def _take_seat(
     url: str,
-    name: str,
+    names: Sequence[str],
     token: str | None,
     episode: str | None,
     seat: str | None,
@@ -95,15 +97,21 @@ async def _take_seat(
     seats: Seats = (),
     kind: Kind = "bot",
 ) -> Any:
-    """Play to the end; in the seat that a process of this name had that was killed, if it had."""
+    """Play to the end; in the seat that a process of this name had that was killed, if it had. Of
+    several names it is the first that no other process here plays under."""
     import asyncio
 
     from robotouille_client.bots.own_policy import OwnPolicyError
     from robotouille_client.client import connect
-    from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
+    from robotouille_client.console.kept_seat import (
+        came_back,
+        keep_seat,
+        kept_seat_of,
+        state_folder,
+    )
 
-    code = episode or await _waiting(url, name, token, kind)
-    with kept_seat(state_folder(), url, code, name) as kept:
+    code = episode or await _waiting(url, names[0], token, kind)
+    with kept_seat_of(state_folder(), url, code, names) as (name, kept):
         asked = (seat,) if seat is not None else seats
         resume = kept.token_for(asked) if kept is not None else None
         async with connect(url, name=name, kind=kind, token=token, resume=resume) as client:
@@ -276,7 +284,9 @@ def command(
             "for all at once."
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="The bot's name.")] = None,
+    name: Annotated[
+        str | None, typer.Option(help="The bot's name; else a given name, or that of its class.")
+    ] = None,
     token: TokenOption = None,
     plan: Annotated[Path | None, typer.Option(help="The plan that a scripted bot plays.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of what is random.")] = 0,
@@ -356,8 +366,9 @@ def command(
         else:
             bot = _maker(kind, seed, plan)
         address = server_url(url, host, port)
-        called = name or f"{kind.rpartition(':')[2]}-bot"
-        outcome = asyncio.run(_run(address, called, token, episode, seat, bot, several))
+        own = [f"{kind.rpartition(':')[2]}-bot"] if ":" in kind else given_names(seed, seat)
+        names = [name] if name else own
+        outcome = asyncio.run(_run(address, names, token, episode, seat, bot, several))
     except OwnPolicyError as error:
         if error.frames:
             tell(error.frames, err=True)

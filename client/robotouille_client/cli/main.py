@@ -166,7 +166,7 @@ def _lint_input(path: Path, domain: str | None) -> list[Fault]:
     from robotouille.domain.extends import read_extending
     from robotouille.domain.input_bindings import INPUT_FILES
     from robotouille.domain.task import read_domain
-    from robotouille.world.lint_companions import lint_input
+    from robotouille.world.lint import lint_input
 
     own = path.with_name(path.name.replace(".input.json", ".json"))
     beside = str(own) if own.is_file() and own != path else "robotouille"
@@ -177,7 +177,7 @@ def _lint_input(path: Path, domain: str | None) -> list[Fault]:
 def _lint_rendering(path: Path) -> list[Fault]:
     from robotouille.domain.extends import read_extending
     from robotouille.domain.rendering import RENDERING_FILES
-    from robotouille.world.lint_companions import lint_pictures
+    from robotouille.world.lint import lint_pictures
 
     return lint_pictures(read_extending(path, RENDERING_FILES), path.parent)
 

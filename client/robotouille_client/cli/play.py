@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +32,10 @@ def play(
     timing: Annotated[
         str | None, typer.Option(help="benchmark or people; people in real time by default.")
     ] = None,
-    max_steps: Annotated[int, typer.Option(help="Step limit.")] = 1000,
+    max_steps: Annotated[
+        int | None,
+        typer.Option(help="Step limit; else six times the shortest plan, three minutes at least."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     size: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
@@ -78,7 +82,7 @@ def _picture(plan: Plan, size: str, path: Path) -> None:
 
     if not path.parent.is_dir():
         raise RobotouilleError(f"there is no folder {path.parent}")
-    game = LocalGame(plan, "you", time.monotonic, None)
+    game = LocalGame(replace(plan, countdown=0.0), "you", time.monotonic, None)
     window = Window(parse_size(size), headless=True)
     window.frame(game.source)
     window.screenshot(path)

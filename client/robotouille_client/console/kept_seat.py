@@ -19,7 +19,7 @@ try:
 except ImportError:  # Windows: seats are not kept there
     fcntl = None  # type: ignore[assignment]
 
-__all__ = ["KeptSeat", "came_back", "keep_seat", "kept_seat", "state_folder"]
+__all__ = ["KeptSeat", "came_back", "keep_seat", "kept_seat", "kept_seat_of", "state_folder"]
 
 KEEP_SECONDS = 0.2
 
@@ -83,6 +83,21 @@ def kept_seat(folder: Path, url: str, code: str, name: str) -> Iterator[KeptSeat
                 if not os.fstat(descriptor).st_size:
                     path.unlink()
             os.close(descriptor)
+
+
+@contextmanager
+def kept_seat_of(
+    folder: Path, url: str, code: str, names: Sequence[str]
+) -> Iterator[tuple[str, KeptSeat | None]]:
+    """The first of some names under which no other process here plays, and its kept seat; the
+    first of all, without one, where each of them is taken."""
+    with contextlib.ExitStack() as stack:
+        for name in names:
+            kept = stack.enter_context(kept_seat(folder, url, code, name))
+            if kept is not None:
+                yield name, kept
+                return
+        yield names[0], None
 
 
 async def keep_seat(client: Client, game: Game, kept: KeptSeat | None) -> None:

@@ -178,6 +178,10 @@ class OpenGame:
         if not self._client.connected.is_set():
             return "The game server does not answer; we try to get back into your seat. Call wait."
         if game.phase == "waiting":
+            if game.starts_at is not None:
+                return "The game begins in a moment. Call wait."
+            if away := ", ".join(s.player for s in game.seats if s.name and not s.present):
+                return f"The game begins when everybody is there; away: {away}. Call wait."
             free = ", ".join(seat.player for seat in game.seats if not seat.name)
             return f"The game begins when all seats are taken; free: {free or 'none'}. Call wait."
         if game.paused:

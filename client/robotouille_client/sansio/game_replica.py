@@ -49,8 +49,9 @@ class GameReplica:
 
     `name` is what one is called in it: with a number where somebody else has the name that one
     asked for. `own_seats` are those that one plays, in seat order, and `seat` is the first of them;
-    a spectator has none. `waits_for` are the seats that a step has waited for, for two seconds at
-    least.
+    a spectator has none. `starts_at` is when the game begins, on the clock of `receive`, while that
+    is counted down to; `spectators` counts those who watch. `waits_for` are the seats that a step
+    has waited for, for two seconds at least.
     """
 
     def __init__(self, joined: messages.Joined) -> None:
@@ -69,6 +70,8 @@ class GameReplica:
         self.step_time = 0.0
         self.left: float | None = None
         self.pause: messages.Pause | None = None
+        self.starts_at: float | None = None
+        self.spectators = 0
         self.waits_for: tuple[str, ...] = ()
         self.said = joined.said
         self.can_anticipate = joined.anticipates
@@ -294,6 +297,8 @@ class GameReplica:
                 self.phase, self.seats = message.phase, tuple(message.seats)
                 self.turn, self.pause = message.turn, message.pause
                 self.waits_for = tuple(message.waits_for)
+                self.spectators = message.spectators
+                self._count_down(message.starts_in, now)
                 self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
             case messages.Ended():
                 self._finish(message.outcome)
@@ -344,7 +349,8 @@ class GameReplica:
         self.step, self.phase, self.turn = message.step, message.phase, message.turn
         self.seats, self.clock = tuple(message.seats), message.clock
         self.left, self.step_time = message.left, now
-        self.pause = message.pause
+        self.pause, self.spectators = message.pause, message.spectators
+        self._count_down(message.starts_in, now)
         self._sent.seq = max(self._sent.seq, message.seq)
         self._told(self.seat, message.last_seq, message.last_step, message.last_reasons)
         for answer in message.answers:
@@ -353,6 +359,9 @@ class GameReplica:
         self._caught_up(now)
         if message.outcome is not None:
             self._finish(message.outcome)
+
+    def _count_down(self, starts_in: float | None, now: float) -> None:
+        self.starts_at = None if starts_in is None else now + starts_in
 
     def _delta(self, message: messages.Delta, now: float) -> None:
         if self._reader is None:

@@ -82,7 +82,8 @@ async def _show(
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
-    source = RemoteSource(game, loop.time, connected)
+    language = None if look is None else look.rendering.language
+    source = RemoteSource(game, loop.time, connected, language)
     caption = f"Robotouille {game.code}"
     window = Window(size, caption=caption, headless=headless, look=look, clock=loop.time)
     showing = asyncio.create_task(window.run(source, linger=linger))

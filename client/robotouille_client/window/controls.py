@@ -7,14 +7,19 @@ under the mouse.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from robotouille.domain.input_bindings import bindings_of
+from robotouille.domain.rendering import Language, language_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.people.usefulness import changes_something, useful_actions, work_in_progress
+from robotouille.world.people.wording import Wording
 from robotouille.world.scene import Placed, scene
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
 __all__ = ["Button", "Controls", "Meaning", "Option"]
@@ -54,11 +59,19 @@ class _KeyBinding:
 
 
 class Controls:
-    """Reads the mouse and the keyboard of one player's owner."""
+    """Reads the mouse and the keyboard of one player's owner.
 
-    def __init__(self, world: World, bindings: InputFile | None = None) -> None:
+    What a click or a key means by itself comes first. Where that is nothing which can be done and
+    changes something, a click on the place where one stands means what a key would do there, and a
+    key what a click would.
+    """
+
+    def __init__(
+        self, world: World, bindings: InputFile | None = None, language: Language | None = None
+    ) -> None:
         self.world = world
         self.bindings = bindings or bindings_of(world.task)
+        self.language = language_of(world.task) if language is None else language
         schemas = {schema.name: schema for schema in world.schemas}
         self._clicks: dict[str, list[_KeyBinding]] = {}
         self._keys: dict[str, list[_KeyBinding]] = {}
@@ -78,28 +91,38 @@ class Controls:
         """The keys that mean something, in the input file's order."""
         return tuple(self._keys)
 
+    def wording(self, me: str | None, names: Mapping[str, str] = MappingProxyType({})) -> Wording:
+        """The words for who plays `me`; `names` are what participants are called, by player."""
+        others = {player: name for player, name in names.items() if player != me and name}
+        return Wording(self.world, self.language, me, others)
+
     def click(self, state: State, me: str, target: str, button: Button = "left") -> Meaning:
         """What clicking on an object means; what lies on it can be meant as well."""
-        placed = scene(state)
-        meant = [target, *_upon(target, placed)]
-        return self._meaning(state, me, self._clicks.get(button, []), meant, placed)
+        moment = _Moment(state, me, scene(state))
+        own = self._clicks.get(button, [])
+        others = self._keys_at_a_place() if own and target == moment.at else []
+        return self._meaning(moment, own, others, [target, *_upon(target, moment.placed)])
 
     def key(self, state: State, me: str, key: str) -> Meaning:
         """What a key means where the player is."""
-        placed = scene(state)
-        at = placed[me].at if me in placed else None
-        bindings = self._keys.get(key.casefold(), [])
-        return self._meaning(state, me, bindings, [at] if at else [], placed)
+        moment = _Moment(state, me, scene(state))
+        own = self._keys.get(key.casefold(), [])
+        here = [moment.at, *_upon(moment.at, moment.placed)] if moment.at else []
+        at_a_place = any(binding.parameter for binding in own)
+        others = self._clicks.get("left", []) if at_a_place and here else []
+        return self._meaning(moment, own, others, here)
 
     def options(self, state: State, me: str) -> tuple[Option, ...]:
-        """The keys whose action is valid now, but for those that are always."""
-        found = []
+        """The keys whose own action is valid now and changes something, but for those that always
+        are."""
+        moment, found = _Moment(state, me, scene(state)), []
+        here = [moment.at] if moment.at else []
         for key, bindings in self._keys.items():
             if all(binding.parameter is None for binding in bindings):
                 continue
-            meaning = self.key(state, me, key)
-            if meaning.valid and meaning.action is not None:
-                found.append(Option(key, meaning.action))
+            action = _useful(moment, bindings, here)
+            if action is not None:
+                found.append(Option(key, action))
         return tuple(found)
 
     def help(self) -> tuple[tuple[str, str], ...]:
@@ -111,46 +134,75 @@ class Controls:
             rows.append((key.upper() if len(key) == 1 else key.capitalize(), _names(bindings)))
         return tuple(rows)
 
+    def _keys_at_a_place(self) -> list[_KeyBinding]:
+        return [each for bindings in self._keys.values() for each in bindings if each.parameter]
+
     def _meaning(
         self,
-        state: State,
-        me: str,
-        bindings: list[_KeyBinding],
+        moment: _Moment,
+        own: list[_KeyBinding],
+        others: list[_KeyBinding],
         meant: list[str],
-        placed: dict[str, Placed],
     ) -> Meaning:
-        if not bindings:
+        if not own:
             return Meaning(None, "")
+        state, me = moment.state, moment.me
         busy = state.busy_steps(me)
         if busy:
-            return Meaning(None, f"{me} is busy for {busy} more step{'s' * (busy > 1)}")
-        valid = state.actions(me)
-        for binding in bindings:
-            for action in valid:
-                if action.schema is binding.schema and _fits(action, binding, meant):
-                    return Meaning(action, action.sentence, True)
-        return self._attempt(state, me, bindings, meant, placed)
+            return Meaning(None, f"busy for {busy} more step{'s' * (busy > 1)}")
+        action = _useful(moment, own, meant)
+        at_work = action is None and _is_at_work(moment, own, meant)
+        if action is None and not at_work:
+            action = _useful(moment, others, meant)
+        if action is not None:
+            return Meaning(action, _capital(self.wording(me).action(action, state)), True)
+        return self._attempt(moment, [*own, *others], meant, at_work=at_work)
 
     def _attempt(
-        self,
-        state: State,
-        me: str,
-        bindings: list[_KeyBinding],
-        meant: list[str],
-        placed: dict[str, Placed],
+        self, moment: _Moment, bindings: list[_KeyBinding], meant: list[str], *, at_work: bool
     ) -> Meaning:
-        """The action that is nearest to being valid: its rejection will say what is amiss."""
-        near = _near(me, meant, placed)
-        best, fewest, reason = None, _NEAR_MISS + 1, ""
+        """The action that is nearest to being possible: its rejection will say what is amiss."""
+        near = _near(moment.me, meant, moment.placed)
+        nearest: tuple[tuple[int, ...], GroundAction, tuple[Unmet, ...]] | None = None
         for binding in bindings:
-            for action in self._candidates(binding, me, meant, near):
-                unmet = self.world.unmet(state, action)
-                if len(unmet) < fewest:
-                    best, fewest, reason = action, len(unmet), unmet[0].words
-        if best is None:
-            where = meant[0] if meant else "here"
-            return Meaning(None, f"nothing to do at {where}" if meant else "nothing to do here")
-        return Meaning(best, f"{best.sentence}? Needs: {reason}")
+            for action in self._candidates(binding, moment.me, meant, near):
+                unmet = self.world.unmet(moment.state, action)
+                rank = self._rank(moment, action, unmet, meant)
+                if rank is None or (at_work and rank[0]):
+                    continue
+                if nearest is None or rank < nearest[0]:
+                    nearest = rank, action, unmet
+        words = self.wording(moment.me)
+        if nearest is None:
+            where = words.thing(meant[0], moment.state) if meant else ""
+            return Meaning(None, f"nothing to do at {where}" if where else "nothing to do here")
+        _, action, unmet = nearest
+        does = _capital(words.action(action, moment.state))
+        return Meaning(action, f"{does}? {_capital(words.way(action, unmet, moment.state))}")
+
+    def _rank(
+        self, moment: _Moment, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]
+    ) -> tuple[int, ...] | None:
+        """How far from being possible an action is, least first: what is at the wrong place for
+        good, what would change nothing, what has to do with nothing that one holds, what has to do
+        with less of what is here, what lacks more. None for one that is not worth telling."""
+        never = [each for each in unmet if self._is_for_ever(each)]
+        vain = not changes_something(moment.state, action)
+        if not 0 < len(unmet) <= _NEAR_MISS or len(never) > 1:
+            return None
+        if (vain and all(each.expected for each in unmet)) or any(map(self._is_nowhere, never)):
+            return None
+        here = meant[:1] == [moment.at]
+        aside = here and bool(moment.held) and moment.held.isdisjoint(action.arguments)
+        return len(never), vain, aside, -len(action.arguments), len(unmet)
+
+    def _is_for_ever(self, unmet: Unmet) -> bool:
+        """Whether nothing that anybody does will ever make a difference to it."""
+        return unmet.predicate in self.world.table.static_predicates
+
+    def _is_nowhere(self, unmet: Unmet) -> bool:
+        """Whether what is needed for good holds of nothing there is in this task."""
+        return all(atom[0] != unmet.predicate for atom in self.world.table.static)
 
     def _candidates(
         self, binding: _KeyBinding, me: str, meant: list[str], near: list[str]
@@ -166,6 +218,40 @@ class Controls:
         for arguments in itertools.islice(itertools.product(*choices), _MAX_ATTEMPTS):
             if len(set(arguments)) == len(arguments):
                 yield self.world.action(binding.schema.name, *arguments)
+
+
+class _Moment:
+    """A state as one player sees it: where it stands, and what it holds."""
+
+    def __init__(self, state: State, me: str, placed: dict[str, Placed]) -> None:
+        self.state = state
+        self.me = me
+        self.placed = placed
+        self.at = placed[me].at if me in placed else None
+        self.held = frozenset(_upon(me, placed))
+
+
+def _useful(moment: _Moment, bindings: list[_KeyBinding], meant: list[str]) -> GroundAction | None:
+    """The first action of some bindings that is valid and changes something."""
+    valid = useful_actions(moment.state, moment.me) if bindings else ()
+    for binding in bindings:
+        for action in valid:
+            if action.schema is binding.schema and _fits(action, binding, meant):
+                return action
+    return None
+
+
+def _is_at_work(moment: _Moment, bindings: list[_KeyBinding], meant: list[str]) -> bool:
+    """Whether what some bindings do here is going on or done: an input that comes once too often
+    is then not taken for another."""
+    if any(row.subject in meant for row in work_in_progress(moment.state)):
+        return True
+    valid = moment.state.actions(moment.me)
+    return any(a.schema is b.schema and _fits(a, b, meant) for b in bindings for a in valid)
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _fits(action: GroundAction, binding: _KeyBinding, meant: list[str]) -> bool:

@@ -62,12 +62,12 @@ def frames_of(
             yield surface
         previous = state
     if view is not None and hold:
-        painter.paint(surface, _at(view, 1.0, outcome))
+        painter.paint(surface, _at(view, 1.0, outcome, won=view.state.goal_reached))
         yield from itertools.repeat(surface, hold)
 
 
-def _at(view: View, phase: float, outcome: str = "") -> View:
-    return replace(view, phase=phase, outcome=outcome)
+def _at(view: View, phase: float, outcome: str = "", *, won: bool = False) -> View:
+    return replace(view, phase=phase, outcome=outcome, won=won)
 
 
 def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> int:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import Unmet, UnmetKind
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import State, World
 
 __all__ = [
     "GLIDE_SECONDS",
+    "NEWS",
     "Bubble",
     "FarewellView",
     "PauseView",
@@ -20,6 +21,8 @@ __all__ = [
     "View",
 ]
 
+NEWS = "·"
+"""Whose line of the chat it is that tells who comes and goes."""
 GLIDE_SECONDS = 0.3
 """For how long a step is seen where no clock says how long it takes."""
 
@@ -87,15 +90,11 @@ class Bubble:
     kind: Literal["rejected", "chat"] = "rejected"
 
     @classmethod
-    def rejection(cls, player: str, unmet: Sequence[Unmet]) -> Bubble:
-        """The first of what is unmet, as something a player could say."""
-        if not unmet:
-            return cls(player, "This cannot be done now.")
-        first, words = unmet[0], unmet[0].words
-        if first.kind is UnmetKind.CONDITION and not first.expected:
-            return cls(player, f"But {words.removeprefix('not: ')}!")
-        if first.kind is UnmetKind.CONDITION:
-            return cls(player, f"Needs: {words}.")
+    def rejection(
+        cls, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
+    ) -> Bubble:
+        """The first of what is unmet, as `say` has it."""
+        words = say(unmet[0]) if unmet else "this cannot be done now"
         return cls(player, f"{words[0].upper()}{words[1:]}.")
 
 
@@ -106,11 +105,13 @@ class View:
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
-    players whose decision a step has waited for, for a while.
+    players whose decision a step has waited for, for a while; `watching` counts spectators, and
+    `blocked` tells who waits for which station, and who stands there.
 
-    `notice` is something the operator says to everybody. A game that stands still has a `pause`;
-    `offline` are the seconds since the connection was lost, None while there is one; with a
-    `farewell` the owner is out of the game.
+    A game that is over has an `outcome` in words, and was `won` or not. `notice` is something the
+    operator says to everybody. A game that begins in `starts_in` seconds is counted down to, and
+    one that stands still has a `pause`; `offline` are the seconds since the connection was lost,
+    None while there is one; with a `farewell` the owner is out of the game.
     """
 
     world: World
@@ -134,6 +135,9 @@ class View:
     offline: float | None = None
     farewell: FarewellView | None = None
     waits_for: tuple[str, ...] = ()
+    starts_in: float | None = None
+    watching: int = 0
+    blocked: tuple[tuple[str, str, str], ...] = ()
 
     @property
     def frozen(self) -> bool:

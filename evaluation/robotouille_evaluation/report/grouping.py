@@ -34,7 +34,9 @@ def named(rows: Sequence[EpisodeRow]) -> Group:
         played.setdefault(row.instance, set()).add(row.seats)
 
     def team(row: EpisodeRow) -> str:
-        return f"{row.seats} players" if len(played[row.instance]) > 1 else ""
+        if len(played[row.instance]) == 1:
+            return ""
+        return f"{row.seats} players" if row.seats > 1 else "alone"
 
     differing = [get for get in (*_SETTINGS, team) if len({get(row) for row in rows}) > 1]
 

@@ -16,7 +16,7 @@ KEPT = 80
 READ = 400
 """So many frames at the end of a long recording are read at first."""
 NOTES = {
-    "started": "all seats are taken, the game begins",
+    "started": "everybody is there, the game begins",
     "resumed": "time runs again",
     "restarted": "the server was restarted and goes on",
 }
@@ -92,6 +92,9 @@ class Transcript:
                 return self._line("say", "operator", note["text"])
             case "moderated":
                 return self._line("note", note["name"], f"was {note['what']}")
+            case "countdown":
+                begins = f"begins in {note['ms'] / 1000:g} s" if "ms" in note else "waits again"
+                return self._line("note", "", f"the game {begins}")
             case "paused":
                 return self._line("note", "", f"time stands still ({', '.join(note['holds'])})")
             case other:

@@ -351,6 +351,8 @@ class Broadcaster:
             "seats": [s.model_dump(mode="json", exclude_defaults=True) for s in self.seats()],
             **{name: value for name, value in there_or_not.items() if value},
         }
+        if (starts_in := self._starts_in()) is not None:
+            own["starts_in"] = starts_in
         if (due := episode.due()) is not None:
             own["left"] = max(0.0, due - self._now())
         return own
@@ -384,6 +386,11 @@ class Broadcaster:
         left = None if until is None else round(max(0.0, until - self._now()), 3)
         return messages.Pause(reason=why.value, left=left)
 
+    def _starts_in(self) -> float | None:
+        """The seconds until the game begins, while that is counted down."""
+        starts_at = self._episode.starts_at
+        return None if starts_at is None else round(max(0.0, starts_at - self._now()), 3)
+
     def seats(self) -> list[messages.SeatInfo]:
         return [
             messages.SeatInfo(
@@ -405,6 +412,7 @@ class Broadcaster:
             pause=self._pause(),
             seats=self.seats(),
             waits_for=list(self.waits_for()),
+            starts_in=self._starts_in(),
             spectators=self.spectators,
         )
 

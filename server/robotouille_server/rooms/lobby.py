@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import lru_cache, partial
 from typing import Any
 
+from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.episode import Chat, Episode, Phase, Rules
@@ -119,6 +120,7 @@ class Lobby:
         rules = self._rules(request)
         seed = request.seed if request.seed is not None else self._settings.seed
         task = self._task(request, rules, seed)
+        rules = self._with_step_limit(rules, task, request)
         budget = request.move_budget
         if budget is None:
             budget = self._settings.move_budget
@@ -432,6 +434,14 @@ class Lobby:
             message = "phrases go with the chat 'phrases', and that with at least one of them"
             raise ProtocolError("message/invalid-field", message, "phrases")
         return rules
+
+    def _with_step_limit(self, rules: Rules, task: Task, request: messages.Create) -> Rules:
+        """Where nobody has said how many steps there are, people get what they need."""
+        said = request.max_steps is not None or "max_steps" in self._settings.model_fields_set
+        if said or task.timing is not Timing.PEOPLE:
+            return rules
+        limit = people_step_limit(task, rules.step_rate if rules.scheduled else None)
+        return rules if limit is None else rules.model_copy(update={"max_steps": limit})
 
     def _task(self, request: messages.Create, rules: Rules, seed: int) -> Task:
         name = request.task or self._settings.task

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from robotouille.episode import (
     Absence,
     Announced,
+    CountdownChanged,
     Ended,
     Episode,
     Event,
@@ -95,6 +96,8 @@ class Publisher:
                 self._slow_seats.begin()
                 for substitute in self._substitutes:
                     substitute.warm()
+            case CountdownChanged():
+                self._publish_roster()
             case Ended():
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()
                 if event.outcome.reason is Reason.ABANDONED:

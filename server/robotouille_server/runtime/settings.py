@@ -17,6 +17,7 @@ from robotouille.domain.task import Timing
 from robotouille.episode.rules import (
     Absence,
     Clock,
+    Countdown,
     Grace,
     MaxSteps,
     MoveBudget,
@@ -71,8 +72,17 @@ class ServerSettings(BaseSettings):
         None, description="Number of seats, where the task leaves a choice."
     )
     seed: Annotated[int, Field(ge=0)] = Field(0, description="Seed of everything random.")
-    max_steps: MaxSteps = Field(500, description="Step limit of an episode.")
+    max_steps: MaxSteps = Field(
+        500,
+        description="Step limit of an episode. If nothing is said, games with people's timing have "
+        "one from the shortest plan.",
+    )
     grace: Grace = Field(30.0, description="Seconds a lost connection keeps its seat.")
+    countdown: Countdown = Field(
+        3.0,
+        description="Seconds from when everybody is there until a game in real time begins, if a "
+        "person plays; 0: at once.",
+    )
     absence: Absence = Field(
         Absence.WAIT,
         description="What happens while a participant is away: wait, pause, bot or end.",
@@ -210,6 +220,7 @@ class ServerSettings(BaseSettings):
             max_steps=self.max_steps,
             thinking=self.thinking,
             grace=self.grace,
+            countdown=self.countdown,
             absence=self.absence,
             stand_in=self.stand_in,
         )

@@ -1,8 +1,9 @@
 """Schema of rendering files: which picture shows each kind of object in each state.
 
 Two dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds
-`assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, lists of looks for players,
-and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item itself).
+`assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, `language`, lists of looks
+for players, and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item
+itself).
 Nothing here draws; it only decides which file shows what. See docs/formats.md.
 """
 
@@ -16,17 +17,22 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from robotouille.domain.companions import companion_folder, rendering_path
 from robotouille.domain.extends import FileKind, each, read_extending
-from robotouille.domain.schema import Extends, Schema
+from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
 
 __all__ = [
     "RENDERING_FILES",
+    "ActionWords",
     "Art",
     "Constants",
     "Entity",
     "Facings",
+    "KindName",
+    "Language",
+    "PredicateWords",
     "RenderingFile",
     "Trait",
+    "language_of",
     "rendering_of",
 ]
 
@@ -165,8 +171,60 @@ class FloorArt(Schema):
     furniture: tuple[str, ...] = ()
 
 
+Words = Annotated[str, Field(max_length=200)]
+
+
+def _done(raw: Any) -> Any:
+    return {"do": raw} if isinstance(raw, str) else raw
+
+
+class KindName(Schema):
+    """What a thing of a kind is called: the first name that applies. With `when` it is for things
+    of which this predicate holds, as any of its arguments."""
+
+    name: Words
+    when: Name | None = None
+
+
+class ActionWords(Schema):
+    """What an action does to things, and how one gets there where more than one thing is missing.
+
+    Both may name the action's parameters in braces.
+    """
+
+    do: Words
+    how: Words = ""
+
+
+class PredicateWords(Schema):
+    """What to tell somebody whose action fails by a predicate: `needed`, where it has to hold and
+    does not; `forbidden`, where it holds and must not. `{0}` is its first argument."""
+
+    needed: Words = ""
+    forbidden: Words = ""
+
+
+class Language(Schema):
+    """What a person calls the things, actions and facts of a domain. All of it is optional.
+
+    Domain files have sentences of their own, which name actions and tell language models what is
+    so: they are part of a task's hash, and these words are not.
+    """
+
+    kinds: dict[
+        str,
+        Annotated[
+            tuple[Annotated[KindName, BeforeValidator(_named)], ...], BeforeValidator(_listed)
+        ],
+    ] = Field(default={}, max_length=500)
+    actions: dict[str, Annotated[ActionWords, BeforeValidator(_done)]] = Field(
+        default={}, max_length=200
+    )
+    predicates: dict[str, PredicateWords] = Field(default={}, max_length=500)
+
+
 class RenderingFile(Schema):
-    """How a domain looks.
+    """How a domain looks, and (`language`) what people call what is in it.
 
     `assets` is the folder of its pictures; what is not there is looked for in those of
     `inherited_assets`, which are the folders of the renderings it extends.
@@ -186,6 +244,7 @@ class RenderingFile(Schema):
     container: Group = Group()
     progress: dict[str, FileName] = Field(default={})
     icons: dict[str, FileName] = Field(default={})
+    language: Language = Language()
 
     def group_of(self, kind: str) -> Group | None:
         """The group that has pictures of a kind."""
@@ -233,6 +292,7 @@ _fields = each(
     player=each(),
     progress=each(),
     icons=each(),
+    language=each(kinds=each(), actions=each(), predicates=each()),
     **{
         group: each(constants=each(), entities=each()) for group in ("item", "station", "container")
     },
@@ -260,3 +320,12 @@ RENDERING_FILES = FileKind(
 def rendering_of(task: Task) -> RenderingFile:
     """The rendering beside a task or shipped for its domain; the kitchen's where there is none."""
     return read_extending(rendering_path(task.domain, task.folder), RENDERING_FILES)
+
+
+def language_of(task: Task) -> Language:
+    """What people call the things of a task, by its own rendering; nothing where it has none, and
+    looks like the kitchen."""
+    domain, path = task.domain, rendering_path(task.domain, task.folder)
+    own = (Path(domain.rendering_json or "").name, f"{domain.name}.json")
+    is_own = path.name in (*own, f"{domain.name}.rendering.json")
+    return rendering_of(task).language if is_own else Language()

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from robotouille.episode.episode import Episode
     from robotouille.episode.events import (
         Announced,
+        CountdownChanged,
         Departure,
         Ended,
         Event,
@@ -62,6 +63,7 @@ __all__ = [
     "Chat",
     "Clock",
     "Controller",
+    "CountdownChanged",
     "Departure",
     "Ended",
     "Episode",

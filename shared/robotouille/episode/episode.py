@@ -14,6 +14,7 @@ from robotouille.episode.episode_state import EpisodeState, Undone, nothing_undo
 from robotouille.episode.events import (
     ACTION_INVALID,
     ACTION_UNKNOWN,
+    CountdownChanged,
     Departure,
     Paused,
     QuotaReached,
@@ -93,7 +94,7 @@ class Episode(EpisodeState):
         session: str = "",
         participant: str = "",
     ) -> str:
-        """Take a seat (any free one if `player` is None); starts the game when all are taken.
+        """Take a seat (any free one if `player` is None); the game begins when all are there.
 
         Args:
             name: What others see.
@@ -138,8 +139,6 @@ class Episode(EpisodeState):
         for seat in seats:
             self._emit_roster(seat, now)
         self._update_presence(now)
-        if self.phase is Phase.WAITING and all(s.taken for s in self.seats.values()):
-            self._start(now)
         return tuple(seat.player for seat in seats)
 
     def leave(
@@ -199,15 +198,30 @@ class Episode(EpisodeState):
 
     # The beginning and the end
 
+    def _start_when_complete(self, now: float) -> None:
+        """Begin as soon as all seats' participants are there, with or without counting down."""
+        if self.phase is not Phase.WAITING:
+            return
+        if not self._presence.complete:
+            if self.starts_at is not None:
+                self.starts_at = None
+                self._emit(CountdownChanged(None))
+            return
+        people = any(seat.kind == Controller.HUMAN for seat in self.seats.values())
+        if not (self.rules.countdown and self.scheduled and people):
+            self._start(now)
+        elif self.starts_at is None:
+            self.starts_at = now + self.rules.countdown
+            self._emit(CountdownChanged(self.rules.countdown))
+
     def _start(self, now: float) -> None:
+        self.starts_at = None
         self._enter_phase(PhaseEvent.START)
         self._started = now
         self._clock.start(now)
         self._emit(Started(0.0))
         for seat in self.seats.values():
             seat.refused = False
-            if not seat.present:
-                self._emit_roster(seat, now)
         self._update_presence(now)
         if self.state.goal_reached:
             self._end(Reason.GOAL, now)
@@ -222,6 +236,7 @@ class Episode(EpisodeState):
 
     def _end(self, reason: Reason, now: float, detail: str = "") -> None:
         super()._end(reason, now, detail)
+        self.starts_at = None
         self._held.clear()
         self.pauses.until.clear()
 
@@ -255,6 +270,7 @@ class Episode(EpisodeState):
     def _update_presence(self, now: float) -> None:
         """Somebody came or went."""
         self._presence.watch(now, begun=self.in_progress)
+        self._start_when_complete(now)
         self._update_pauses(now)
 
     def _update_pauses(self, now: float) -> None:
@@ -521,7 +537,7 @@ class Episode(EpisodeState):
         """When `tick` has something to do; None while only messages can move the episode."""
         if self.phase is Phase.ENDED:
             return None
-        clock = self._clock.due() if self.phase is Phase.RUNNING else None
+        clock = self._clock.due() if self.phase is Phase.RUNNING else self.starts_at
         held = self._held.due()
         if held is None and self._presence.complete and not self.pauses.until:
             return clock
@@ -532,6 +548,8 @@ class Episode(EpisodeState):
         """Let time pass: take the steps that are due, give up what has been waited for enough."""
         if self.pauses.until or not self._presence.complete:
             self._tick_absence(now)
+        if self.starts_at is not None and now >= self.starts_at:
+            self._start(now)
         if not self.scheduled:
             self._held.release(now)
         if self.phase is Phase.RUNNING:

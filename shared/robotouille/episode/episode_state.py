@@ -56,9 +56,10 @@ def nothing_undone(state: State) -> Sequence[Atom]:
 class EpisodeState:
     """A game under some rules, without the decisions on it: those are `Episode`'s.
 
-    `said` counts chat messages; `used` says whether anybody ever took a seat; `banned` are the
-    sessions and participants that may not come in, `muted` the participants that may not talk.
-    `scheduled` says whether steps follow the wall clock, whoever has acted.
+    `starts_at` is when the game begins, while that is counted down to. `said` counts chat messages;
+    `used` says whether anybody ever took a seat; `banned` are the sessions and participants that
+    may not come in, `muted` the participants that may not talk. `scheduled` says whether steps
+    follow the wall clock, whoever has acted.
 
     Args:
         undone: What chance takes back after each step.
@@ -80,6 +81,7 @@ class EpisodeState:
         "said",
         "scheduled",
         "seats",
+        "starts_at",
         "state",
         "step",
         "used",
@@ -99,6 +101,7 @@ class EpisodeState:
         self.state: State = world.initial
         self.step = 0
         self.phase = Phase.WAITING
+        self.starts_at: float | None = None
         self.outcome: Outcome | None = None
         self.seats = {
             p: Seat(p, tally=SeatTally(p), treatment=treatments.get(p, NO_TREATMENT))
@@ -152,8 +155,10 @@ class EpisodeState:
 
     def _check_begun(self) -> None:
         if self.phase is Phase.WAITING:
-            free = sum(not seat.taken for seat in self.seats.values())
-            message = f"the episode waits for {free} more player{'s' * (free > 1)}"
+            missing = sum(not seat.present for seat in self.seats.values())
+            message = f"the episode waits for {missing} more player{'s' * (missing > 1)}"
+            if self.starts_at is not None:
+                message = "the episode begins in a moment"
             raise ProtocolError("episode/waiting", message, "episode")
         self._check_open()
 

@@ -20,6 +20,7 @@ __all__ = [
     "ACTION_UNKNOWN",
     "UNREADABLE",
     "Announced",
+    "CountdownChanged",
     "Departure",
     "Ended",
     "Event",
@@ -126,8 +127,16 @@ class Move(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
+class CountdownChanged:
+    """Everybody is there, and the game begins in so many seconds; None: it does not, since somebody
+    is missing again."""
+
+    seconds: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Started:
-    """All seats are taken and time runs."""
+    """Everybody is there and time runs."""
 
     time: float
 
@@ -320,7 +329,8 @@ class Ended:
 
 
 Event = (
-    Started
+    CountdownChanged
+    | Started
     | RosterChanged
     | Rejected
     | QuotaReached

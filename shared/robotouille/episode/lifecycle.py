@@ -37,7 +37,7 @@ class Phase(StrEnum):
 class PhaseEvent(Enum):
     """What moves an episode from one phase to another.
 
-    START: all seats are taken. PAUSE: there is a reason to stand still, or another than before.
+    START: everybody is there. PAUSE: there is a reason to stand still, or another than before.
     RESUME: there is none any more. END: it has an outcome.
     """
 

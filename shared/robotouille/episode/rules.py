@@ -26,6 +26,7 @@ __all__ = [
     "Absence",
     "Chat",
     "Clock",
+    "Countdown",
     "Grace",
     "MaxSteps",
     "MoveBudget",
@@ -59,6 +60,7 @@ MaxSteps = Annotated[int, Field(ge=1, le=1_000_000)]
 Grace = Annotated[float, Field(ge=0, le=86_400)]
 Thinking = Literal["wall", "declared"]
 StandIn = Literal["planner", "random"]
+Countdown = Annotated[float, Field(ge=0, le=60)]
 OpenFor = Annotated[float, Field(ge=60, le=90 * 86_400)]
 MAX_PHRASES = 32
 MAX_DELAY_MS = 10_000
@@ -118,6 +120,9 @@ class Rules(BaseModel):
     `bot` the bot `stand_in` plays it until its participant returns, however late; with `end` the
     seat does nothing, then the game is abandoned.
 
+    `countdown`: seconds from when everybody is there until the game begins, where steps follow the
+    wall clock and a person plays; none where only bots and models do.
+
     `open_for`: seconds from its opening for which an episode waits for the first participant (None:
     ten minutes, and again after a restart). `chat`: what may be said; `phrases` are all there is to
     say where that is `phrases`. What nobody has set of these is not written.
@@ -134,6 +139,7 @@ class Rules(BaseModel):
     absence: Absence = Absence.WAIT
     stand_in: StandIn = "planner"
     open_for: OpenFor | None = None
+    countdown: Countdown = 0.0
     chat: Chat = Chat.FREE
     phrases: Annotated[tuple[Phrase, ...], Field(max_length=MAX_PHRASES)] = ()
 
@@ -141,7 +147,7 @@ class Rules(BaseModel):
     def _write(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """The rules as before there were these fields, where they say nothing new."""
         row: dict[str, Any] = written(self)
-        for name in ("open_for", "chat", "phrases"):
+        for name in ("open_for", "countdown", "chat", "phrases"):
             if getattr(self, name) == type(self).model_fields[name].default:
                 del row[name]
         return row

@@ -152,6 +152,7 @@ class RulesRow(TypedDict, total=False):
     absence: Known[Absence]
     stand_in: str
     open_for: float
+    countdown: float
     chat: Known[Chat]
     phrases: list[str]
 

@@ -418,7 +418,8 @@ class Snapshot(FromServer):
     `facts` lists the atoms that are true. `timers` are the active effects in order of creation,
     each with its counters; `busy` the steps for which players cannot act. `task` is absent where
     the client said it knows it. `clock` are the rules, `left` the seconds until the next step or
-    the end of the move's budget, `said` the number of chat messages so far. `last_seq` is the
+    the end of the move's budget, `starts_in` those until the game begins, while that is
+    counted down, `said` the number of chat messages so far. `last_seq` is the
     seat's last action whose fate is decided: taken in step `last_step`, or rejected for
     `last_reasons`. Where one has several seats, that is the first's; `answers` tell the same of the
     others, and `seq` is the highest number of any.
@@ -446,6 +447,7 @@ class Snapshot(FromServer):
     turn: str | None = None
     clock: RulesRow
     left: float | None = None
+    starts_in: float | None = None
     pause: Pause | None = None
     said: int = 0
     seats: list[SeatInfo]
@@ -535,6 +537,7 @@ class Roster(FromServer):
     when it changes.
 
     `waits_for` are the players whose decision a step has waited for, for two seconds at least.
+    While everybody is there and the game has not begun, it does so in `starts_in` seconds.
     """
 
     type: Literal["roster"] = "roster"
@@ -543,6 +546,7 @@ class Roster(FromServer):
     pause: Pause | None = None
     seats: list[SeatInfo]
     waits_for: list[Identifier] = []
+    starts_in: float | None = None
     spectators: int = 0
 
 

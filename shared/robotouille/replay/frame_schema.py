@@ -170,6 +170,13 @@ class NotedNote(Frame):
     more: bool = False
 
 
+class CountdownNote(Frame):
+    note: Literal["countdown"]
+    t: int
+    ms: int | None = None
+    utc_ms: int | None = None
+
+
 class StartedNote(Frame):
     note: Literal["started"]
     t: int
@@ -224,6 +231,7 @@ Note = Annotated[
     | QuotaNote
     | AnnouncedNote
     | ModeratedNote
+    | CountdownNote
     | StartedNote
     | PausedNote
     | ResumedNote

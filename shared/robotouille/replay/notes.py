@@ -5,15 +5,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from robotouille.episode.events import ACTION_INVALID, RejectionKind
 from robotouille.episode.lifecycle import Controller
 from robotouille.errors import RecordingError
+from robotouille.protocol.states import unmet_rows
 from robotouille.replay.frame_schema import FrameSource
-from robotouille.world.unmet import from_words
+from robotouille.world.unmet import earlier_words, from_words
+from robotouille.world.world import Attempt
 
-__all__ = ["controller_after", "rejection_kind", "rejections"]
+__all__ = ["as_recorded", "controller_after", "rejection_kind", "rejections"]
 
 
 def rejection_kind(note: Mapping[str, Any]) -> RejectionKind:
@@ -46,3 +49,17 @@ def controller_after(note: Mapping[str, Any]) -> Controller:
         except ValueError as error:
             raise RecordingError(str(error)) from None
     return Controller.ABSENT if note["name"] and note.get("taken", True) else Controller.FREE
+
+
+def as_recorded(frame: dict[str, Any], attempts: tuple[Attempt, ...]) -> tuple[Attempt, ...]:
+    """The attempts of a step, with the words that the frame has for them where these are the ones
+    that earlier versions used."""
+    if "unmet" not in frame or frame["unmet"] == unmet_rows(attempts):
+        return attempts
+    earlier = tuple(map(_in_earlier_words, attempts))
+    return earlier if frame["unmet"] == unmet_rows(earlier) else attempts
+
+
+def _in_earlier_words(attempt: Attempt) -> Attempt:
+    unmet = tuple(replace(each, words=earlier_words(each.words)) for each in attempt.unmet)
+    return attempt._replace(unmet=unmet)

@@ -14,6 +14,7 @@ from robotouille.domain.task import Task
 from robotouille.episode.events import (
     ACTION_INVALID,
     Announced,
+    CountdownChanged,
     Ended,
     Event,
     Moderated,
@@ -92,6 +93,10 @@ def header(
     }
 
 
+WALL_TIMED = (CountdownChanged, Started, Resumed, Restarted)
+"""Events of which it is written when they were."""
+
+
 @dataclass(slots=True)
 class Recorder:
     """Turns the events of one episode into the bytes to append to its file, which has one format
@@ -151,7 +156,7 @@ class Recorder:
 
     def _note(self, event: Event) -> dict[str, Any]:
         note = _note(event)
-        if self.wall is not None and isinstance(event, Started | Resumed | Restarted):
+        if self.wall is not None and isinstance(event, WALL_TIMED):
             note["utc_ms"] = _ms(self.wall())
         return note
 
@@ -307,6 +312,9 @@ def _note(event: Event) -> dict[str, Any]:
         case Paused():
             holds = [reason.value for reason in event.reasons]
             return {"note": "paused", "t": _ms(event.time), "holds": holds}
+        case CountdownChanged():
+            until = {} if event.seconds is None else {"ms": _ms(event.seconds)}
+            return {"note": "countdown", "t": 0, **until}
         case Started():
             return {"note": "started", "t": 0}
         case Resumed():

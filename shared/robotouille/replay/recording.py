@@ -26,6 +26,7 @@ from robotouille.replay.container import (
     version_of,
 )
 from robotouille.replay.frame_schema import check_frame
+from robotouille.replay.notes import as_recorded
 from robotouille.replay.recorder import keyframe, step_frames
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import atom_name
@@ -351,7 +352,7 @@ class Recording:
                 before, result = state, self.take(state, frame)
                 state = result.state
                 rows = {key: value for key, value in frame.items() if key in GIVEN}
-                attempts, step = result.attempts, frame["step"]
+                attempts, step = as_recorded(frame, result.attempts), frame["step"]
                 written = step_frames(writer, step, rows, attempts, before, state, version)
             elif frame["kind"] in ("footer", "notes"):
                 written = pack_frame(frame, version)

@@ -163,8 +163,16 @@ def _roster_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -
     return f"{name} ({player}) is back"
 
 
+def _countdown(note: Mapping[str, Any]) -> str:
+    if "ms" not in note:
+        return "somebody is missing: the game does not begin yet"
+    return f"everybody is there: the game begins in {note['ms'] / 1000:g} s"
+
+
 def _note_words(note: Mapping[str, Any]) -> str:
     match note["note"]:
+        case "countdown":
+            return _countdown(note)
         case "started":
             return "the game begins"
         case "rejected":

@@ -66,7 +66,7 @@ def goal_sentences(task: GroundTask) -> tuple[str, ...]:
         for number, identifier in enumerate(alike):
             names[identifier] = f"{kind} {_letters(number)}" if alike[1:] else f"some {kind}"
     return tuple(
-        describe(task.task.domain, (term.predicate, *(names[i] for i in term.ids)), True)
+        describe(task.task.domain, (term.predicate, *(names[i] for i in term.ids)))
         for term in task.goal.terms
     )
 
@@ -77,10 +77,9 @@ def _letters(number: int) -> str:
     return (_letters(rest - 1) if rest else "") + chr(ord("A") + letter)
 
 
-def describe(domain: DomainFile, atom: Atom, is_true: bool) -> str:
-    """A fact in words, for reasons: `lettuce1 is cut`, or `not: lettuce1 is cut`."""
+def describe(domain: DomainFile, atom: Atom) -> str:
+    """A fact in words: `lettuce1 is cut`."""
     definition = next((p for p in domain.predicate_defs if p.name == atom[0]), None)
     descriptors = definition.language_descriptors if definition else {}
     sentence = descriptors.get("0") or next(iter(descriptors.values()), "")
-    words = sentence.format(*atom[1:]) if sentence else atom_name(atom)
-    return words if is_true else f"not: {words}"
+    return sentence.format(*atom[1:]) if sentence else atom_name(atom)

@@ -7,7 +7,19 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-__all__ = ["Unmet", "UnmetKind", "from_words", "only_words", "texts_of"]
+__all__ = [
+    "Unmet",
+    "UnmetKind",
+    "earlier_words",
+    "from_words",
+    "need",
+    "only_words",
+    "texts_of",
+]
+
+NEEDS = "needs: "
+MUST_NOT_BE = "must not be: "
+EARLIER_NOT = "not: "
 
 
 class UnmetKind(StrEnum):
@@ -50,6 +62,19 @@ def only_words(*reasons: str) -> tuple[Unmet, ...]:
     return tuple(Unmet(UnmetKind.OTHER, words) for words in reasons)
 
 
+def need(fact: str, expected: bool) -> str:
+    """What an action needs, as something that cannot be read as what is so: `needs: robot1 stands
+    at table1`, or `must not be: patty1 is cooking now`."""
+    return f"{NEEDS if expected else MUST_NOT_BE}{fact}"
+
+
+def earlier_words(words: str) -> str:
+    """A reason as earlier versions said it, who named the fact alone; recordings have such."""
+    if words.startswith(MUST_NOT_BE):
+        return EARLIER_NOT + words.removeprefix(MUST_NOT_BE)
+    return words.removeprefix(NEEDS)
+
+
 def texts_of(reasons: Iterable[Unmet]) -> Iterator[str]:
     """Whatever is written where reasons are recorded: their words and, of more than those, their
     predicates and objects."""
@@ -76,4 +101,6 @@ def _from_words(words: str) -> Unmet:
     for kind, phrase in _PHRASES.items():
         if found := phrase.fullmatch(words):
             return Unmet(kind, words, objects=found.groups())
-    return Unmet(UnmetKind.CONDITION, words, expected=not words.startswith("not: "))
+    return Unmet(
+        UnmetKind.CONDITION, words, expected=not words.startswith((MUST_NOT_BE, EARLIER_NOT))
+    )

@@ -39,7 +39,7 @@ from robotouille.world.sentences import known, no_valid_action, said, said_exact
 from robotouille.world.successors import SuccessorTree
 from robotouille.world.text import describe, goal_sentences, observation, text_view
 from robotouille.world.timers import Progress, Timers, TimerTable
-from robotouille.world.unmet import Unmet, UnmetKind
+from robotouille.world.unmet import Unmet, UnmetKind, need
 
 if TYPE_CHECKING:
     from numpy import bool_, float32
@@ -707,7 +707,7 @@ class World(GroundTask):
         for condition in action.schema.definition.precons:
             atom = bound(condition, binding)
             if self.table.holds(atom, facts) != condition.is_true:
-                words = describe(self.task.domain, atom, condition.is_true)
+                words = need(describe(self.task.domain, atom), condition.is_true)
                 kind, (predicate, *objects) = UnmetKind.CONDITION, atom
                 unmet.append(Unmet(kind, words, predicate, tuple(objects), condition.is_true))
         return tuple(unmet)

@@ -53,7 +53,7 @@ def test_a_recording_keeps_reasoning_and_refused_answers() -> None:
     assert (first.verdict, first.step, first.reasoning) == (Verdict.INVALID, 0, "I reach far.")
     assert first.action == far
     assert [(u.predicate, u.objects) for u in first.unmet] == [("loc", ("robot1", "table1"))]
-    assert first.reasons == ("robot1 stands at table1",)
+    assert first.reasons == ("needs: robot1 stands at table1",)
     assert (second.verdict, second.reasoning) == (Verdict.APPLIED, "I go there.")
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from robotouille import World, load_certificate, load_task
+from robotouille.domain.rendering import language_of
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy, TeamPolicy
 from robotouille.planning.policies.standing import standing_at, walks_aside
@@ -20,6 +21,7 @@ from robotouille.planning.policies.team_talk import (
     requested,
 )
 from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille.world.people.wording import Wording
 from robotouille_client.bots.kinds import BotKind, policy_maker
 from tests.support.bot_games import finish
 from tests.support.samples import first_quickly
@@ -76,7 +78,7 @@ def test_where_there_is_no_way_that_is_proven() -> None:
     assert is_cut_off(start.world, start, ("robot2", "robot3"))
     assert not is_cut_off(start.world, start, start.world.players)
     game = play_team("multi_agent/01@3", {"robot1": Idle("robot1")}, expansions=QUICK, limit=45)
-    asked = [step for step, _, text in game.said if text == request("table2", "robot1")]
+    asked = [step for step, _, text in game.said if text == "I need table 2, please"]
     assert asked == [0, 20, 40]
 
 
@@ -88,7 +90,7 @@ def test_where_there_is_no_way_the_bots_ask_for_one_and_take_it() -> None:
     at_sink = next(p for p in start.world.players if "sink" in (standing_at(start, p) or ""))
     person = Asked(at_sink)
     game = play_team(task, {at_sink: person}, expansions=QUICK, limit=80)
-    assert person.asked == request(standing_at(start, at_sink) or "", at_sink)
+    assert person.asked == "I need the sink, please"
     assert sum(text == person.asked for _, _, text in game.said) == 1
     assert steps(game) < 80
 
@@ -128,7 +130,7 @@ def test_people_are_told_where_a_bot_is_going() -> None:
     game = play_team("multi_agent/01", {"robot2": Idle("robot2")}, expansions=QUICK)
     told = [text for _, player, text in game.said if player == "robot1"]
     assert told[0] == announcement()
-    assert told[1].startswith("Next: Move robot1 from ")
+    assert told[1].startswith("Next: go to ")
     assert len(told) <= 2 + game.outcome.steps // 6 if game.outcome else False
 
 
@@ -210,13 +212,17 @@ def _next(bot: PlannerPolicy, state: Any) -> Any:
 
 def test_what_is_said_is_understood() -> None:
     world = World(load_task("multi_agent/01"))
+    words = Wording(world, language_of(world.task))
     sink = next(o.name for o in world.initial.objects if o.type == "station")
     assert announced_version(announcement()) == VERSION
     assert announced_version("team planner 1") is None
-    assert requested(request(sink, "robot1"), sink, world)
-    assert requested(f"I NEED the {world.thing(sink).kind}!", sink, world)
-    assert not requested(f"I am at {sink}", sink, world)
-    assert not requested("I need a break", sink, world)
+    assert requested(request(sink, world.initial, words), sink, words)
+    assert requested(f"I need {sink}: please make way, robot1", sink, words)
+    assert requested(f"I NEED the {world.thing(sink).kind}!", sink, words)
+    assert not requested(f"I am at {sink}", sink, words)
+    assert not requested("I need a break", sink, words)
+    assert requested("table 2, please", "table2", words)
+    assert not requested("table 2, please", "table3", words)
 
 
 def test_an_action_may_count_on_another_in_the_same_step() -> None:

@@ -39,6 +39,8 @@ class Interruptions:
         y = max(8, layout.text // 2)
         if view.offline is not None and view.farewell is None:
             y = self._banner(target, layout, y, _lost(view.offline), mixed(BAD, INK, 0.25), PAPER)
+        if view.starts_in is not None:
+            y = self._banner(target, layout, y, str(ceil(view.starts_in)), PAPER, INK)
         if view.notice:
             self._banner(target, layout, y, view.notice, ACCENT, INK)
 

@@ -10,7 +10,7 @@ from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import ACCENT, INK, PANEL, PAPER, TEXT, mixed
+from robotouille_client.window.pictures.theme import ACCENT, FAINT, INK, PANEL, PAPER, TEXT, mixed
 from robotouille_client.window.view import View
 
 __all__ = ["Notices"]
@@ -29,14 +29,15 @@ class Notices:
     ) -> None:
         """The notices of a view that has any."""
         if view.outcome:
-            self._outcome(target, layout, view.outcome)
+            self._outcome(target, layout, view.outcome, won=view.won)
         if ui_overlay.typing is not None:
             self._typing(target, layout, ui_overlay.typing)
         if ui_overlay.help:
             self._help(target, layout, ui_overlay.help)
 
-    def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str) -> None:
-        """A ribbon across the kitchen."""
+    def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str, *, won: bool) -> None:
+        """A ribbon across the kitchen: gold with a star where the goal was reached, else grey."""
+        fill, sign = (ACCENT, "goal") if won else (FAINT, "rejected")
         size, kitchen = round(layout.text * 1.8), layout.kitchen
         lines = self._text.wrap(outcome, size, kitchen.width - size * 5, 3)
         step = self._text.height(size)
@@ -44,11 +45,11 @@ class Notices:
         band.centery = kitchen.centery
         shade = box((kitchen.width, kitchen.height), (*INK, 90), 0)
         target.blit(shade, kitchen)
-        target.blit(box((band.width, band.height + 8), mixed(ACCENT, INK, 0.45), 10), band)
-        target.blit(box(band.size, ACCENT, 10), band)
+        target.blit(box((band.width, band.height + 8), mixed(fill, INK, 0.45), 10), band)
+        target.blit(box(band.size, fill, 10), band)
         edge = band.inflate(-10, -10)
         pygame.draw.rect(target, PAPER, edge, width=2, border_radius=7)
-        icon = self._sprites.file(self._rendering.icons.get("goal"), size * 2)
+        icon = self._sprites.file(self._rendering.icons.get(sign), size * 2)
         widest = max((self._text.width(line, size) for line in lines), default=0)
         if icon is not None:
             left = band.centerx - widest // 2 - size * 2 - size // 3

@@ -7,6 +7,7 @@ from collections import defaultdict
 import pygame
 
 from robotouille.domain.rendering import RenderingFile
+from robotouille.world.people.usefulness import work_in_progress
 from robotouille.world.scene import Placed
 from robotouille.world.world import Progress, State
 from robotouille_client.window.drawing.kitchen_layer import RAISED
@@ -185,6 +186,9 @@ class Overlays:
         self, target: pygame.Surface, layout: Layout, view: View, poses: dict[str, Pose]
     ) -> None:
         rejected = {bubble.player for bubble in view.bubbles if bubble.kind == "rejected"}
+        for player in {each for waiting, _, by in view.blocked for each in (waiting, by)}:
+            if player in poses:
+                self._mark(target, layout, poses[player])
         for player, pose in poses.items():
             icon = None
             if player in rejected:
@@ -196,6 +200,13 @@ class Overlays:
                 x, y = layout.corner(pose.at)
                 middle = (round(x + 0.85 * layout.tile), round(y))
                 target.blit(picture, picture.get_rect(center=middle))
+
+    def _mark(self, target: pygame.Surface, layout: Layout, pose: Pose) -> None:
+        """A ring round a player who waits for a place, or stands where another wants to be."""
+        x, y = layout.corner(pose.at)
+        area = pygame.Rect(round(x), round(y), layout.tile, layout.tile)
+        width = max(2, layout.tile // 20)
+        pygame.draw.rect(target, BAD, area, width=width, border_radius=layout.tile // 2)
 
     def _bubble(
         self, target: pygame.Surface, layout: Layout, bubble: Bubble, pose: Pose, above: int
@@ -223,7 +234,7 @@ class Overlays:
 
 
 def _rows(state: State | None) -> tuple[Progress, ...]:
-    return state.progress() if state is not None else ()
+    return work_in_progress(state) if state is not None else ()
 
 
 def _holder(placed: Placed | None, stage: Stage, poses: dict[str, Pose]) -> str | None:

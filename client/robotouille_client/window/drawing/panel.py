@@ -25,7 +25,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )  # fmt: skip
-from robotouille_client.window.view import SeatView, View
+from robotouille_client.window.view import NEWS, SeatView, View
 
 __all__ = ["Panel"]
 
@@ -45,7 +45,7 @@ class Panel:
         """The panel on the right of the window."""
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats, view.me,
-            view.chat, view.status, view.code, view.waits_for,
+            view.chat, view.status, view.code, view.waits_for, view.watching,
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
@@ -182,6 +182,9 @@ class Panel:
         if len(view.seats) > room:
             more = f"and {len(view.seats) - room} more"
             y += self._put(surface, more, (area.x, y), max(10, layout.text - 3), FAINT)
+        if view.watching:
+            small = max(10, layout.text - 3)
+            y += self._put(surface, f"{view.watching} watching", (area.x, y), small, FAINT)
         return y + layout.text // 3
 
     def _seat(
@@ -253,7 +256,8 @@ class Panel:
         lines: list[tuple[str, Colour]] = []
         colours = {**self._colours(view), "": ACCENT}
         for name, text in reversed(view.chat):
-            wrapped = self._text.wrap(f"{name or 'Operator'}: {text}", size, area.width, 3)
+            said = text if name == NEWS else f"{name or 'Operator'}: {text}"
+            wrapped = self._text.wrap(said, size, area.width, 3)
             if len(lines) + len(wrapped) > room:
                 break
             colour = mixed(colours.get(name, FAINT), TEXT, 0.55 if name else 0.0)

@@ -10,7 +10,7 @@ from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.controls import Button, Controls, Meaning
 from robotouille_client.window.hands.commands import DIRECTIONS, Command, KeyMap, key_words
-from robotouille_client.window.hands.possible import possible, use, walk, work
+from robotouille_client.window.hands.possible import possible, use, walk
 from robotouille_client.window.hands.queue import ActionQueue, Intent
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.view import Source, View
@@ -36,6 +36,7 @@ class Hands:
         self._clock = clock
         self._held: Command | None = None
         self._held_since = 0.0
+        self._walker: Controls | None = None
 
     # What comes in; a notice comes back, or nothing
 
@@ -58,10 +59,11 @@ class Hands:
         label = key_words(key) if key else "use"
         return self.queue.ask(Intent(label, partial(_used, controls, key)), source, view)
 
-    def walk(self, command: Command, source: Source, view: View) -> str:
+    def walk(self, controls: Controls, command: Command, source: Source, view: View) -> str:
         """A direction was pressed, and is held until `release`."""
         self._held, self._held_since = command, self._clock()
-        return self._walk(command, source, view)
+        self._walker = controls
+        return self._walk(controls, command, source, view)
 
     def release(self, command: Command | None = None) -> None:
         """A direction is no longer held; without one, none is."""
@@ -73,8 +75,8 @@ class Hands:
         if self.choices is not None:
             self.refresh(view)
         notice = self.queue.tick(source, view)
-        if self._held is not None and self._may_repeat(view):
-            self._walk(self._held, source, view)
+        if self._held is not None and self._walker and self._may_repeat(view):
+            self._walk(self._walker, self._held, source, view)
         return notice
 
     def _may_repeat(self, view: View) -> bool:
@@ -83,8 +85,8 @@ class Hands:
         free = view.me is not None and not view.state.busy_steps(view.me)
         return long and free and self.queue.idle and not view.frozen
 
-    def _walk(self, command: Command, source: Source, view: View) -> str:
-        intent = Intent(key_words(command.value), partial(_walked, DIRECTIONS[command]))
+    def _walk(self, controls: Controls, command: Command, source: Source, view: View) -> str:
+        intent = Intent(key_words(command.value), partial(_walked, controls, DIRECTIONS[command]))
         return self.queue.ask(intent, source, view)
 
     # The list of what is possible
@@ -137,8 +139,8 @@ class Hands:
         """Rows of (key, what it does now), the most useful first."""
         if state.busy_steps(me):
             return ()
-        rows = {option.action: option.key for option in work(controls, state, me)}
-        found = [(key_words(key), action.sentence) for action, key in rows.items()]
+        rows = {option.action: option.key for option in controls.options(state, me)}
+        found = [(key_words(key), controls.key(state, me, key).hint) for key in rows.values()]
         meaning = use(controls, state, me)
         if meaning.valid and meaning.action not in rows:
             found.append((self.keys.words(Command.USE), meaning.hint))
@@ -161,8 +163,8 @@ def _used(controls: Controls, key: str, view: View) -> Meaning:
     return use(controls, view.state, view.me or "", key)
 
 
-def _walked(direction: tuple[int, int], view: View) -> Meaning:
-    return walk(view.state, view.me or "", direction)
+def _walked(controls: Controls, direction: tuple[int, int], view: View) -> Meaning:
+    return walk(controls, view.state, view.me or "", direction)
 
 
 def _again(action: GroundAction, view: View) -> Meaning:

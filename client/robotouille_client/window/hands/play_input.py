@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import pygame
 
+from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.controls import Button, Controls
@@ -119,7 +120,7 @@ class PlayInput:
         elif view.me is None or command is Command.SOUND:
             return command
         elif command in DIRECTIONS:
-            self.tell(self.hands.walk(command, source, view))
+            self.tell(self.hands.walk(self.controls(view), command, source, view))
         elif command in (Command.USE, Command.ENTER):
             self.tell(self.hands.use(self.controls(view), key, source, view))
         elif command is Command.LIST:
@@ -192,7 +193,12 @@ class PlayInput:
     def controls(self, view: View) -> Controls:
         """What clicks and keys mean in a view's world."""
         if self._controls is None or self._controls.world is not view.world:
-            self._controls = Controls(view.world, self._look.bindings if self._look else None)
+            look = self._look
+            self._controls = (
+                Controls(view.world, look.bindings, look.rendering.language)
+                if look
+                else Controls(view.world)
+            )
         return self._controls
 
     # What is shown
@@ -200,7 +206,7 @@ class PlayInput:
     def overlay(self, view: View, hover: str | None) -> UiOverlay:
         """What the owner sees over the view."""
         tips, hints = self._advise(view, hover)
-        choices, more = self._choices()
+        choices, more = self._choices(view)
         return UiOverlay(
             pointer=self._pointer,
             tips=tips,
@@ -230,12 +236,18 @@ class PlayInput:
     def _tips(self, view: View, hover: str | None) -> tuple[str, ...]:
         if hover is None:
             return ()
+        name = self._wording(view).thing(hover, view.state)
+        title = name[:1].upper() + name[1:]
         if view.me is None:
-            return (hover,)
+            return (title,)
         meaning = self.controls(view).click(view.state, view.me, hover)
         if not meaning.valid:
-            return (hover, meaning.hint) if meaning.hint else (hover,)
+            return (title, meaning.hint) if meaning.hint else (title,)
         return (meaning.hint,)
+
+    def _wording(self, view: View) -> Wording:
+        names = {seat.player: seat.name for seat in view.seats}
+        return self.controls(view).wording(view.me, names)
 
     def _permanent(self, view: View) -> HelpRows:
         keys = self.hands.keys
@@ -262,7 +274,7 @@ class PlayInput:
         station = self.hands.target(view.state, view.me)
         return Mark(station, self.hands.queue.sent.fate) if station else None
 
-    def _choices(self) -> tuple[tuple[str, ...] | None, str]:
+    def _choices(self, view: View) -> tuple[tuple[str, ...] | None, str]:
         actions = self.hands.choices
         if actions is None:
             return None, ""
@@ -270,7 +282,9 @@ class PlayInput:
         shown = actions[start : start + MAX_CHOICES]
         pages = -(-len(actions) // MAX_CHOICES)
         more = f"{self.hands.page + 1} of {pages}: Left, Right" if pages > 1 else ""
-        return tuple(action.sentence for action in shown), more
+        words = self._wording(view)
+        said = [words.action(action, view.state) for action in shown]
+        return tuple(each[:1].upper() + each[1:] for each in said), more
 
     def _help_of(self, view: View) -> HelpRows:
         if self._help_rows is not None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.scene import scene
 from robotouille.world.world import State
-from robotouille_client.window.controls import Controls, Meaning, Option
+from robotouille_client.window.controls import Controls, Meaning
 from robotouille_client.window.hands.walking import destination, towards
 
-__all__ = ["possible", "use", "walk", "work"]
+__all__ = ["possible", "use", "walk"]
 
 
 def possible(state: State, me: str) -> tuple[GroundAction, ...]:
@@ -25,21 +25,15 @@ def possible(state: State, me: str) -> tuple[GroundAction, ...]:
     return (*others, *sorted(walks, key=steps))
 
 
-def walk(state: State, me: str, direction: tuple[int, int]) -> Meaning:
+def walk(controls: Controls, state: State, me: str, direction: tuple[int, int]) -> Meaning:
     """What a direction key means."""
     busy = state.busy_steps(me)
     if busy:
-        return Meaning(None, f"{me} is busy for {busy} more step{'s' * (busy > 1)}")
+        return Meaning(None, f"busy for {busy} more step{'s' * (busy > 1)}")
     action = towards(state, me, direction, scene(state))
     if action is None:
         return Meaning(None, "there is no free place that way")
-    return Meaning(action, action.sentence, True)
-
-
-def work(controls: Controls, state: State, me: str) -> tuple[Option, ...]:
-    """The keys of a domain that do something now."""
-    options = controls.options(state, me)
-    return tuple(option for option in options if not _is_done(state, option.action))
+    return Meaning(action, controls.wording(me).action(action, state), True)
 
 
 def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
@@ -50,10 +44,10 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
         key: The one that was pressed; what the domain's input file says of it comes first.
     """
     own = controls.key(state, me, key) if key in controls.keys else None
-    if own is not None and own.valid and not _is_done(state, own.action):
+    if own is not None and own.valid:
         return own
-    for option in work(controls, state, me):
-        return Meaning(option.action, option.action.sentence, True)
+    for option in controls.options(state, me):
+        return controls.key(state, me, option.key)
     here = scene(state)[me].at
     if here is None:
         return own or Meaning(None, "nothing to do here")
@@ -63,17 +57,6 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
     if clicked.valid or own is None or own.action is None:
         return clicked
     return own
-
-
-def _is_done(state: State, action: GroundAction | None) -> bool:
-    """Whether the work that an action starts was done before: what it takes steps for, holds."""
-    if action is None or action.touched or action.removed:
-        return False
-    timed = [node for effect in action.effects for node in effect.counters()]
-    results = [node for node in timed if node.sets or node.clears]
-    return bool(results) and all(
-        state.facts & node.sets == node.sets and not state.facts & node.clears for node in results
-    )
 
 
 def _at_work(state: State, action: GroundAction | None) -> bool:

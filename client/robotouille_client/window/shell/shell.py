@@ -202,7 +202,8 @@ class Shell:
         client, game, look = entered
         try:
             loop = asyncio.get_running_loop()
-            source = RemoteSource(game, loop.time, client.connected.is_set)
+            language = None if look is None else look.rendering.language
+            source = RemoteSource(game, loop.time, client.connected.is_set, language)
             cards = GameCards(lambda: source.outcome, [("Menu", "menu"), ("Quit", "quit")])
             return await self._show(source, cards, caption=f"Robotouille {game.code}", look=look)
         finally:

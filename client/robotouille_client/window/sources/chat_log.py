@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from robotouille.world.unmet import Unmet, UnmetKind
-from robotouille_client.window.view import Bubble
+from robotouille_client.window.view import NEWS, Bubble
 
 __all__ = ["ChatLog"]
 
@@ -26,15 +26,22 @@ class ChatLog:
         self._notice = ""
         self._notice_until = 0.0
 
-    def rejected(self, player: str, unmet: Sequence[Unmet]) -> None:
-        """A player's action was rejected; no word of those that a later one has replaced."""
+    def rejected(
+        self, player: str, unmet: Sequence[Unmet], say: Callable[[Unmet], str] = str
+    ) -> None:
+        """A player's action was rejected, for reasons as `say` has them; no word of those that a
+        later one has replaced."""
         if all(each.kind is not UnmetKind.SUPERSEDED for each in unmet):
-            self._add(Bubble.rejection(player, unmet))
+            self._add(Bubble.rejection(player, unmet, say))
 
     def said(self, name: str, player: str, text: str) -> None:
         self._lines.append((name, text))
         if player:
             self._add(Bubble(player, text, "chat"))
+
+    def happened(self, text: str) -> None:
+        """Something that nobody says: who comes and goes."""
+        self._lines.append((NEWS, text))
 
     def announced(self, text: str) -> None:
         """Words of the operator: in the chat under no name, and as a notice for a while."""

@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
+from robotouille.domain.rendering import Language, language_of
 from robotouille.episode import Controller
 from robotouille.protocol import messages
 from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.game import Game
-from robotouille_client.sansio.game_events import Announced, Changed, Heard, Over, Refused
+from robotouille_client.sansio.game_events import (
+    Announced,
+    Changed,
+    Heard,
+    Over,
+    Refused,
+    RosterChanged,
+)
+from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import (
     clock_words,
+    comings_and_goings,
     farewell,
     outcome_words,
     pause_words,
+    waiting_words,
+    won,
 )
 from robotouille_client.window.view import GLIDE_SECONDS, FarewellView, PauseView, SeatView, View
 
@@ -56,13 +70,20 @@ class RemoteSource:
     """An episode on a server, through a `Game`."""
 
     def __init__(
-        self, game: Game, now: Callable[[], float], connected: Callable[[], bool] = lambda: True
+        self,
+        game: Game,
+        now: Callable[[], float],
+        connected: Callable[[], bool] = lambda: True,
+        language: Language | None = None,
     ) -> None:
         self._game = game
         self._connected = connected
         self._now = now
+        self._language = language
         self._chat_log = ChatLog(now)
+        self._blockages = Blockages(now)
         self._countdown = _Countdown()
+        self._seats: tuple[SeatInfo, ...] = ()
         self._previous: State | None = None
         self._lost_at: float | None = None
         self._farewell: FarewellView | None = None
@@ -75,9 +96,16 @@ class RemoteSource:
                     self._previous = event.previous
                     self._show_rejections(event)
                 case Refused() if game.seat:
-                    self._chat_log.rejected(game.seat, event.unmet)
+                    say = partial(self._wording.reason, state=game.state)
+                    self._chat_log.rejected(game.seat, event.unmet, say)
+                    self._blockages.refused(game.seat, event.unmet, game.state)
                 case Heard():
                     self._chat_log.said(event.name, event.seat, event.text)
+                    self._blockages.said(event.seat, event.text, game.state, self._wording)
+                case RosterChanged():
+                    for news in comings_and_goings(self._seats, event.seats, game.seat):
+                        self._chat_log.happened(news)
+                    self._seats = event.seats
                 case Announced():
                     self._chat_log.announced(event.text)
                 case Over() if not event.outcome:
@@ -97,15 +125,27 @@ class RemoteSource:
             bubbles=self._chat_log.bubbles,
             chat=self._chat_log.lines,
             status=self._status(),
+            starts_in=self._starts_in(),
+            watching=game.spectators,
+            blocked=self._blockages.at(game.state) if game.running else (),
             waits_for=game.waits_for if game.running and self._connected() else (),
             code=game.code,
             outcome=outcome_words(game.outcome) if game.outcome else "",
-            won=game.outcome is not None and game.outcome["reason"] == "goal",
+            won=won(game.outcome),
             notice=self._chat_log.notice,
             pause=self._pause(),
             offline=self._offline(),
             farewell=self._farewell,
         )
+
+    @property
+    def _wording(self) -> Wording:
+        """The words for who plays the seat."""
+        game = self._game
+        if self._language is None:
+            self._language = language_of(game.world.task)
+        names = {s.player: s.name for s in game.seats if s.name and s.player != game.seat}
+        return Wording(game.world, self._language, game.seat, names)
 
     def _seat(self, seat: SeatInfo) -> SeatView:
         by_bot = seat.controller == Controller.STAND_IN
@@ -123,6 +163,12 @@ class RemoteSource:
         why, detail = pause_words(game.pause.reason, game.seats, left)
         return PauseView(why, detail, left, self._countdown.share(left))
 
+    def _starts_in(self) -> float | None:
+        """The seconds until the game begins, while that is counted down to."""
+        starts_at = self._game.starts_at
+        waiting = starts_at is not None and self._game.phase == "waiting" and self._connected()
+        return max(0.0, starts_at - self._now()) if starts_at is not None and waiting else None
+
     def _offline(self) -> float | None:
         """For how many seconds the connection has been away."""
         if self._connected() or self._game.ended:
@@ -136,7 +182,8 @@ class RemoteSource:
     def _show_rejections(self, event: Changed) -> None:
         for player, action, applied in event.did:
             if not applied:
-                self._chat_log.rejected(player, only_words(f"too late: {action.sentence}"))
+                does = self._wording.action(action, event.state)
+                self._chat_log.rejected(player, only_words(f"too late to {does}"))
 
     def _phase(self) -> float:
         elapsed = self._now() - self._game.step_time
@@ -153,8 +200,7 @@ class RemoteSource:
         if game.paused:
             return "Paused"
         if game.phase == "waiting":
-            free = sum(not seat.name for seat in game.seats)
-            return f"Waiting for {free} more player{'s' * (free != 1)}"
+            return waiting_words(game.seats, self._starts_in())
         if game.turn is not None:
             return "Your turn" if game.turn == game.seat else f"{game.turn}'s turn"
         return ""

@@ -10,7 +10,7 @@ from robotouille.replay.controllers import Seating, seatings
 from robotouille.replay.recording import Recording
 from robotouille.replay.timeline import interludes
 from robotouille.world.grounding.actions import GroundAction
-from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.sources.texts import outcome_words, won
 from robotouille_client.window.view import SeatView, View
 
 __all__ = ["NOTICE_SECONDS", "ReplaySource", "notices_at", "seats_at"]
@@ -102,6 +102,7 @@ class ReplaySource:
             seats=self._seats[index],
             status="Space: pause or go on · Left, Right: step",
             outcome=outcome_words(outcome) if outcome else "",
+            won=won(outcome),
             notice=self._notices.get(step, ""),
         )
 

@@ -5,10 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import ceil
 
+from robotouille.episode import Reason
 from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.view import FarewellView
 
-__all__ = ["clock_words", "farewell", "outcome_words", "pause_words"]
+__all__ = [
+    "clock_words",
+    "comings_and_goings",
+    "farewell",
+    "outcome_words",
+    "pause_words",
+    "waiting_words",
+    "won",
+]
 
 REASONS = {
     "goal": "Goal reached",
@@ -35,6 +44,11 @@ def outcome_words(outcome: Mapping[str, object]) -> str:
     link = "in" if outcome["reason"] == "goal" else "after"
     detail = f": {outcome['detail']}" if outcome.get("detail") else ""
     return f"{reason} {link} {outcome['steps']} steps{detail}"
+
+
+def won(outcome: Mapping[str, object] | None) -> bool:
+    """Whether a game has ended with its goal reached."""
+    return outcome is not None and outcome["reason"] == Reason.GOAL
 
 
 def clock_words(clock: str, rules: Mapping[str, object]) -> str:
@@ -76,6 +90,35 @@ def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> t
         case "deserted":
             return "Everybody is away", f"{waiting}, then the game ends."
     return "The game stands still", f"{reason}. {waiting}."
+
+
+def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None) -> str:
+    """What a game that has not begun waits for."""
+    if starts_in is not None:
+        return f"Starts in {ceil(starts_in)}" if starts_in > 0 else "Starts now"
+    away = [seat.name for seat in seats if seat.name and not seat.present]
+    free = sum(not seat.name for seat in seats)
+    more = [f"{free} more player{'s' * (free != 1)}"] if free else []
+    return f"Waiting for {_listed([*away, *more]) or 'the others'}"
+
+
+def comings_and_goings(
+    before: Iterable[SeatInfo], now: Iterable[SeatInfo], me: str | None
+) -> list[str]:
+    """Who has come and gone between two rosters, but for oneself."""
+    known = {seat.player: seat for seat in before}
+    told = []
+    for seat in now:
+        old = known.get(seat.player)
+        if old is None or seat.player == me:
+            continue
+        if old.name and old.name != seat.name:
+            told.append(f"{old.name} has left")
+        if seat.name and old.name != seat.name:
+            told.append(f"{seat.name} joins")
+        elif seat.name and old.present != seat.present:
+            told.append(f"{seat.name} is back" if seat.present else f"{seat.name} is away")
+    return told
 
 
 def _who_is_missing(away: list[str], seats: list[SeatInfo]) -> str:

@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import random
 from collections.abc import Collection, Mapping
+from functools import cached_property
 
+from robotouille.domain.rendering import language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
@@ -25,12 +27,14 @@ from robotouille.planning.policies.team_talk import (
     VERSION,
     Talk,
     announced_version,
+    intention,
     request,
     requested,
 )
 from robotouille.planning.search.unsolvable import is_cut_off
 from robotouille.planning.search_result import SearchResult
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.wording import Wording
 from robotouille.world.world import State, World
 
 __all__ = ["PlannerPolicy"]
@@ -143,7 +147,7 @@ class PlannerPolicy:
         elif player not in self._team and self._state is not None:
             for mate in sorted(self._team):
                 station = standing_at(self._state, mate)
-                if station is not None and requested(text, station, self._world):
+                if station is not None and requested(text, station, self._wording):
                     self._yielding[mate] = self._step + YIELDING
 
     def observe(self, did: Did) -> None:
@@ -360,6 +364,11 @@ class PlannerPolicy:
 
     # Others who are no planners
 
+    @cached_property
+    def _wording(self) -> Wording:
+        """The words for those who are no planners."""
+        return Wording(self._world, language_of(self._world.task))
+
     @property
     def _outsiders(self) -> list[str]:
         return [p for p in self._world.players if p not in self._team]
@@ -383,8 +392,9 @@ class PlannerPolicy:
         if action is None or self._script is None or not action.schema.definition.travel:
             return
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
-        if others:
-            self._talk.tell(self._script.coming(TOLD), self._step)
+        if others and self._state is not None and self._talk.may_tell(self._step):
+            coming = [self._own(each) for each in self._script.coming(TOLD)]
+            self._talk.tell(intention(coming, self._state, self._wording), self._step)
 
     def _ask_for_a_way(self, state: State) -> None:
         """Where there is a way if somebody else walks: ask them to. One of the team asks."""
@@ -393,7 +403,7 @@ class PlannerPolicy:
         for player in self._outsiders:
             station = standing_at(state, player)
             if station is not None and self._opens_a_way(state, player):
-                self._talk.ask(request(station, player), self._step)
+                self._talk.ask(request(station, state, self._wording), self._step)
                 return
 
     def _opens_a_way(self, state: State, player: str) -> bool:

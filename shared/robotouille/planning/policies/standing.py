@@ -7,7 +7,7 @@ from collections import Counter
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["standing_at", "walks_aside"]
+__all__ = ["is_out_of_the_way", "seat_out_of_the_way", "standing_at", "walks_aside"]
 
 
 def standing_at(state: State, player: str) -> str | None:
@@ -40,6 +40,18 @@ def walks_aside(state: State, player: str) -> list[GroundAction]:
         return []
     aside = [walk for walk in walks if _ends(walk)[1] in quiet]
     return aside or [walk for walk in walks if state.world.thing(_ends(walk)[1]).kind == plain]
+
+
+def is_out_of_the_way(state: State, player: str) -> bool:
+    """Whether a player stands where nobody wants to be: at a station that is plain and empty."""
+    return standing_at(state, player) is not None and not walks_aside(state, player)
+
+
+def seat_out_of_the_way(state: State) -> str:
+    """The first player who stands in nobody's way: the seat for whoever may stand still for long.
+    The first of all, where each of them does."""
+    players = state.world.players
+    return next((p for p in players if is_out_of_the_way(state, p)), players[0])
 
 
 def _ends(walk: GroundAction) -> tuple[str, str]:

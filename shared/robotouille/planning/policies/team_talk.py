@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import World
+from robotouille.world.people.wording import Wording
+from robotouille.world.world import State
 
 __all__ = [
     "TOLD",
@@ -46,21 +47,27 @@ def announced_version(text: str) -> int | None:
     return int(found[1]) if found else None
 
 
-def intention(actions: Sequence[GroundAction]) -> str:
-    """What a bot is about to do, as sentences."""
-    return f"Next: {'; '.join(action.sentence for action in actions)}"[:MAX_SAID]
+def intention(actions: Sequence[GroundAction], state: State, wording: Wording) -> str:
+    """What a bot is about to do."""
+    return f"Next: {'; '.join(wording.action(action, state) for action in actions)}"[:MAX_SAID]
 
 
-def request(station: str, player: str) -> str:
-    """Asks somebody to make way."""
-    return f"I need {station}: please make way, {player}"
+def request(station: str, state: State, wording: Wording) -> str:
+    """Asks whoever stands at a station to make way."""
+    return f"I need {wording.place(station, state)}, please"
 
 
-def requested(text: str, station: str, world: World) -> bool:
-    """Whether a text asks for a station, by its name or by what it is."""
-    kind = world.thing(station).kind
-    words = re.findall(r"\w+", text.lower())
-    return bool(_REQUEST.search(text)) and bool({station.lower(), kind.lower()} & set(words))
+def requested(text: str, station: str, wording: Wording) -> bool:
+    """Whether a text asks for a station: by its name, or by what it is called, which may have the
+    number of another."""
+    if not _REQUEST.search(text):
+        return False
+    kind, number = wording.world.thing(station).kind, re.search(r"\d+$", station)
+    for noun in {kind, kind.replace("_", " "), wording.kind(kind)}:
+        for found in re.finditer(rf"\b{re.escape(noun)}(?: (\d+))?\b", text, re.IGNORECASE):
+            if not found[1] or (number is not None and found[1] == number[0]):
+                return True
+    return re.search(rf"\b{re.escape(station)}\b", text, re.IGNORECASE) is not None
 
 
 class Talk:
@@ -82,11 +89,14 @@ class Talk:
         if not self._silent and announcement() not in self._said:
             self._said.append(announcement())
 
-    def tell(self, coming: Sequence[GroundAction], step: int) -> None:
-        """Say what comes next, if that was not told a moment ago."""
-        if not self._silent and step - self._told >= TELL_AGAIN:
-            self._told = step
-            self._said.append(intention(coming))
+    def may_tell(self, step: int) -> bool:
+        """Whether what comes next was not told a moment ago."""
+        return not self._silent and step - self._told >= TELL_AGAIN
+
+    def tell(self, text: str, step: int) -> None:
+        """Say what comes next."""
+        self._told = step
+        self._said.append(text)
 
     def may_ask(self, step: int) -> bool:
         """Whether enough time has passed since the last request."""

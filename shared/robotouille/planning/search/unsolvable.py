@@ -94,4 +94,4 @@ def _beyond(limits: Limits, expansions: int, states: int) -> bool:
 
 
 def _in_words(world: World, term: GoalTerm) -> str:
-    return describe(world.task.domain, (term.predicate, *term.args), is_true=True)
+    return describe(world.task.domain, (term.predicate, *term.args))

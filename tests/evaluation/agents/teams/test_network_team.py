@@ -102,7 +102,7 @@ def test_the_bot_of_the_command_line_takes_several_seats(
             opened = await host.create(TEAM, clock="lockstep", max_steps=5)
             seats = ("robot1", "robot2")
             outcome = await _run(
-                server.url, "m", None, opened.code, None, mock(control), seats=seats
+                server.url, ("m",), None, opened.code, None, mock(control), seats=seats
             )
             assert outcome["reason"] == "step_limit"
 
@@ -126,7 +126,9 @@ def test_seats_that_cannot_be_taken_say_what_to_do(
             await host.join(opened.code, seat="robot1")
             several = tuple(seats.split(","))
             with pytest.raises(RobotouilleError, match="the others in the game wait: take"):
-                await _run(server.url, "m", None, opened.code, None, mock("joint"), seats=several)
+                await _run(
+                    server.url, ("m",), None, opened.code, None, mock("joint"), seats=several
+                )
 
     run(main())
 
@@ -141,7 +143,7 @@ def test_whoever_may_not_list_episodes_takes_several_seats_by_the_code(
         async with serving(tmp_path) as server, connect(server.url, name="host") as host:
             code = (await host.create(TEAM, clock=clock, max_steps=5)).code
             token = minted(server, Role.PLAYER)
-            playing = _run(server.url, "m", token, code, None, mock("joint"), seats="all")
+            playing = _run(server.url, ("m",), token, code, None, mock("joint"), seats="all")
             if clock == "lockstep":
                 assert (await playing)["reason"] == "step_limit"
                 return
@@ -160,7 +162,7 @@ def test_in_real_time_no_seat_is_taken(tmp_path: Path, monkeypatch: pytest.Monke
         async with serving(tmp_path) as server, connect(server.url, name="host") as host:
             opened = await host.create(TEAM, clock="realtime")
             with pytest.raises(RobotouilleError, match="is played in real time, where each seat"):
-                await _run(server.url, "m", None, opened.code, None, mock("joint"), seats="all")
+                await _run(server.url, ("m",), None, opened.code, None, mock("joint"), seats="all")
             (episode,) = await host.episodes()
             assert [seat.name for seat in episode.seats] == ["", ""]
 

@@ -10,25 +10,32 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Task
 from robotouille.episode import Episode, Event, Rules
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
+from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import compress
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import World
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.names import given_names
 from robotouille_client.window.sources.local import LocalSource
 
-__all__ = ["LocalGame", "Plan", "recordings_folder"]
+__all__ = ["NO_CERTIFICATE", "LocalGame", "Plan", "recordings_folder", "step_limit"]
 
 KEPT_RECORDINGS = 50
+NO_CERTIFICATE = 1000
+"""Steps for a task of which no shortest plan is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is to be played here: a task with its seats, the clock, the partners, and the seed of
-    all that is random."""
+    """What is to be played here: a task with its seats, the clock, the partners, the step limit
+    (None: six times the shortest plan, three minutes at least), the seed of all that is random, and
+    the seconds that are counted down before it begins in real time."""
 
     task: str
     seats: int | None = None
@@ -36,8 +43,9 @@ class Plan:
     rate: float = 5.0
     partner: BotKind = BotKind.PLANNER
     timing: str | None = None
-    max_steps: int = 1000
+    max_steps: int | None = None
     seed: int = 0
+    countdown: float = 3.0
 
     @property
     def profile(self) -> str:
@@ -60,10 +68,12 @@ class LocalGame:
     ) -> None:
         task = load_task(plan.task, seats=plan.seats, timing=plan.profile, seed=plan.seed)
         self.world = World(task)
-        rules = Rules(clock=plan.clock, step_rate=plan.rate, max_steps=plan.max_steps)
+        rules = _rules(plan, task)
         make = policy_maker(plan.partner, plan.seed)
-        me, *others = self.world.players
-        bots = {p: (f"{plan.partner.value} bot", make(self.world.initial, p)) for p in others}
+        me = seat_out_of_the_way(self.world.initial)
+        others = [player for player in self.world.players if player != me]
+        names = given_names(plan.seed)
+        bots = {p: (names[i], make(self.world.initial, p)) for i, p in enumerate(others)}
         self.path: Path | None = None
         self._recorder = Recorder(self.world)
         if folder is not None:
@@ -117,6 +127,21 @@ class LocalGame:
         except (OSError, RecordingError):
             self._discard()
             self.path = None
+
+
+def step_limit(task: Task, clock: Clock, rate: float) -> int:
+    """The steps that somebody gets for a task."""
+    limit = people_step_limit(task, rate if clock is Clock.REALTIME else None)
+    return limit or NO_CERTIFICATE
+
+
+def _rules(plan: Plan, task: Task) -> Rules:
+    return Rules(
+        clock=plan.clock,
+        step_rate=plan.rate,
+        max_steps=plan.max_steps or step_limit(task, plan.clock, plan.rate),
+        countdown=plan.countdown if plan.clock is Clock.REALTIME else 0.0,
+    )
 
 
 def _forget_old(folder: Path) -> None:

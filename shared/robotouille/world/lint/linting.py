@@ -20,7 +20,7 @@ from robotouille.errors import Fault
 from robotouille.world.grounding.actions import ActionSchema
 from robotouille.world.grounding.atoms import EXISTS, USED
 from robotouille.world.grounding.objects import Object, bound
-from robotouille.world.lint_companions import lint_companions
+from robotouille.world.lint.companions import lint_companions
 from robotouille.world.scene import scene
 from robotouille.world.world import World
 

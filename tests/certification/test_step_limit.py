@@ -1,0 +1,49 @@
+"""How many steps people get: six times the certified plan in their own timing, three minutes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from robotouille import load_task
+from robotouille.certification.certificate import load_certificate
+from robotouille.certification.step_limit import people_step_limit, retimed_length
+
+NAMES = ["synchronous/01", "asynchronous/07", "multi_agent/01@2", "multi_agent/10@3"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_in_the_benchmarks_timing_it_is_six_times_the_certified_length(name: str) -> None:
+    task = load_task(name)
+    length = load_certificate(task).length
+    assert length is not None
+    assert retimed_length(task) == length
+    assert people_step_limit(task, None) == 6 * length
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_with_peoples_timing_walks_and_delays_count(name: str) -> None:
+    longer, shorter = retimed_length(load_task(name, timing="people")), load_certificate(name)
+    assert longer is not None
+    assert shorter.length is not None
+    assert shorter.length < longer < 20 * shorter.length
+
+
+def test_three_minutes_at_least_in_real_time() -> None:
+    task = load_task("multi_agent/01", timing="people")
+    length = retimed_length(task)
+    assert length is not None
+    assert people_step_limit(task, 5.0) == 900
+    assert people_step_limit(task, 0.5) == 6 * length
+
+
+def test_none_where_no_certificate_is_known(tmp_path: Path) -> None:
+    shipped = load_task("synchronous/01", timing="people")
+    problem = tmp_path / "mine.json"
+    problem.write_text(Path(shipped.source).read_text("utf-8"), "utf-8")
+    assert people_step_limit(load_task(str(problem), timing="people"), 5.0) is None
+    fields = json.loads(load_certificate("synchronous/01").model_dump_json())
+    (tmp_path / "mine.certificate.json").write_text(json.dumps(fields | {"instance": "0" * 32}))
+    assert people_step_limit(load_task(str(problem), timing="people", seed=0), 5.0) is None

@@ -1,0 +1,39 @@
+"""Bots that nobody named have names of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robotouille_client.bots.names import given_names
+from robotouille_client.console.kept_seat import kept_seat, kept_seat_of
+
+URL, CODE = "ws://127.0.0.1:1", "ABCDE-FGHJK"
+
+
+def test_by_the_seed_and_the_seat() -> None:
+    assert given_names() == given_names(0) == given_names(0, "robot1")
+    assert given_names(0)[1] == given_names(1)[0] == given_names(0, "robot2")[0]
+    assert given_names(5, "robot3") == given_names(7)
+    names = given_names(3)
+    assert len({*names}) == len(names) >= 12
+    assert set(given_names(10**9)) == set(names)
+
+
+def test_each_process_has_the_first_name_that_no_other_has(tmp_path: Path) -> None:
+    names = given_names()
+    with kept_seat_of(tmp_path, URL, CODE, names) as (first, one):
+        assert one is not None
+        one.keep("token", ("robot1",))
+        with kept_seat_of(tmp_path, URL, CODE, names) as (second, two):
+            assert (first, second) == names[:2]
+            assert two is not None
+    with kept_seat_of(tmp_path, URL, CODE, names) as (again, kept):
+        assert again == first
+        assert kept is not None
+        assert kept.token == "token"
+
+
+def test_where_all_names_are_taken_it_is_the_first(tmp_path: Path) -> None:
+    with kept_seat(tmp_path, URL, CODE, "ada"):
+        with kept_seat_of(tmp_path, URL, CODE, ("ada",)) as found:
+            assert found == ("ada", None)

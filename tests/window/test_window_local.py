@@ -1,0 +1,115 @@
+"""A game in this process: counted down to, and won or not."""
+
+from __future__ import annotations
+
+from robotouille import GroundAction, State, World, load_task
+from robotouille.episode import Clock, Episode, Rules
+from robotouille.planning.policies import PlannerPolicy, RandomPolicy
+from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
+from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
+from robotouille_client.window.sources.local import LocalSource
+
+RULES = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=5, countdown=3.0)
+
+
+class Timer:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def source(timer: Timer, rules: Rules = RULES) -> LocalSource:
+    world = World("multi_agent/02")
+    bots = {player: ("bot", RandomPolicy(player, 1)) for player in world.players[1:]}
+    return LocalSource(Episode(world, rules, timer()), world.players[0], bots, timer)
+
+
+def test_it_is_counted_down_to() -> None:
+    timer = Timer()
+    game = source(timer)
+    assert (game.view().starts_in, game.view().status) == (3.0, "Starts in 3")
+    timer.now = 2.5
+    assert (game.view().starts_in, game.view().step) == (0.5, 0)
+    timer.now = 3.1
+    view = game.view()
+    assert (view.starts_in, view.status) == (None, "")
+
+
+def test_bots_think_before_the_game_begins() -> None:
+    timer, world, asked = Timer(), World("multi_agent/02"), []
+
+    class Bot(RandomPolicy):
+        def act(self, state: State) -> GroundAction | None:
+            asked.append(timer.now)
+            return super().act(state)
+
+    bots = {player: ("bot", Bot(player, 1)) for player in world.players[1:]}
+    game = LocalSource(Episode(world, RULES, 0.0), world.players[0], bots, timer)
+    for timer.now in (0.0, 1.0, 2.0):
+        assert game.view().step == 0
+    assert len(asked) == len(bots)
+
+
+def test_out_of_steps_is_not_won() -> None:
+    timer = Timer()
+    game = source(timer)
+    game.view()
+    timer.now = 3.0
+    game.view()
+    timer.now = 4.0
+    view = game.view()
+    assert view.outcome == "Out of steps after 5 steps"
+    assert not view.won
+
+
+def test_the_step_limit_of_a_game_here() -> None:
+    task = load_task("multi_agent/01", timing="people")
+    assert step_limit(task, Clock.REALTIME, 10.0) == 1800
+    assert step_limit(task, Clock.TURN, 10.0) == 210
+    unknown = load_task("examples/pancakes", timing="people")
+    assert step_limit(unknown, Clock.REALTIME, 5.0) == NO_CERTIFICATE
+
+
+def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain() -> None:
+    """Where no way leads around somebody who does nothing."""
+    timer, world = Timer(), World("multi_agent/01@3")
+    bots = {
+        player: (player, PlannerPolicy(world, player, start=world.initial, expansions=500))
+        for player in ("robot2", "robot3")
+    }
+    rules = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=60)
+    game = LocalSource(Episode(world, rules, timer()), "robot1", bots, timer)
+    blocked = set()
+    while not game.finished:
+        timer.now += 0.02
+        view = game.view()
+        blocked |= {*view.blocked}
+    asked = [text for _, text in game._chat_log._lines if text.startswith("I need")]
+    assert set(asked) == {"I need table 2, please"}
+    assert 1 <= len(asked) <= 4
+    assert ("robot2", "table2", "robot1") in blocked
+    assert sum(seat.rejected for seat in view.seats) <= 2
+
+
+def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:
+    timer, world = Timer(), World("multi_agent/02")
+    bots = {player: ("bot", RandomPolicy(player, 1)) for player in world.players[1:]}
+    lockstep = Rules(clock=Clock.LOCKSTEP)
+    game = LocalSource(Episode(world, lockstep, 0.0), world.players[0], bots, timer)
+    state = game.view().state
+    here, there = (standing_at(state, player) or "" for player in world.players[:2])
+    game.act(world.action("move", world.players[0], here, there))
+    assert game.view().blocked == ((world.players[0], there, world.players[1]),)
+    timer.now += 6.0
+    assert game.view().blocked == ()
+
+
+def test_the_seat_of_a_person_is_out_of_the_way() -> None:
+    for name, expected in (("multi_agent/07@4", "robot2"), ("multi_agent/01@2", "robot2")):
+        state = World(name).initial
+        player = seat_out_of_the_way(state)
+        assert player == expected
+        others = [other for other in state.world.players if other != player]
+        assert not is_cut_off(state.world, state, others)
