@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -217,6 +218,20 @@ def test_three_things_wait_and_escape_forgets_them(slow: Table) -> None:
     slow.step()
     assert slow.overlay().queued == ()
     assert len(slow.source.acted) == 2
+
+
+def test_what_is_asked_before_the_game_begins_comes_when_it_does(
+    table: Table, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = table.source.view
+    counting = dataclasses.replace(view(), starts_in=2.0)
+    monkeypatch.setattr(table.source, "view", lambda: counting)
+    table.press(pygame.K_LEFT)
+    assert table.source.acted == []
+    assert table.overlay().queued == ("Left",)
+    monkeypatch.setattr(table.source, "view", view)
+    table.window.frame(table.source)
+    assert [action.name for action in table.source.acted] == ["move"]
 
 
 def test_what_waits_long_is_replaced_by_another_wish(slow: Table) -> None:

@@ -73,7 +73,7 @@ class ActionQueue:
         if view.frozen or view.me is None:
             return ""
         self._settle(view)
-        busy = bool(view.state.busy_steps(view.me))
+        busy = bool(view.state.busy_steps(view.me)) or view.starts_in is not None
         sent = self._sent
         just_sent = (
             sent is not None and sent.fate == "asked" and self._clock() - sent.time < QUICK_SECONDS
@@ -88,7 +88,7 @@ class ActionQueue:
     def tick(self, source: Source, view: View) -> str:
         """Send the next thing where it can be sent now; a notice, or nothing."""
         self._settle(view)
-        if view.frozen or view.me is None or not self._waiting:
+        if view.frozen or view.me is None or not self._waiting or view.starts_in is not None:
             return ""
         if self._sent is not None and self._sent.fate == "asked":
             return ""
