@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import pygame
 
+from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
 from robotouille.world.world import State
@@ -282,9 +283,17 @@ class PlayInput:
         shown = actions[start : start + MAX_CHOICES]
         pages = -(-len(actions) // MAX_CHOICES)
         more = f"{self.hands.page + 1} of {pages}: Left, Right" if pages > 1 else ""
-        words = self._wording(view)
-        said = [words.action(action, view.state) for action in shown]
+        said = [self._said(action, view) for action in shown]
         return tuple(each[:1].upper() + each[1:] for each in said), more
+
+    def _said(self, action: GroundAction, view: View) -> str:
+        """An action in words; a walk with what lies where it leads, as places share names."""
+        words, there = self._wording(view), destination(action)
+        placed = scene(view.state).values()
+        lying = [p.thing.name for p in placed if there is not None and p.host == there]
+        things = ", ".join(words.thing(name, view.state) for name in lying)
+        said = words.action(action, view.state)
+        return f"{said}: {things}" if things else said
 
     def _help_of(self, view: View) -> HelpRows:
         if self._help_rows is not None:

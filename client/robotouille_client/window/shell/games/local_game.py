@@ -72,7 +72,7 @@ class LocalGame:
         make = policy_maker(plan.partner, plan.seed)
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]
-        names = given_names(plan.seed)
+        names = [n for n in given_names(plan.seed) if n.casefold() != name.casefold()]
         bots = {p: (names[i], make(self.world.initial, p)) for i, p in enumerate(others)}
         self.path: Path | None = None
         self._recorder = Recorder(self.world)
