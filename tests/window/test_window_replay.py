@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from robotouille_client.window.sources.replay import ReplaySource, notices_at, seats_at
 from tests.support.games import record
 
 from robotouille import World
 from robotouille.episode import Absence, Clock, Episode, PauseReason, Rules
 from robotouille.replay.recording import Recording
-from robotouille_client.window.sources.replay import ReplaySource, notices_at, seats_at
 
 WORLD = World("multi_agent/01")
 

@@ -60,8 +60,7 @@ def play(
     from robotouille import World, load_task
     from robotouille.episode import Episode, Rules
     from robotouille.planning.policies.standing import seat_out_of_the_way
-    from robotouille_client.window import require_pygame, require_screen
-    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window import parse_size, require_pygame, require_screen
 
     try:
         require_pygame()

@@ -178,8 +178,7 @@ def command(
 
     from pydantic import ValidationError
 
-    from robotouille_client.window import require_pygame, require_screen
-    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window import parse_size, require_pygame, require_screen
 
     try:
         require_pygame()

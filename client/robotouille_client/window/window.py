@@ -39,7 +39,8 @@ class Window:
 
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
     itself, e.g. pause a recording. `look` is that of a kitchen which is not installed. A `strip` is
-    drawn below the kitchen, and asked first about each event. `clock` and `sleep` are injected for
+    drawn below the kitchen, and asked first about each event; a `painter` that is given draws
+    instead of the window's own, and draws the strip itself. `clock` and `sleep` are injected for
     tests.
     """
 
@@ -54,6 +55,7 @@ class Window:
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
         look: KitchenLook | None = None,
         strip: Strip | None = None,
+        painter: Painter | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -69,7 +71,7 @@ class Window:
         self._sleep = sleep
         self._look = look
         self._strip = strip
-        self._painter = Painter(
+        self._painter = painter or Painter(
             look.rendering if look else None, look.pictures if look else None, strip
         )
         self._chat = ChatLine()

@@ -1,0 +1,36 @@
+"""How far from the goal each state of a recording is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from robotouille.certification.certificate import Deadline
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.search_result import Limits
+from robotouille.planning.steps_to_go import StepsLeft, StepsToGo
+from robotouille.replay.recording import Recording
+
+__all__ = ["distances"]
+
+
+def distances(recording: Recording, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
+    """The steps to go at step 0 and after each step, in the model of the recording's world.
+
+    Args:
+        expansions: What the search from one state may cost.
+        deadline: When it has struck, nothing more is searched, and of the rest only bounds come.
+
+    Raises:
+        RecordingError: A step has an action that the task has not.
+        PluginError: An installed plug-in is needed and cannot be loaded.
+    """
+    limits = Limits(expansions, stop=deadline)
+    anytime = AnytimePlanner(recording.world)
+    distance, before = StepsToGo(anytime.model), None
+    for _, recorded in recording.states():
+        state = anytime.in_model(recorded)
+        if deadline():
+            yield distance.known(state, after=before)
+        else:
+            yield distance(state, limits, after=before)
+        before = state if anytime.model is recording.world else None
