@@ -172,7 +172,7 @@ class Window:
         if view.frozen:
             return ""
         if view.me is None:
-            return "You are watching · H for help"
+            return "" if self._strip is not None else "You are watching · H for help"
         options = self._controls_of(view).options(view.state, view.me)
         wording = self._wording(view)
         words = [f"[{o.key.upper()}] {wording.action(o.action, view.state)}" for o in options]

@@ -20,7 +20,7 @@ _SHARE = 10
 
 _HELP = (
     ("Space", "pause, go on; at the end, begin anew"),
-    ("← →", "one step; Shift: ten steps; hold to go on"),
+    ("Left Right", "one step; Shift: ten steps; hold to go on"),
     ("PgUp PgDn", "a tenth of the episode"),
     ("Home End", "the beginning, the end"),
     (", .", "the mark before, the next mark"),

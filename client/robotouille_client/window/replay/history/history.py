@@ -112,6 +112,10 @@ class History(ABC):
         """What a seat did with a step, from 1 on."""
         return ACTIVITIES[self.lanes[player][step - 1]]
 
+    def count(self, player: str, activity: Activity, step: int) -> int:
+        """How many of the steps up to one a seat did something with."""
+        return self.lanes[player].count(_CODES[activity], 0, step)
+
     def chat(self, step: int, lines: int) -> tuple[tuple[str, str], ...]:
         """The last lines said up to a step: name, empty for the operator, and text."""
         end = bisect_right(self._said, step, key=lambda line: line[0])

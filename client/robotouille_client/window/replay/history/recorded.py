@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from robotouille.episode import Controller, RejectionKind
+from robotouille.episode.tallies import Activity
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.analysis.activities import activities
 from robotouille.replay.container import MAGIC, frame_ends, frame_value
@@ -40,18 +41,6 @@ _TOLD = frozenset({"paused", "resumed", "restarted", "announced"})
 
 
 @dataclass(slots=True)
-class _Counts:
-    """How many actions of a seat were applied and lost, by step."""
-
-    applied: array[int] = field(default_factory=lambda: array("l", [0]))
-    lost: array[int] = field(default_factory=lambda: array("l", [0]))
-
-    def add(self, applied: int, lost: int) -> None:
-        self.applied.append(self.applied[-1] + applied)
-        self.lost.append(self.lost[-1] + lost)
-
-
-@dataclass(slots=True)
 class _ToldNotes:
     """Those notes that interludes are made of."""
 
@@ -74,7 +63,7 @@ class RecordedHistory(History):
         self._seated: dict[str, tuple[str, str]] = {}
         self._seatings_from = [0]
         self._seatings_by_step = [self._seatings]
-        self._counts = {player: _Counts() for player in self.world.players}
+        self._rejected = {player: array("q") for player in self.world.players}
         self._notes: dict[int, list[Entry]] = defaultdict(list)
         self._told = _ToldNotes(recording.outcome)
         self.fault = recording.damage
@@ -95,9 +84,9 @@ class RecordedHistory(History):
     def _seat(self, player: str, seating: Seating, step: int) -> SeatView:
         present = seating.controller not in NOT_PRESENT
         stand_in = self._stand_in if seating.controller == Controller.STAND_IN else ""
-        counts = self._counts[player]
-        done = (counts.applied[step], counts.lost[step])
-        return SeatView(player, seating.name, seating.kind, present, *done, stand_in)
+        acted = self.count(player, Activity.ACTED, step)
+        rejected = bisect_right(self._rejected[player], step)
+        return SeatView(player, seating.name, seating.kind, present, acted, rejected, stand_in)
 
     def entries(self, step: int) -> tuple[Entry, ...]:
         moves = self._moves(self.states.frame(step)) if step else ()
@@ -155,20 +144,20 @@ class RecordedHistory(History):
             # Before the first step they are as in it.
             self._seatings_from.append(0 if step == 1 else step)
             self._seatings_by_step.append(self._seatings)
-        done = dict.fromkeys(self._counts, (0, 0))
         for place, move in enumerate(frame["moves"]):
             lost = str(place) in unmet
-            done[move["player"]] = (not lost, lost)
+            if lost and move["seq"]:
+                self._rejected[move["player"]].append(step)
             if lost or "reasoning" in move:
                 kind = EntryKind.REJECTED if lost else EntryKind.REASONING
                 self._mark([Entry(step, kind, move["player"], "")])
-        for player, counts in self._counts.items():
-            counts.add(*done[player])
 
     def _add_note(self, note: dict[str, Any]) -> None:
         kind, step = note["note"], note["step"]
         if kind == "roster" and note["player"] in self._seatings:
             self._seatings = {**self._seatings, note["player"]: seating_after(note)}
+        if kind == "rejected" and note["player"] in self._rejected:
+            self._rejected[note["player"]].append(step)
         if kind in _TOLD:
             self._told.kept.append(note)
         if kind in ("said", "announced"):

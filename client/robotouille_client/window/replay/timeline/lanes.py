@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pygame
 
 from robotouille.episode.tallies import Activity
@@ -66,12 +68,14 @@ class Lanes:
         area: pygame.Rect,
         scale: Scale,
         rows: int,
+        head: int,
         followed: int | None,
     ) -> None:
-        """The lanes in an area, a row each, below one row of marks that are nobody's.
+        """The lanes in an area, below the marks that are nobody's.
 
         Args:
-            rows: The height of a row.
+            rows: The height of a lane, with room for its marks above it.
+            head: The height of the marks that are nobody's.
             followed: The lane that is not faded; None: no lane is.
         """
         history = self._history
@@ -80,23 +84,25 @@ class Lanes:
             history.length, len(history.marks), followed,
         )  # fmt: skip
         if self._surface is None or drawn != self._drawn:
-            self._surface, self._drawn = self._render(area, scale, rows, followed), drawn
+            self._surface, self._drawn = self._render(area, scale, rows, head, followed), drawn
         target.blit(self._surface, area)
 
     def _render(
-        self, area: pygame.Rect, scale: Scale, rows: int, followed: int | None
+        self, area: pygame.Rect, scale: Scale, rows: int, head: int, followed: int | None
     ) -> pygame.Surface:
         surface = pygame.Surface(area.size, pygame.SRCALPHA)
-        left = scale.left - area.left
+        left, marks = scale.left - area.left, rows * 2 // 5
         for place, lane in enumerate(self._history.lanes.values()):
-            row = pygame.Rect(left, (place + 1) * rows, scale.width, rows - max(2, rows // 7))
+            top = head + place * rows
             fade = 0.0 if followed in (None, place) else 0.6
-            surface.fill(mixed(CARD, INK, 0.25), row)
+            track = pygame.Rect(left, top + 1, scale.width, rows - 2)
+            surface.fill(mixed(CARD, INK, 0.25), track)
+            row = pygame.Rect(left, top + marks, scale.width, rows - marks - 2)
             if scale.width >= _WIDE * scale.shown:
                 self._steps(surface, row, lane, scale, fade)
             else:
                 self._columns(surface, row, lane, scale, fade)
-        self._marks(surface, area.left, scale, rows, followed)
+        self._marks(surface, area.left, scale, rows, head, followed)
         return surface
 
     def _steps(
@@ -135,21 +141,32 @@ class Lanes:
                     bottom -= height
 
     def _marks(
-        self, surface: pygame.Surface, origin: int, scale: Scale, rows: int, followed: int | None
+        self,
+        surface: pygame.Surface,
+        origin: int,
+        scale: Scale,
+        rows: int,
+        head: int,
+        followed: int | None,
     ) -> None:
-        players = list(self._history.lanes)
+        """Each mark once a pixel; those of one place beside each other."""
+        places = {player: place for place, player in enumerate(self._history.lanes)}
+        size = max(5, rows // 3)
         drawn: set[tuple[int, EntryKind, str]] = set()
+        taken: Counter[tuple[int, str]] = Counter()
         for mark in self._history.marks:
-            if not scale.first <= mark.step <= scale.last:
+            place = places.get(mark.player)
+            hidden = followed is not None and place not in (None, followed)
+            if hidden or not scale.first <= mark.step <= scale.last:
                 continue
             x = scale.x(mark.step) - origin
-            place = players.index(mark.player) if mark.player in players else None
-            key = (x, mark.kind, mark.player)
-            if key in drawn or (followed is not None and place not in (None, followed)):
+            if (x, mark.kind, mark.player) in drawn:
                 continue
-            drawn.add(key)
-            top = 0 if place is None else (place + 1) * rows
-            draw_mark(surface, mark.kind, (x, top), max(5, round(rows * 0.42)))
+            drawn.add((x, mark.kind, mark.player))
+            top = 1 if place is None else head + place * rows + 2
+            beside = taken[x, mark.player] * (size + 2)
+            taken[x, mark.player] += 1
+            draw_mark(surface, mark.kind, (x + beside, top), size)
 
 
 _BY_HEIGHT = sorted(range(len(ACTIVITIES)), key=lambda code: -_LOOKS[code][1])

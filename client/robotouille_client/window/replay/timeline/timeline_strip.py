@@ -31,8 +31,10 @@ from robotouille_client.window.view import View
 
 __all__ = ["TimelineStrip"]
 
-READOUT, ROW, CURVE, AXIS = 1.8, 1.15, 2.8, 1.25
+READOUT, ROW, CURVE, AXIS = 1.8, 1.5, 2.8, 1.25
 """Heights, as multiples of the text size."""
+HEAD_ROW = 0.5
+"""The height of the marks that are nobody's, as part of a lane's."""
 NEAR = 4
 """Pixels from which a mark is meant."""
 MAX_TOLD = 5
@@ -70,6 +72,7 @@ class TimelineStrip:
         self.offset = 0
         self._lane_area = pygame.Rect(0, 0, 0, 0)
         self._row = 1
+        self._head_row = 1
         self._button = pygame.Rect(0, 0, 0, 0)
         self._pointer: tuple[int, int] | None = None
         self._dragging = False
@@ -78,7 +81,7 @@ class TimelineStrip:
     def lines(self) -> float:
         """The strip's height, as a multiple of the window's text size."""
         curve = CURVE if self._curve.begun else 0.0
-        return READOUT + curve + ROW * (len(self._history.lanes) + 1) + AXIS
+        return READOUT + curve + ROW * (len(self._history.lanes) + HEAD_ROW) + AXIS
 
     # Drawing
 
@@ -100,7 +103,7 @@ class TimelineStrip:
         followed = self._state.followed
         players = self._history.world.players
         place = players.index(followed) if followed in players else None
-        self._lanes.draw(target, self._lane_area, self._scale, self._row, place)
+        self._lanes.draw(target, self._lane_area, self._scale, self._row, self._head_row, place)
         self._names(target, area, text, size, view.step)
         self._span(target)
         self._axis(target, area, text, size)
@@ -120,11 +123,12 @@ class TimelineStrip:
         width = max(1, area.right - left - size)
         curve = round(CURVE * size) if self._curve.begun else 0
         top = area.y + round(READOUT * size) + curve
-        high = self._row * (len(self._history.lanes) + 1)
+        self._head_row = round(self._row * HEAD_ROW)
+        high = self._head_row + self._row * len(self._history.lanes)
         self._lane_area = pygame.Rect(left - size, top, width + 2 * size, high)
-        self._scale.place(left, width, self._history.length)
+        self._scale.place(left, width, self._playhead.length)
         if not self._dragging:
-            self._scale.reveal(min(self._playhead.position, self._history.length))
+            self._scale.reveal(self._playhead.position)
 
     def _curve_area(self, size: int) -> pygame.Rect:
         high = round(CURVE * size)
@@ -136,9 +140,9 @@ class TimelineStrip:
         """Whose lane is whose, with the seat's colour."""
         step = min(step, self._history.length)
         for place, seat in enumerate(self._history.seats(step)):
-            top = self._lane_area.top + (place + 1) * self._row
+            top = self._lane_area.top + self._head_row + place * self._row
             followed = self._state.followed in (None, seat.player)
-            chip = pygame.Rect(area.x + size // 2, top, max(4, size // 3), self._row - 3)
+            chip = pygame.Rect(area.x + size // 2, top + 2, max(4, size // 3), self._row - 4)
             target.blit(box(chip.size, SEATS[place % len(SEATS)], 2), chip)
             room = self._scale.left - chip.right - size
             words = text.fit(seat.name or seat.player, max(10, size - 2), room)
@@ -173,8 +177,7 @@ class TimelineStrip:
 
     def _head(self, target: pygame.Surface, size: int) -> None:
         """Where one is."""
-        position = min(self._playhead.position, self._history.length)
-        x = self._scale.x(position)
+        x = self._scale.x(self._playhead.position)
         top, bottom = self._lane_area.top, self._lane_area.bottom + 2
         if self._curve.begun:
             top -= round(CURVE * size)
@@ -214,6 +217,7 @@ class TimelineStrip:
     def _told(self, step: int, pointer: tuple[int, int]) -> list[str]:
         """Step and time, what the seat under the pointer does, and what happened."""
         history = self._history
+        step = min(step, history.length)
         left = self._curve.words(step)
         head = f"Step {step} · {time_words(history.times[step])}{f' · {left}' if left else ''}"
         player = self._player_at(pointer)
@@ -282,7 +286,7 @@ class TimelineStrip:
         )  # fmt: skip
 
     def _player_at(self, position: tuple[int, int]) -> str | None:
-        place = (position[1] - self._lane_area.top) // self._row - 1
+        place = (position[1] - self._lane_area.top - self._head_row) // self._row
         players = self._history.world.players
         return players[place] if 0 <= place < len(players) else None
 
