@@ -16,8 +16,8 @@ from robotouille_client.window.replay.viewer_state import ViewerState
 __all__ = ["StepsSearch"]
 
 EXPANSIONS = 500
-SECONDS = 120.0
-"""What it may take; of what is left then only bounds are known."""
+SECONDS = 60.0
+"""What a plan may cost, and after how long no more plans are made."""
 
 
 class StepsSearch:
@@ -31,6 +31,7 @@ class StepsSearch:
         self._lines: deque[str] = deque()
         self._process: subprocess.Popen[str] | None = None
         self._reader: Thread | None = None
+        self._fault = ""
 
     def start(self) -> None:
         """Begin, unless it has begun."""
@@ -43,7 +44,7 @@ class StepsSearch:
             str(self._path), str(EXPANSIONS), str(SECONDS),
         )  # fmt: skip
         self._process = subprocess.Popen(  # noqa: S603
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         self._reader = Thread(target=self._read, args=(self._process,), daemon=True)
         self._reader.start()
@@ -52,6 +53,9 @@ class StepsSearch:
         assert process.stdout is not None  # noqa: S101
         with process.stdout as lines:
             self._lines.extend(lines)
+        assert process.stderr is not None  # noqa: S101
+        with process.stderr as errors:
+            self._fault = errors.read().strip()
 
     def poll(self) -> None:
         """Take over what was found since the last time."""
@@ -65,9 +69,10 @@ class StepsSearch:
         known, whole = len(self._curve.known), self._history.length + 1
         if ended:
             self._process, self._state.busy = None, ""
-            process.wait()
-            missing = "" if known >= whole else f": known up to step {known - 1}"
-            self._state.tell(f"Steps to go worked out{missing}")
+            if process.wait():
+                self._state.tell(f"Steps to go: {self._fault.rpartition(chr(10))[2] or 'failed'}")
+            else:
+                self._state.tell(f"Steps to go are known up to step {known - 1}")
         else:
             self._state.busy = f"Working out the steps to go: {known} of {whole}"
 

@@ -10,7 +10,7 @@ import sys
 
 from robotouille.certification.certificate import Deadline
 from robotouille.errors import RobotouilleError
-from robotouille.replay.analysis.distances import distances
+from robotouille.replay.analysis.distances import estimates
 from robotouille.replay.recording import read_recording
 
 __all__ = ["main"]
@@ -20,7 +20,7 @@ def main(file: str, expansions: str, seconds: str) -> int:
     """Print `[least, most, dead]` of each state as it is found; the exit status."""
     try:
         recording = read_recording(file, damaged=True)
-        for left in distances(recording, int(expansions), Deadline(float(seconds))):
+        for left in estimates(recording, int(expansions), Deadline(float(seconds))):
             print(json.dumps([left.bound, left.steps, left.dead]), flush=True)
     except (RobotouilleError, ValueError) as error:
         print(error, file=sys.stderr)

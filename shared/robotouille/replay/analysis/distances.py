@@ -10,7 +10,9 @@ from robotouille.planning.search_result import Limits
 from robotouille.planning.steps_to_go import StepsLeft, StepsToGo
 from robotouille.replay.recording import Recording
 
-__all__ = ["distances"]
+__all__ = ["distances", "estimates"]
+
+NO_SEARCH = Limits(expansions=0)
 
 
 def distances(recording: Recording, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
@@ -33,4 +35,31 @@ def distances(recording: Recording, expansions: int, deadline: Deadline) -> Iter
             yield distance.known(state, after=before)
         else:
             yield distance(state, limits, after=before)
+        before = state if anytime.model is recording.world else None
+
+
+def estimates(recording: Recording, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
+    """The same as ranges, without a search for what is shortest: a plan from the beginning is
+    carried out from each state on; where that fails, another one is made.
+
+    Args:
+        expansions: What a plan may cost.
+        deadline: When it has struck, no more plans are made.
+
+    Raises:
+        RecordingError: A step has an action that the task has not.
+        PluginError: An installed plug-in is needed and cannot be loaded.
+    """
+    limits = Limits(expansions, stop=deadline)
+    anytime = AnytimePlanner(recording.world)
+    distance, before = StepsToGo(anytime.model), None
+    for step, recorded in recording.states():
+        state = anytime.in_model(recorded)
+        left = distance(state, NO_SEARCH, after=before) if step else distance.known(state)
+        if left.steps is None and not left.dead and not deadline():
+            plan = anytime.first(state, limits).plan
+            if plan is not None:
+                distance.learn(state, plan)
+            left = distance(state, NO_SEARCH, after=before)
+        yield left
         before = state if anytime.model is recording.world else None

@@ -23,7 +23,7 @@ def draw_key_help(
     pad, step = size, text.height(size)
     keys = max(text.width(key, size) for key, _ in rows) + pad
     words = max(text.width(says, size) for _, says in rows)
-    area = pygame.Rect(0, 0, keys + words + 3 * pad, (len(rows) + 2) * step + 2 * pad)
+    area = pygame.Rect(0, 0, keys + words + 3 * pad, (len(rows) + 1) * step + 5 * pad // 2)
     area.width = min(area.width, width - pad)
     area.center = (width // 2, height // 2)
     target.blit(box((width, height), (*INK, 130), 0), (0, 0))

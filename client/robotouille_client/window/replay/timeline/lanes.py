@@ -51,6 +51,8 @@ MARK_COLOURS: dict[EntryKind, Colour] = {
 }
 _WIDE = 5
 """Pixels a step from which on steps are drawn one by one, with a gap."""
+_OUTLINED = 9
+"""Pixels from which on a sign has an outline."""
 _LOOKS = [ACTIVITY_LOOKS[activity] for activity in ACTIVITIES]
 
 
@@ -149,26 +151,32 @@ class Lanes:
         head: int,
         followed: int | None,
     ) -> None:
-        """Each mark once a pixel; those of one place beside each other."""
+        """The signs of marks, those of one place beside each other; lines where there are many."""
         places = {player: place for place, player in enumerate(self._history.lanes)}
         size = max(5, rows // 3)
+        shown = [mark for mark in self._history.marks if scale.first <= mark.step <= scale.last]
+        number = Counter(mark.player for mark in shown)
         drawn: set[tuple[int, EntryKind, str]] = set()
         taken: Counter[tuple[int, str]] = Counter()
-        for mark in self._history.marks:
+        for mark in shown:
             place = places.get(mark.player)
-            hidden = followed is not None and place not in (None, followed)
-            if hidden or not scale.first <= mark.step <= scale.last:
+            if followed is not None and place not in (None, followed):
                 continue
             x = scale.x(mark.step) - origin
             if (x, mark.kind, mark.player) in drawn:
                 continue
             drawn.add((x, mark.kind, mark.player))
             top = 1 if place is None else head + place * rows + 2
-            beside = taken[x, mark.player] * (size + 2)
+            if place is not None and number[mark.player] * size > scale.width // 2:
+                beside = _LINE[mark.kind] * size // 6
+                surface.fill(MARK_COLOURS[mark.kind], (x, top + beside, 1, max(2, size // 2)))
+                continue
+            draw_mark(surface, mark.kind, (x + taken[x, mark.player] * (size + 2), top), size)
             taken[x, mark.player] += 1
-            draw_mark(surface, mark.kind, (x + beside, top), size)
 
 
+_LINE = {EntryKind.REJECTED: 0, EntryKind.REASONING: 2, EntryKind.SAID: 4}
+"""How far down the lines of a kind begin, in sixths: they are seen side by side."""
 _BY_HEIGHT = sorted(range(len(ACTIVITIES)), key=lambda code: -_LOOKS[code][1])
 
 
@@ -183,7 +191,8 @@ def draw_mark(surface: pygame.Surface, kind: EntryKind, top: tuple[int, int], si
         case EntryKind.REASONING:
             points = [(x, y), (x + half, y + half), (x, y + size), (x - half, y + half)]
         case EntryKind.SAID:
-            pygame.draw.circle(surface, INK, middle, half + 1)
+            if size >= _OUTLINED:
+                pygame.draw.circle(surface, INK, middle, half + 1)
             pygame.draw.circle(surface, colour, middle, half)
             return
         case EntryKind.PAUSED:
@@ -200,4 +209,5 @@ def draw_mark(surface: pygame.Surface, kind: EntryKind, top: tuple[int, int], si
         case _:
             points = [(x, y), (x + half, y + size), (x - half, y + size)]
     pygame.draw.polygon(surface, colour, points)
-    pygame.draw.polygon(surface, INK, points, 1)
+    if size >= _OUTLINED:
+        pygame.draw.polygon(surface, INK, points, 1)
