@@ -86,11 +86,8 @@ def path(stream: bytes, tmp_path: Path) -> Path:
     return path
 
 
-Opener = Callable[..., Viewer]
-
-
 @pytest.fixture
-def opened() -> Iterator[Opener]:
+def opened() -> Iterator[Callable[..., Viewer]]:
     """Opens viewers of files, whose `timer` is a clock that stands still."""
     viewers: list[Viewer] = []
 

@@ -61,6 +61,8 @@ class ReplaySource:
         history, position = self._history, self._playhead.position
         step = min(int(position) + (position % 1 > 0), history.length)
         state, fault = self._state(step)
+        if not fault:
+            self._last = step, state
         ended = step == history.length and position >= history.length
         moving = self._playhead.playing and step > 0 and not ended and not fault
         outcome = history.outcome if ended else None
@@ -84,12 +86,10 @@ class ReplaySource:
     def _state(self, step: int) -> tuple[State, str]:
         """The state after a step, and what is wrong with it in words."""
         try:
-            state = self._history.state(step)
+            return self._history.state(step), ""
         except RobotouilleError as error:
             last, state = self._last
             return state, f"Step {step} cannot be shown, you see step {last}: {error}"
-        self._last = step, state
-        return state, ""
 
     def _missing(self) -> str:
         """What is missing of the recording, in words."""
