@@ -17,6 +17,7 @@ class Playhead:
         length: The number of steps, which may grow.
         rate: Steps a second at speed 1.
         now: A clock in seconds.
+        first: The first step that there is.
         live: The episode is still going on: it begins at the end, and stays there as that moves on,
             until somebody goes elsewhere.
     """
@@ -27,14 +28,16 @@ class Playhead:
         rate: float,
         now: Callable[[], float],
         *,
+        first: int = 0,
         live: bool = False,
     ) -> None:
         self.rate = rate
+        self.first = first
         self.live = live
         self._length = length
         self._now = now
         self._speed = SPEEDS.index(1.0)
-        self._from = float(length()) if live else 0.0
+        self._from = float(length() if live else first)
         self._since: float | None = None if live else now()
         self._at_end = live
 
@@ -80,7 +83,7 @@ class Playhead:
     def seek(self, position: float, *, playing: bool | None = None) -> None:
         """Go to a position; `playing` says whether to go on from there, None: as before."""
         goes_on = self._since is not None if playing is None else playing
-        self._from = min(max(0.0, float(position)), float(self.length))
+        self._from = min(max(float(self.first), float(position)), float(self.length))
         at_end = self._from >= self.length
         self._at_end = self.live and at_end
         self._since = self._now() if goes_on and not at_end else None

@@ -13,10 +13,12 @@ from robotouille.episode.tallies import Activity
 from robotouille.world.world import State, World
 from robotouille_client.window.view import SeatView
 
-__all__ = ["ACTIVITIES", "Entry", "EntryKind", "History", "Mark"]
+__all__ = ["ACTIVITIES", "UNSEEN", "Entry", "EntryKind", "History", "Mark"]
 
 ACTIVITIES = tuple(Activity)
-"""A lane has one byte a step: the position of its activity here."""
+"""A lane has one byte a step: the position of its activity here, or `UNSEEN`."""
+UNSEEN = len(ACTIVITIES)
+"""The byte of a step that nobody has told of."""
 _CODES = {activity: code for code, activity in enumerate(ACTIVITIES)}
 
 
@@ -68,7 +70,7 @@ class Mark:
 
 
 class History(ABC):
-    """An episode up to its step `length`; it may grow at its end.
+    """An episode from step `first` to step `length`; it may grow at its end.
 
     `fault` says why it ends where it does, if something is wrong with it. `times` are milliseconds
     since the game began, by step.
@@ -79,6 +81,7 @@ class History(ABC):
         self.lanes: dict[str, bytearray] = {player: bytearray() for player in world.players}
         self.marks: list[Mark] = []
         self.times = array("q", [0])
+        self.first = 0
         self.fault = ""
         self._said: list[tuple[int, str, str]] = []
 
@@ -108,9 +111,10 @@ class History(ABC):
     def entries(self, step: int) -> tuple[Entry, ...]:
         """What happened in a step and after it."""
 
-    def activity(self, player: str, step: int) -> Activity:
-        """What a seat did with a step, from 1 on."""
-        return ACTIVITIES[self.lanes[player][step - 1]]
+    def activity(self, player: str, step: int) -> Activity | None:
+        """What a seat did with a step, from 1 on; None if nobody has told."""
+        code = self.lanes[player][step - 1]
+        return None if code == UNSEEN else ACTIVITIES[code]
 
     def count(self, player: str, activity: Activity, step: int) -> int:
         """How many of the steps up to one a seat did something with."""
@@ -132,9 +136,9 @@ class History(ABC):
         return next((m for m in reversed(self.marks[:end]) if player in (None, m.player)), None)
 
     def _add_step(self, time: int, did: Mapping[str, Activity]) -> None:
-        """One more step, at a time in milliseconds."""
+        """One more step, at a time in milliseconds; nothing is known of those who are left out."""
         for player, lane in self.lanes.items():
-            lane.append(_CODES[did[player]])
+            lane.append(_CODES[did[player]] if player in did else UNSEEN)
         self.times.append(time)
 
     def _mark(self, entries: Iterable[Entry]) -> None:

@@ -53,7 +53,8 @@ _WIDE = 5
 """Pixels a step from which on steps are drawn one by one, with a gap."""
 _OUTLINED = 9
 """Pixels from which on a sign has an outline."""
-_LOOKS = [ACTIVITY_LOOKS[activity] for activity in ACTIVITIES]
+_LOOKS = [*(ACTIVITY_LOOKS[activity] for activity in ACTIVITIES), (CARD, 0.0)]
+"""By the byte of a lane; nothing is drawn of what was not seen."""
 
 
 class Lanes:
@@ -117,7 +118,7 @@ class Lanes:
             left = max(row.left, scale.x(step) + shift)
             right = min(row.right, scale.x(step + 1) + shift) - 1
             height = max(2, round(row.height * high))
-            if right > left:
+            if right > left and high:
                 place = (left, row.bottom - height, right - left, height)
                 surface.fill(mixed(colour, CARD, fade), place)
 

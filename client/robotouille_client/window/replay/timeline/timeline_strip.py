@@ -126,7 +126,7 @@ class TimelineStrip:
         self._head_row = round(self._row * HEAD_ROW)
         high = self._head_row + self._row * len(self._history.lanes)
         self._lane_area = pygame.Rect(left - size, top, width + 2 * size, high)
-        self._scale.place(left, width, self._playhead.length)
+        self._scale.place(left, width, self._playhead.first, self._playhead.length)
         if not self._dragging:
             self._scale.reveal(self._playhead.position)
 
@@ -226,7 +226,8 @@ class TimelineStrip:
             told = [_line(history, entry.player, step, entry_words(entry)) for entry in entries]
         else:
             entries = tuple(e for e in history.entries(step) if e.player in (player, ""))
-            does = _DOES[history.activity(player, step).value] if step else "has not begun"
+            did = history.activity(player, step) if step else None
+            does = "has not begun" if not step else _DOES.get(did or "", "was not seen")
             told = [f"{name_of(history, player, step)} {does}", *map(entry_words, entries)]
         more = [f"and {len(told) - MAX_TOLD} more"] if len(told) > MAX_TOLD else []
         return [head, *told[:MAX_TOLD], *more]
