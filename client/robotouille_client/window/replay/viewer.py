@@ -11,12 +11,12 @@ from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window import parse_size, require_screen
-from robotouille_client.window.replay.export import SpanExport
+from robotouille_client.window.replay.background.span_export import SpanExport
+from robotouille_client.window.replay.background.steps_search import StepsSearch
 from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.playhead import Playhead
 from robotouille_client.window.replay.side_by_side import SideBySidePainter, SideBySideStrip
 from robotouille_client.window.replay.source import ReplaySource
-from robotouille_client.window.replay.steps_search import StepsSearch
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve
 from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
 from robotouille_client.window.replay.viewer_keys import ViewerKeys

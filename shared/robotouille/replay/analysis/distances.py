@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Protocol
 
 from robotouille.certification.certificate import Deadline
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.search_result import Limits
 from robotouille.planning.steps_to_go import StepsLeft, StepsToGo
-from robotouille.replay.recording import Recording
+from robotouille.world.world import State, World
 
-__all__ = ["distances", "estimates"]
+__all__ = ["StateSource", "distances", "estimates"]
+
+
+class StateSource(Protocol):
+    """What has states: a `Recording`."""
+
+    @property
+    def world(self) -> World:
+        """A world of the task that was played."""
+        ...
+
+    def states(self) -> Iterator[tuple[int, State]]:
+        """The state at step 0 and after each step."""
+        ...
+
 
 NO_SEARCH = Limits(expansions=0)
 
 
-def distances(recording: Recording, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
+def distances(recording: StateSource, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
     """The steps to go at step 0 and after each step, in the model of the recording's world.
 
     Args:
@@ -38,7 +53,7 @@ def distances(recording: Recording, expansions: int, deadline: Deadline) -> Iter
         before = state if anytime.model is recording.world else None
 
 
-def estimates(recording: Recording, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
+def estimates(recording: StateSource, expansions: int, deadline: Deadline) -> Iterator[StepsLeft]:
     """The same as ranges, without a search for what is shortest: a plan from the beginning is
     carried out from each state on; where that fails, another one is made.
 

@@ -1,6 +1,6 @@
 """The process that works out the steps to go of a recording: a line of JSON for each state.
 
-python -m robotouille_client.window.replay.steps_worker FILE EXPANSIONS SECONDS
+python -m robotouille_client.window.replay.background.steps_worker FILE EXPANSIONS SECONDS
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class StepsSearch:
         self._curve.begun = True
         self._state.busy = "Working out the steps to go …"
         command = (
-            sys.executable, "-m", "robotouille_client.window.replay.steps_worker",
+            sys.executable, "-m", "robotouille_client.window.replay.background.steps_worker",
             str(self._path), str(EXPANSIONS), str(SECONDS),
         )  # fmt: skip
         self._process = subprocess.Popen(  # noqa: S603
@@ -56,6 +56,12 @@ class StepsSearch:
         assert process.stderr is not None  # noqa: S101
         with process.stderr as errors:
             self._fault = errors.read().strip()
+
+    def wait(self, seconds: float) -> bool:
+        """Whether it has ended, after so many seconds at most."""
+        if self._reader is not None:
+            self._reader.join(seconds)
+        return self._reader is None or not self._reader.is_alive()
 
     def poll(self) -> None:
         """Take over what was found since the last time."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import subprocess
 import sys
@@ -12,6 +13,9 @@ from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.viewer_state import ViewerState
 
 __all__ = ["SpanExport"]
+
+
+PROGRAM = "from robotouille_client.cli.main import main; main()"
 
 
 class SpanExport:
@@ -42,7 +46,7 @@ class SpanExport:
         self._output = self._path.with_name(f"{stem}-{first}-{last}.mp4")
         rate = min(60.0, max(0.1, self._rate))
         command = (
-            sys.executable, "-m", "robotouille_client.cli.main", "replay", "video",
+            sys.executable, "-c", PROGRAM, "replay", "video",
             str(self._path), str(self._output),
             "--from", str(first), "--to", str(last), "--speed", f"{rate:g}",
         )  # fmt: skip
@@ -50,6 +54,13 @@ class SpanExport:
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
         self._state.busy = f"Writing {self._output.name} …"
+
+    def wait(self, seconds: float) -> bool:
+        """Whether it has ended, after so many seconds at most."""
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(seconds)
+        return self._process is None or self._process.poll() is not None
 
     def poll(self) -> None:
         """Say so if the video is done."""
