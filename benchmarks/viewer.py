@@ -1,5 +1,4 @@
-"""A long recording in the viewer: what it costs to open, to go anywhere, and to draw, in time of one
-core.
+"""A long recording in the viewer: what opening, going anywhere and drawing cost, in time of a core.
 
 python -m benchmarks.viewer [--steps 10000]
 """

@@ -47,12 +47,18 @@ class ReplaySource:
 
     A state that cannot be told any more is not shown: the last one that could be stays, and the
     panel says so.
+
+    Args:
+        title: What the panel says while all is well.
     """
 
-    def __init__(self, history: RecordedHistory, playhead: Playhead, state: ViewerState) -> None:
+    def __init__(
+        self, history: RecordedHistory, playhead: Playhead, state: ViewerState, title: str = ""
+    ) -> None:
         self._history = history
         self._playhead = playhead
         self._viewer_state = state
+        self._title = title
         self._max_steps: int = history.recording.header["rules"]["max_steps"]
         self._notices = notices_at(history.interludes, round(playhead.rate * NOTICE_SECONDS))
         self._last: tuple[int, State] = (0, history.world.initial)
@@ -97,7 +103,7 @@ class ReplaySource:
             return f"The end is missing: {self._history.fault}"
         if self._history.outcome is None:
             return "This recording has no end: it was cut off, or is still being played"
-        return ""
+        return self._title
 
     def act(self, action: GroundAction) -> None:
         pass

@@ -84,7 +84,8 @@ class Viewer(ReplaySource):
         self.histories = [RecordedHistory(recording) for _, recording in recordings]
         self.state = ViewerState(now)
         self.playhead = Playhead(self._length, rate or _recorded_rate(recordings[0][1]), now)
-        super().__init__(self.histories[0], self.playhead, self.state)
+        titles = [path.name if len(recordings) > 1 else "" for path, _ in recordings]
+        super().__init__(self.histories[0], self.playhead, self.state, titles[0])
         curves = [StepsCurve() for _ in recordings]
         self._searches = [
             StepsSearch(path, history, curve, self.state)
@@ -106,7 +107,7 @@ class Viewer(ReplaySource):
         if alone:
             self.window = Window(size, caption=caption, headless=headless, strip=self.strips[0])
             return
-        right = ReplaySource(self.histories[1], self.playhead, self.state)
+        right = ReplaySource(self.histories[1], self.playhead, self.state, titles[1])
         self.window = Window(
             size,
             caption=caption,

@@ -76,6 +76,7 @@ class TimelineStrip:
         self._button = pygame.Rect(0, 0, 0, 0)
         self._pointer: tuple[int, int] | None = None
         self._dragging = False
+        self._silent = False
 
     @property
     def lines(self) -> float:
@@ -193,10 +194,11 @@ class TimelineStrip:
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
     ) -> None:
         pointer = self._pointer
-        if pointer is None or not self._on_lanes(pointer) or self._state.help:
+        hidden = self._silent or self._state.help
+        if pointer is None or hidden or not self._on_lanes(pointer):
             return
         step, small = self._step_at(pointer), max(10, size - 1)
-        most = min(area.width - 2 * size, 34 * size)
+        most = min(area.width - 2 * size, 26 * size)
         lines = [
             line for words in self._told(step, pointer) for line in text.wrap(words, small, most, 2)
         ]
@@ -237,7 +239,7 @@ class TimelineStrip:
     def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
         """Whether an event was for the strip, the log or the viewer's keys."""
         if event.type == pygame.MOUSEMOTION:
-            self._pointer = event.pos
+            self._pointer, self._silent = event.pos, False
             if self._dragging:
                 self._playhead.seek(self._scale.step(event.pos[0]))
             return self._dragging
@@ -250,7 +252,9 @@ class TimelineStrip:
             return self._press(event, area)
         if event.type == pygame.MOUSEWHEEL:
             return self._wheel(event.y, area)
-        return self._keys is not None and self._keys.handle(event)
+        taken = self._keys is not None and self._keys.handle(event)
+        self._silent = self._silent or taken  # Whoever uses keys is not asking what is there.
+        return taken
 
     def _press(self, event: pygame.Event, area: pygame.Rect) -> bool:
         self._pointer = event.pos
