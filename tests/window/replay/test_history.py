@@ -84,6 +84,7 @@ def test_marks_and_entries(history: RecordedHistory) -> None:
     said = [e.words for e in history.entries(8) if e.kind is EntryKind.SAID]
     assert said == ["the bun is yours"]
     assert [e.words for e in history.entries(13)][0] == "this first"
+    assert history.entries(history.length)[-1].words == "Out of steps after 40 steps"
     assert "bob (robot2) is away, a stand-in plays" in [e.words for e in history.entries(2)]
 
 

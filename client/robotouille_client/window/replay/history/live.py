@@ -18,6 +18,7 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
 )
 from robotouille_client.window.replay.history.history import Entry, EntryKind, History
+from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView
 
 __all__ = ["LiveHistory"]
@@ -82,7 +83,7 @@ class LiveHistory(History):
                     self._note(EntryKind.PAUSED, f"paused: {event.pause.reason}")
                 self._paused = event.pause is not None
             case Over() if event.outcome:
-                self._note(EntryKind.ENDED, "the end")
+                self._note(EntryKind.ENDED, outcome_words(event.outcome))
 
     def _note(self, kind: EntryKind, words: str, player: str = "") -> None:
         entry = Entry(self.length, kind, player, words)

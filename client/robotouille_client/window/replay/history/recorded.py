@@ -22,6 +22,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, Step, World
 from robotouille_client.window.replay.history.history import Entry, EntryKind, History
 from robotouille_client.window.replay.history.recorded_states import RecordedStates
+from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView
 
 __all__ = ["RecordedHistory"]
@@ -90,7 +91,11 @@ class RecordedHistory(History):
 
     def entries(self, step: int) -> tuple[Entry, ...]:
         moves = self._moves(self.states.frame(step)) if step else ()
-        return (*moves, *self._notes.get(step, ()))
+        return (*moves, *self._notes.get(step, ()), *self._end(step))
+
+    def _end(self, step: int) -> Iterator[Entry]:
+        if self.outcome is not None and step == self.length:
+            yield Entry(step, EntryKind.ENDED, "", outcome_words(self.outcome))
 
     def _moves(self, frame: Mapping[str, Any]) -> Iterator[Entry]:
         """What was done in a step, and what its players thought."""
@@ -122,7 +127,7 @@ class RecordedHistory(History):
         if not self.length:
             self._seatings_by_step = [self._seatings]
         if self.outcome is not None:
-            self._mark([Entry(self.length, EntryKind.ENDED, "", "")])
+            self._mark(self._end(self.length))
 
     def add_frame(self, frame: dict[str, Any], position: int) -> None:
         """The next frame, which begins at a position of the stream."""
