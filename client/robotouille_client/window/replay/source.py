@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from robotouille.errors import RobotouilleError
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.unmet import from_words
+from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.window.replay.history.history import EntryKind, History
 from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.playhead import Playhead
 from robotouille_client.window.replay.viewer_state import ViewerState
-from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.sources.texts import outcome_words, won
 from robotouille_client.window.view import Bubble, View
 
 __all__ = ["NOTICE_SECONDS", "ReplaySource", "bubbles_at", "notices_at"]
@@ -29,7 +29,7 @@ def bubbles_at(history: History, step: int) -> tuple[Bubble, ...]:
             if entry.kind is EntryKind.SAID and entry.player:
                 found.append(Bubble(entry.player, entry.words, "chat"))
             elif entry.kind is EntryKind.REJECTED:
-                found.append(Bubble.rejection(entry.player, from_words(*entry.reasons)))
+                found.append(Bubble.rejection(entry.player, only_words(*entry.reasons)))
     return tuple({bubble.player: bubble for bubble in found}.values())
 
 
@@ -85,6 +85,7 @@ class ReplaySource:
             chat=history.chat(step, CHAT_LINES),
             status=fault or self._missing(),
             outcome=outcome_words(outcome) if outcome else "",
+            won=won(outcome),
             hover=self._viewer_state.followed,
             notice=self._notices.get(step, ""),
         )

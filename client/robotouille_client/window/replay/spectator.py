@@ -73,6 +73,7 @@ class Spectator:
             chat=history.chat(step, CHAT_LINES),
             status="This was before; End goes back to live",
             outcome="",
+            blocked=(),
             hover=self.state.followed,
             notice="",
             pause=None,

@@ -18,6 +18,7 @@ from robotouille_client.sansio.game_events import (
     RosterChanged,
 )
 from robotouille_client.window.replay.history.history import Entry, EntryKind, History
+from robotouille_client.window.replay.history.spoken import Spoken
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView
 
@@ -38,6 +39,7 @@ class LiveHistory(History):
         self._game = game
         self._now = now
         self._began = now()
+        self._spoken = Spoken(game.world)
         self._states: list[State] = []
         self._seats: list[tuple[SeatView, ...]] = []
         self._entries: dict[int, list[Entry]] = defaultdict(list)
@@ -103,7 +105,8 @@ class LiveHistory(History):
         self._seats.append(seats)
         for player, action, applied in event.did:
             kind = EntryKind.ACTION if applied else EntryKind.REJECTED
-            entry = Entry(event.step, kind, player, action.sentence)
+            names = {seat.player: seat.name for seat in self._game.seats if seat.name}
+            entry = Entry(event.step, kind, player, self._spoken.action(action, before, names))
             self._entries[event.step].append(entry)
             self._mark([entry])
         self._turn = event.turn

@@ -6,7 +6,7 @@ from array import array
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from robotouille.episode import Controller, RejectionKind
@@ -22,6 +22,7 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, Step, World
 from robotouille_client.window.replay.history.history import Entry, EntryKind, History
 from robotouille_client.window.replay.history.recorded_states import RecordedStates
+from robotouille_client.window.replay.history.spoken import Spoken
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.view import SeatView
 
@@ -37,6 +38,8 @@ _KINDS = {
     "restarted": EntryKind.RESTARTED,
     "announced": EntryKind.ANNOUNCED,
 }
+KEPT = 256
+"""Steps whose entries are kept in words."""
 _TOLD = frozenset({"paused", "resumed", "restarted", "announced"})
 """Notes that interludes are made of."""
 
@@ -65,7 +68,9 @@ class RecordedHistory(History):
         self._seatings_from = [0]
         self._seatings_by_step = [self._seatings]
         self._rejected = {player: array("q") for player in self.world.players}
-        self._notes: dict[int, list[Entry]] = defaultdict(list)
+        self._notes: dict[int, list[tuple[Entry, dict[str, Any] | None]]] = defaultdict(list)
+        self._spoken = Spoken(recording.world)
+        self._kept: dict[int, tuple[Entry, ...]] = {}
         self._told = _ToldNotes(recording.outcome)
         self.fault = recording.damage
         self._read()
@@ -90,28 +95,50 @@ class RecordedHistory(History):
         return SeatView(player, seating.name, seating.kind, present, acted, rejected, stand_in)
 
     def entries(self, step: int) -> tuple[Entry, ...]:
-        moves = self._moves(self.states.frame(step)) if step else ()
-        return (*moves, *self._notes.get(step, ()), *self._end(step))
+        found = self._kept.get(step)
+        if found is None:
+            if len(self._kept) >= KEPT:
+                self._kept.clear()
+            found = self._kept[step] = (*self._moves(step), *self._noted(step), *self._end(step))
+        return found
+
+    def _moves(self, step: int) -> Iterator[Entry]:
+        """What was done in a step, and what its players thought."""
+        if step == 0:
+            return
+        frame, (state, names) = self.states.frame(step), self._known_at(step - 1)
+        unmet = frame.get("unmet", {})
+        for place, move in enumerate(frame["moves"]):
+            player, words = move["player"], unmet.get(str(place), ())
+            if thought := move.get("reasoning"):
+                yield Entry(step, EntryKind.REASONING, player, thought)
+            kind = EntryKind.REJECTED if str(place) in unmet else EntryKind.ACTION
+            reasons = self._spoken.reasons(words, (), state, names)
+            does = self._spoken.move(move["action"], state, names)
+            yield Entry(step, kind, player, does, reasons)
+
+    def _noted(self, step: int) -> Iterator[Entry]:
+        """What happened after a step, and what was refused."""
+        for entry, note in self._notes.get(step, ()):
+            if note is None:
+                yield entry
+                continue
+            state, names = self._known_at(step)
+            told = (note["reasons"], note.get("why", ()), state, names)
+            does = self._spoken.attempt(note, state, names)
+            yield replace(entry, words=does, reasons=self._spoken.reasons(*told))
 
     def _end(self, step: int) -> Iterator[Entry]:
         if self.outcome is not None and step == self.length:
             yield Entry(step, EntryKind.ENDED, "", outcome_words(self.outcome))
 
-    def _moves(self, frame: Mapping[str, Any]) -> Iterator[Entry]:
-        """What was done in a step, and what its players thought."""
-        step, unmet = frame["step"], frame.get("unmet", {})
-        for place, move in enumerate(frame["moves"]):
-            player, reasons = move["player"], tuple(unmet.get(str(place), ()))
-            if thought := move.get("reasoning"):
-                yield Entry(step, EntryKind.REASONING, player, thought)
-            kind = EntryKind.REJECTED if str(place) in unmet else EntryKind.ACTION
-            yield Entry(step, kind, player, self._sentence(move["action"]), reasons)
-
-    def _sentence(self, action: list[str]) -> str:
+    def _known_at(self, step: int) -> tuple[State, dict[str, str]]:
+        """The state at a step, the first one if it cannot be told, and what players are called."""
         try:
-            return self.world.action(*action).sentence
+            state = self.state(step)
         except RobotouilleError:
-            return " ".join(action)
+            state = self.world.initial
+        return state, {seat.player: seat.name for seat in self.seats(step) if seat.name}
 
     # The one pass
 
@@ -168,7 +195,7 @@ class RecordedHistory(History):
         if kind in ("said", "announced"):
             self._said.append((step, note.get("name", ""), note["text"]))
         entry = self._entry(note, _kind(note))
-        self._notes[step].append(entry)
+        self._notes[step].append((entry, note if kind == "rejected" else None))
         self._mark([entry])
 
     def _entry(self, note: Mapping[str, Any], kind: EntryKind) -> Entry:
