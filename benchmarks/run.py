@@ -22,6 +22,7 @@ from benchmarks import (
     planning,
     server,
     stand_ins,
+    viewer,
 )
 
 if __name__ == "__main__":
@@ -33,6 +34,7 @@ if __name__ == "__main__":
     evaluation.main([])
     catalogue.main([])
     exports.main([])
+    viewer.main([])
     server.main()
     mqtt.main([])
     model_calls.main([])

@@ -157,3 +157,14 @@ def test_what_mqtt_costs_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     found = {row.name.strip(): row for row in mqtt.rows(used)}
     assert found["more for that, of a core"].met
     assert 0 < mqtt.tap_seconds(watched=False) < mqtt.tap_seconds(watched=True)
+
+
+def test_the_viewer_is_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pygame")
+    from benchmarks import viewer
+
+    monkeypatch.setattr(viewer, "SEEKS", 3)
+    viewer.main(["--steps", "150"])
+    assert "150 steps" in capsys.readouterr().out

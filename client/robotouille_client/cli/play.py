@@ -76,7 +76,7 @@ def play(
 
 def _picture(plan: Plan, size: str, path: Path) -> None:
     """Save a game's first picture."""
-    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window import parse_size
     from robotouille_client.window.shell.games.local_game import LocalGame
     from robotouille_client.window.window import Window
 

@@ -16,10 +16,9 @@ from rich.console import Console
 from robotouille.certification.certificate import Deadline
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
-from robotouille.planning.anytime import AnytimePlanner
-from robotouille.planning.search_result import Limits
-from robotouille.planning.steps_to_go import Range, StepsLeft, StepsToGo, quotient
+from robotouille.planning.steps_to_go import Range, StepsLeft, quotient
 from robotouille.program import printable, printable_json, tell
+from robotouille.replay.analysis.distances import distances
 from robotouille.replay.export import json_lines
 from robotouille.replay.model_calls import call_texts
 from robotouille.replay.notes import rejections
@@ -201,7 +200,8 @@ def steps(
     silent = json_output or not sys.stdout.isatty()
     rows: list[StepsLeft] = []
     try:
-        found = _distances(recording, Limits(expansions, stop=deadline), deadline, silent)
+        found = distances(recording, expansions, deadline)
+        found = _with_progress(found, recording.length, silent)
         for frame, row in zip((None, *recording.steps), found, strict=True):
             rows.append(row)
             if not json_output:
@@ -219,24 +219,17 @@ def steps(
         tell(late, err=True)
 
 
-def _distances(
-    recording: Recording, limits: Limits, deadline: Deadline, show_progress: bool
+def _with_progress(
+    found: Iterator[StepsLeft], length: int, show_progress: bool
 ) -> Iterator[StepsLeft]:
-    """The steps to go at step 0 and after each step, in the model of the recording's world."""
-    anytime = AnytimePlanner(recording.world)
-    distance, before = StepsToGo(anytime.model), None
+    """The same, with a line that says how far it is, once it has taken a while."""
     began, status = time.monotonic(), Console(stderr=True).status("")
     try:
-        for step, recorded in recording.states():
+        for step in range(length + 1):
             if show_progress and time.monotonic() - began > PATIENCE:
-                status.update(f"step {step} of {recording.length}")
+                status.update(f"step {step} of {length}")
                 status.start()
-            state = anytime.in_model(recorded)
-            if deadline():
-                yield distance.known(state, after=before)
-            else:
-                yield distance(state, limits, after=before)
-            before = state if anytime.model is recording.world else None
+            yield next(found)
     finally:
         status.stop()
 
@@ -319,14 +312,34 @@ def export(
 
 @replay.command()
 def play(
-    file: FileArgument,
-    speed: Annotated[float, typer.Option(help="Steps a second.", min=0.1, max=60)] = 5.0,
+    files: Annotated[
+        list[Path], typer.Argument(help="A recording; two of the same task are shown side by side.")
+    ],
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            help="Steps a second; as recorded in real time, else 5, if left out.", min=0.1, max=60
+        ),
+    ] = None,
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
+    at: Annotated[int, typer.Option(help="The step to begin at.", min=0)] = 0,
+    screenshot: Annotated[
+        Path | None, typer.Option(help="Only save a picture of that step; needs no screen.")
+    ] = None,
 ) -> None:
-    """Watch a recording in a window: space pauses, left and right step."""
-    from robotouille_client.window.playback import watch
+    """Watch a recording in a window, or two side by side: H shows the keys.
+
+    Of a damaged or unfinished file what there is is shown.
+    """
+    from robotouille_client.window import require_pygame
 
     try:
-        watch(_open(file), speed)
+        require_pygame()
+        from robotouille_client.window.replay.viewer import watch
+
+        recordings = [_open(file, damaged=True) for file in files]
+        opened = list(zip(files, recordings, strict=True))
+        watch(opened, speed, size, at=at, screenshot=screenshot)
     except RobotouilleError as error:
         fail(explain(error))
 
@@ -337,12 +350,23 @@ def video(
     output: Annotated[Path, typer.Argument(help="A file to write: .mp4 or .gif.")],
     speed: Annotated[float, typer.Option(help="Steps a second.", min=0.1, max=60)] = 4.0,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "1280x720",
+    first: Annotated[
+        int | None, typer.Option("--from", help="The first step; else the beginning.", min=0)
+    ] = None,
+    last: Annotated[
+        int | None, typer.Option("--to", help="The last step; else the end.", min=0)
+    ] = None,
 ) -> None:
-    """Write a recording as a video."""
-    from robotouille_client.window.playback import film
+    """Write a recording, or a span of it, as a video."""
+    from robotouille_client.window import require_pygame
 
     try:
-        frames = film(_open(file), output, speed, size)
+        require_pygame()
+        from robotouille_client.window.replay.film import film
+        from robotouille_client.window.replay.history.recorded import RecordedHistory
+
+        history = RecordedHistory(_open(file, damaged=True))
+        frames = film(history, output, speed, size, (first, last))
     except RobotouilleError as error:
         fail(explain(error))
     tell(f"{output}: {frames} frames")

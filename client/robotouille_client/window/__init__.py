@@ -8,7 +8,7 @@ import sys
 
 from robotouille.errors import MissingExtraError, RobotouilleError
 
-__all__ = ["require_pygame", "require_screen"]
+__all__ = ["parse_size", "require_pygame", "require_screen"]
 
 # pygame greets on standard output, which belongs to our own commands.
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
@@ -28,3 +28,13 @@ def require_screen() -> None:
             "no screen found (DISPLAY is not set); to draw without one, see "
             "--headless and --screenshot"
         )
+
+
+def parse_size(size: str) -> tuple[int, int]:
+    """`1280x720` as two numbers; RobotouilleError if it is anything else."""
+    width, _, height = size.lower().partition("x")
+    if not (width.isdigit() and height.isdigit()):
+        raise RobotouilleError(f"a size is WIDTHxHEIGHT, e.g. 1280x720; found {size!r}")
+    if not (160 <= int(width) <= 4096 and 120 <= int(height) <= 4096):
+        raise RobotouilleError(f"a size is between 160x120 and 4096x4096; found {size!r}")
+    return int(width), int(height)

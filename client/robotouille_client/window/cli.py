@@ -78,14 +78,19 @@ async def _show(
 ) -> None:
     import asyncio
 
+    from robotouille_client.window.replay.spectator import Spectator
     from robotouille_client.window.sources.remote import RemoteSource
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
     language = None if look is None else look.rendering.language
-    source = RemoteSource(game, loop.time, connected, language)
+    watched = None if game.own_seats else Spectator(game, loop.time, connected, language)
+    source = watched or RemoteSource(game, loop.time, connected, language)
+    strip = watched.strip if watched else None
     caption = f"Robotouille {game.code}"
-    window = Window(size, caption=caption, headless=headless, look=look, clock=loop.time)
+    window = Window(
+        size, caption=caption, headless=headless, look=look, strip=strip, clock=loop.time
+    )
     showing = asyncio.create_task(window.run(source, linger=linger))
     try:
         while not showing.done():
@@ -168,8 +173,7 @@ def command(
 
     from pydantic import ValidationError
 
-    from robotouille_client.window import require_pygame, require_screen
-    from robotouille_client.window.playback import parse_size
+    from robotouille_client.window import parse_size, require_pygame, require_screen
 
     try:
         require_pygame()

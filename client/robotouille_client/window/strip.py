@@ -13,12 +13,11 @@ __all__ = ["Strip"]
 
 
 class Strip(Protocol):
-    """What draws in the strip, and is asked first about what its owner does.
+    """What draws in the strip, and is asked first about what its owner does."""
 
-    `lines` is its height, as a multiple of the window's text size.
-    """
-
-    lines: float
+    @property
+    def lines(self) -> float:
+        """Its height, as a multiple of the window's text size."""
 
     def draw(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int, view: View

@@ -36,7 +36,8 @@ class Window:
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
     itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
     that of a kitchen which is not installed. A `strip` is drawn below the kitchen, and asked first
-    about each event. `keys` are those of the window's own commands. A `display` that is given stays
+    about each event; a `painter` that is given draws instead of the window's own, and draws the
+    strip itself. `keys` are those of the window's own commands. A `display` that is given stays
     open when this window is closed. `cards` are shown beside the kitchen when a game is over, and
     when its owner wants to leave it; `answer` is what was chosen there, None if the window was
     closed. `sounds` are told each view. `clock` and `sleep` are injected for tests.
@@ -54,6 +55,7 @@ class Window:
         help_rows: HelpRows | None = None,
         look: KitchenLook | None = None,
         strip: Strip | None = None,
+        painter: Painter | None = None,
         keys: KeyMap | None = None,
         display: Display | None = None,
         gamepads: Gamepads | None = None,
@@ -78,7 +80,7 @@ class Window:
         self._card: Form | None = None
         self._card_since = 0.0
         self._over = False
-        self._painter = Painter(
+        self._painter = painter or Painter(
             look.rendering if look else None, look.pictures if look else None, strip
         )
         self._input = PlayInput(
@@ -88,6 +90,7 @@ class Window:
             help_rows=help_rows,
             target=self._target,
             key_at=self._painter.key_at,
+            alone=strip is None,
             clock=clock,
         )
 

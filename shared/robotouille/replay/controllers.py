@@ -9,7 +9,7 @@ from typing import Any
 from robotouille.replay.notes import controller_after
 from robotouille.replay.recording import Recording
 
-__all__ = ["Seating", "Span", "controllers", "seatings", "spans"]
+__all__ = ["Seating", "Span", "controllers", "seating_after", "seatings", "spans"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +85,14 @@ def _changes(
 ) -> Iterator[tuple[str, Seating]]:
     for note in notes:
         if note["note"] == "roster" and note["player"] in seats:
-            yield note["player"], _seating(note)
+            yield note["player"], seating_after(note)
 
 
-def _seating(note: Mapping[str, Any]) -> Seating:
-    """A seat as a roster note leaves it."""
+def seating_after(note: Mapping[str, Any]) -> Seating:
+    """A seat as a `roster` note leaves it.
+
+    Raises:
+        RecordingError: It names a controller that is not known.
+    """
     name = note["name"] if note.get("taken", True) else ""
     return Seating(name, note["kind"], controller_after(note).value)

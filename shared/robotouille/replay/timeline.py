@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 from robotouille.replay.controllers import Span, spans
 from robotouille.replay.recording import Recording
 
-__all__ = ["Stillness", "course", "course_text", "interludes", "note_lines", "pauses"]
+__all__ = [
+    "NoteSource",
+    "Stillness",
+    "course",
+    "course_text",
+    "interludes",
+    "note_lines",
+    "note_words",
+    "pauses",
+]
 
 MAX_SHOWN = 200
 """Characters of a seat's note that are shown in a list."""
@@ -20,6 +29,19 @@ HOLDS = {
     "absence": "somebody was away",
     "deserted": "everybody was away",
 }
+
+
+class NoteSource(Protocol):
+    """What has notes: a `Recording`, or what was kept of one."""
+
+    @property
+    def outcome(self) -> dict[str, Any] | None:
+        """How it ended; None if it has no end."""
+        ...
+
+    def notes(self) -> Iterator[dict[str, Any]]:
+        """The notes in order, each with the `step` that it came after."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +55,7 @@ class Stillness:
     seconds: float | None
 
 
-def pauses(recording: Recording) -> list[Stillness]:
+def pauses(recording: NoteSource) -> list[Stillness]:
     """The times in which the game stood still, in order."""
     found: list[Stillness] = []
     for note in recording.notes():
@@ -115,7 +137,7 @@ def _reasons(holds: Sequence[str]) -> str:
     return " and ".join(HOLDS.get(hold, hold) for hold in told)
 
 
-def interludes(recording: Recording) -> list[tuple[int, str]]:
+def interludes(recording: NoteSource) -> list[tuple[int, str]]:
     """What somebody who watches the recording should be told, and after which step."""
     still = [
         (pause.t, pause.step, f"Paused {_length(pause)}: {_reasons(pause.holds)}")
@@ -140,12 +162,17 @@ def note_lines(recording: Recording) -> Iterator[str]:
     """A line for each note: the step it came after, the seconds since the game began, words."""
     seated: dict[str, tuple[str, str]] = {}
     for note in recording.notes():
-        words = _roster_words(note, seated) if note["note"] == "roster" else _note_words(note)
+        words = note_words(note, seated)
         yield f"{note['step']:5}  {note['t'] / 1000:9.3f} s  {words}"
 
 
+def note_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -> str:
+    """What a note says; `seated` are name and session of each seat so far, kept up to date here."""
+    return _roster_words(note, seated) if note["note"] == "roster" else _note_words(note)
+
+
 def _roster_words(note: Mapping[str, Any], seated: dict[str, tuple[str, str]]) -> str:
-    """What a roster note changes; `seated` are name and session of each seat so far."""
+    """What a roster note changes."""
     player, name, session = note["player"], note["name"], note.get("session", "")
     before = seated.get(player)
     controller = note.get("controller", "")

@@ -32,7 +32,7 @@ _Advice = tuple[tuple[str, ...], HelpRows]
 
 class PlayInput:
     """Keys, clicks and commands in a game; `target` finds what is under a point of the window, and
-    `key_at` the key that is drawn there."""
+    `key_at` the key that is drawn there. Where it is not `alone`, a strip tells spectators keys."""
 
     def __init__(
         self,
@@ -43,6 +43,7 @@ class PlayInput:
         help_rows: HelpRows | None,
         target: Callable[[tuple[int, int], View], str | None],
         key_at: Callable[[tuple[int, int]], str],
+        alone: bool = True,
         clock: Callable[[], float],
     ) -> None:
         self.hands = Hands(keys, clock)
@@ -51,6 +52,7 @@ class PlayInput:
         self._help_rows = help_rows
         self._target = target
         self._key_at = key_at
+        self._alone = alone
         self._clock = clock
         self._chat = ChatLine()
         self._controls: Controls | None = None
@@ -252,6 +254,8 @@ class PlayInput:
 
     def _permanent(self, view: View) -> HelpRows:
         keys = self.hands.keys
+        if view.me is None and not self._alone:
+            return ()
         rows = [("", "You are watching")] if view.me is None and self._help_rows is None else []
         if view.me is not None and not view.frozen:
             rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]

@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import time
 from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +22,7 @@ from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.sounds import Sounds
+from robotouille_client.window.replay.spectator import Spectator
 from robotouille_client.window.shell.game_cards import GameCards, ReplayCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
 from robotouille_client.window.shell.games.remote_game import remote_game
@@ -37,6 +39,7 @@ from robotouille_client.window.shell.screens.server_menus import (
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.settings import Settings, save_settings
 from robotouille_client.window.sources.remote import RemoteSource
+from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
 
 __all__ = ["Shell"]
@@ -203,9 +206,13 @@ class Shell:
         try:
             loop = asyncio.get_running_loop()
             language = None if look is None else look.rendering.language
-            source = RemoteSource(game, loop.time, client.connected.is_set, language)
-            cards = GameCards(lambda: source.outcome, [("Menu", "menu"), ("Quit", "quit")])
-            return await self._show(source, cards, caption=f"Robotouille {game.code}", look=look)
+            connected = client.connected.is_set
+            watched = None if game.own_seats else Spectator(game, loop.time, connected, language)
+            source = watched or RemoteSource(game, loop.time, connected, language)
+            strip = watched.strip if watched else None
+            cards = GameCards(lambda: game.outcome, [("Menu", "menu"), ("Quit", "quit")])
+            caption = f"Robotouille {game.code}"
+            return await self._show(source, cards, caption=caption, look=look, strip=strip)
         finally:
             await opened.__aexit__(None, None, None)
 
@@ -284,24 +291,26 @@ class Shell:
     async def _watch(self, path: Path) -> None:
         """Watch a recording in this window until its owner leaves it."""
         from robotouille.replay.recording import read_recording
-        from robotouille_client.window.sources.replay import ReplaySource
+        from robotouille_client.window.replay.viewer import Viewer
 
         self._screen.splash("Loading …")
-        source = ReplaySource(read_recording(path), 5.0, self._clock)
-        keys: dict[str, Callable[[], None]] = {
-            "space": source.pause,
-            "left": lambda: source.seek(-1),
-            "right": lambda: source.seek(1),
-        }
-        await self._show(source, ReplayCards(), caption=path.stem, extra_keys=keys)
+        recordings = [(path, read_recording(path, damaged=True))]
+        make = partial(self._window, ReplayCards())
+        viewer = Viewer(recordings, now=self._clock, make_window=make)
+        try:
+            await self._watched(viewer.window, viewer)
+        finally:
+            viewer.close()
 
     async def _film(self, path: Path) -> None:
         """Save a recording as a video beside it."""
         from robotouille.replay.recording import read_recording
-        from robotouille_client.window.playback import film
+        from robotouille_client.window.replay.film import film
+        from robotouille_client.window.replay.history.recorded import RecordedHistory
 
         output = path.with_suffix(".mp4")
-        work = asyncio.to_thread(film, read_recording(path), output, 5.0, "1280x720")
+        history = RecordedHistory(read_recording(path))
+        work = asyncio.to_thread(film, history, output, 5.0, "1280x720")
         try:
             done = await self._wait(work, "Saving the video …")
             self.message = f"Saved {output}" if done is not None else ""
@@ -312,17 +321,25 @@ class Shell:
 
     async def _show(self, source: Any, cards: Cards, *, caption: str, **options: Any) -> object:
         self.display.caption = caption
-        window = Window(
+        return await self._watched(self._window(cards, **options), source)
+
+    def _window(self, cards: Cards, size: object = None, **options: Any) -> Window:
+        """A window in the shell's display; sizes and captions are the display's own affair."""
+        for own in ("caption", "headless"):
+            options.pop(own, None)
+        return Window(
             display=self.display,
             gamepads=self._gamepads,
             cards=cards,
             sounds=self._sounds,
             keys=self._screen.keys,
-            screenshots=Path.cwd(),
             clock=self._clock,
             sleep=self._sleep,
             **options,
         )
+
+    async def _watched(self, window: Window, source: Source) -> object:
+        """Run a window until something was chosen in it."""
         await window.run(source, linger=None)
         if self._sounds is not None:
             self.settings.sound = self._sounds.on

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robotouille_client.window import require_pygame, require_screen
+from robotouille_client.window import parse_size, require_pygame, require_screen
 
 if TYPE_CHECKING:
     from robotouille_client.window.shell.shell import Shell
@@ -29,8 +29,6 @@ def open_shell(
     path = settings_path()
     settings, told = load_settings(path)
     if size is not None:
-        from robotouille_client.window.playback import parse_size
-
         settings.size = parse_size(size)
     settings.name = name or settings.name
     display = Display(settings.size, fullscreen=settings.fullscreen)

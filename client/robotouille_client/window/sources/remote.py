@@ -18,6 +18,7 @@ from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import (
     Announced,
     Changed,
+    GameEvent,
     Heard,
     Over,
     Refused,
@@ -67,7 +68,7 @@ class _Countdown:
 
 
 class RemoteSource:
-    """An episode on a server, through a `Game`."""
+    """An episode on a server, through a `Game`; `observe` is told of each event."""
 
     def __init__(
         self,
@@ -75,9 +76,11 @@ class RemoteSource:
         now: Callable[[], float],
         connected: Callable[[], bool] = lambda: True,
         language: Language | None = None,
+        observe: Callable[[GameEvent], None] = lambda event: None,
     ) -> None:
         self._game = game
         self._connected = connected
+        self._observe = observe
         self._now = now
         self._language = language
         self._chat_log = ChatLog(now)
@@ -91,6 +94,7 @@ class RemoteSource:
     def view(self) -> View:
         game = self._game
         for event in game.poll():
+            self._observe(event)
             match event:
                 case Changed():
                     self._previous = event.previous

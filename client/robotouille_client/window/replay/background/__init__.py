@@ -1,0 +1,1 @@
+"""What is worked out beside a viewer, in processes of its own."""

@@ -1,0 +1,145 @@
+"""The history of an episode that somebody watches: it grows as its steps come in."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+
+from robotouille.episode import Clock, Controller
+from robotouille.episode.tallies import Activity, activity
+from robotouille.world.world import State
+from robotouille_client.game import Game
+from robotouille_client.sansio.game_events import (
+    Announced,
+    Changed,
+    GameEvent,
+    Heard,
+    Over,
+    RosterChanged,
+)
+from robotouille_client.window.replay.history.history import Entry, EntryKind, History
+from robotouille_client.window.replay.history.spoken import Spoken
+from robotouille_client.window.sources.texts import outcome_words
+from robotouille_client.window.view import SeatView
+
+__all__ = ["LiveHistory"]
+
+
+class LiveHistory(History):
+    """What a spectator has seen of a game, from the step on at which they came.
+
+    It knows what a server tells spectators: of what others were refused, they hear the number.
+
+    Args:
+        now: A clock in seconds.
+    """
+
+    def __init__(self, game: Game, now: Callable[[], float]) -> None:
+        super().__init__(game.world)
+        self._game = game
+        self._now = now
+        self._began = now()
+        self._spoken = Spoken(game.world)
+        self._states: list[State] = []
+        self._seats: list[tuple[SeatView, ...]] = []
+        self._entries: dict[int, list[Entry]] = defaultdict(list)
+        self._rejected = self._rejections()
+        self._turn = game.turn
+        self._paused = False
+        self.first = game.step
+        while self.length < game.step:
+            self._add_step(0, {})
+        self._states = [game.state]
+        self._seats = [()]
+
+    @property
+    def outcome(self) -> Mapping[str, object] | None:
+        return self._game.outcome
+
+    def state(self, step: int) -> State:
+        return self._states[min(max(0, step - self.first), len(self._states) - 1)]
+
+    def seats(self, step: int) -> tuple[SeatView, ...]:
+        return self._seats[min(max(0, step - self.first), len(self._seats) - 1)]
+
+    def entries(self, step: int) -> tuple[Entry, ...]:
+        return tuple(self._entries.get(step, ()))
+
+    def sit(self, seats: tuple[SeatView, ...]) -> None:
+        """The seats as they are at the last step."""
+        self._seats[-1] = seats
+
+    def observe(self, event: GameEvent) -> None:
+        """Something has happened in the game."""
+        match event:
+            case Changed() if event.step > self.length:
+                self._take(event)
+            case Heard():
+                self._said.append((self.length, event.name, event.text))
+                self._note(EntryKind.SAID, event.text, event.seat)
+            case Announced():
+                self._said.append((self.length, "", event.text))
+                self._note(EntryKind.ANNOUNCED, event.text)
+            case RosterChanged():
+                if event.pause is not None and not self._paused:
+                    self._note(EntryKind.PAUSED, f"paused: {event.pause.reason}")
+                self._paused = event.pause is not None
+            case Over() if event.outcome:
+                self._note(EntryKind.ENDED, outcome_words(event.outcome))
+
+    def _note(self, kind: EntryKind, words: str, player: str = "") -> None:
+        entry = Entry(self.length, kind, player, words)
+        self._entries[entry.step].append(entry)
+        self._mark([entry])
+
+    def _take(self, event: Changed) -> None:
+        """A step; of those before it that were not told only that there were some."""
+        before, seats = self._states[-1], self._seats[-1]
+        while self.length < event.step - 1:
+            self._add_step(self._time(), {})
+            self._states.append(before)
+            self._seats.append(seats)
+        did = self._did(event) if event.previous is not None else {}
+        self._add_step(self._time(), did)
+        self._states.append(event.state)
+        self._seats.append(seats)
+        for player, action, applied in event.did:
+            kind = EntryKind.ACTION if applied else EntryKind.REJECTED
+            names = {seat.player: seat.name for seat in self._game.seats if seat.name}
+            entry = Entry(event.step, kind, player, self._spoken.action(action, before, names))
+            self._entries[event.step].append(entry)
+            self._mark([entry])
+        self._turn = event.turn
+
+    def _did(self, event: Changed) -> dict[str, Activity]:
+        """What each seat did with a step, as far as it was told."""
+        applied = {player: applied for player, _, applied in event.did}
+        before, rejected = self._rejected, self._rejections()
+        self._rejected = rejected
+        return {
+            seat.player: activity(
+                _controller(seat.controller),
+                applied.get(seat.player),
+                event.previous is not None and event.previous.busy_steps(seat.player) > 0,
+                rejected[seat.player] > before.get(seat.player, 0),
+                self._turn is not None and self._turn != seat.player,
+            )
+            for seat in self._game.seats
+        }
+
+    def _rejections(self) -> dict[str, int]:
+        return {seat.player: seat.rejected for seat in self._game.seats}
+
+    def _time(self) -> int:
+        clock = self._game.clock
+        if clock.get("clock") == Clock.REALTIME:
+            return round(1000 * (self.length + 1) / float(clock["step_rate"]))
+        return round(1000 * (self._now() - self._began))
+
+
+def _controller(told: str) -> Controller:
+    """Who moves a seat; somebody of a kind that only the server knows is there, at any rate."""
+    try:
+        return Controller(told)
+    except ValueError:
+        return Controller.BOT

@@ -1,0 +1,1 @@
+"""The strip below the kitchen: a lane for each seat, marks, a curve, and the log beside it."""

@@ -1,0 +1,162 @@
+"""The window of `robotouille replay play`: one recording, or two of a task side by side."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from robotouille.episode import Clock
+from robotouille.errors import RobotouilleError
+from robotouille.replay.recording import Recording
+from robotouille_client.window import parse_size, require_screen
+from robotouille_client.window.replay.background.span_export import SpanExport
+from robotouille_client.window.replay.background.steps_search import StepsSearch
+from robotouille_client.window.replay.history.recorded import RecordedHistory
+from robotouille_client.window.replay.playhead import Playhead
+from robotouille_client.window.replay.side_by_side import SideBySidePainter, SideBySideStrip
+from robotouille_client.window.replay.source import ReplaySource
+from robotouille_client.window.replay.timeline.steps_curve import StepsCurve
+from robotouille_client.window.replay.timeline.timeline_strip import TimelineStrip
+from robotouille_client.window.replay.viewer_keys import ViewerKeys
+from robotouille_client.window.replay.viewer_state import ViewerState
+from robotouille_client.window.view import View
+from robotouille_client.window.window import Window
+
+__all__ = ["Viewer", "watch"]
+
+DEFAULT_RATE = 5.0
+"""Steps a second of recordings in which steps waited for decisions."""
+
+
+def watch(
+    recordings: Sequence[tuple[Path, Recording]],
+    rate: float | None = None,
+    size: str = "1280x720",
+    *,
+    at: int = 0,
+    screenshot: Path | None = None,
+) -> None:
+    """Show a recording, or two side by side, until the window is closed.
+
+    Args:
+        rate: Steps a second; None: as it was recorded.
+        at: The step to begin at.
+        screenshot: Save a picture there instead, for which no screen is needed.
+
+    Raises:
+        RobotouilleError: There is no screen, or they cannot be shown side by side.
+    """
+    if screenshot is None:
+        require_screen()
+    viewer = Viewer(recordings, rate, size=parse_size(size), headless=screenshot is not None)
+    if at:
+        viewer.playhead.seek(at, playing=False)
+    try:
+        if screenshot is None:
+            asyncio.run(viewer.window.run(viewer, linger=None))
+        else:
+            viewer.window.frame(viewer)
+            viewer.window.screenshot(screenshot)
+    finally:
+        viewer.close()
+
+
+class Viewer(ReplaySource):
+    """A window on one or two recordings, and its source; each frame it looks after what is being
+    worked out beside it.
+
+    Raises:
+        RobotouilleError: There are more than two, or two that cannot be shown side by side.
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[tuple[Path, Recording]],
+        rate: float | None = None,
+        *,
+        size: tuple[int, int] = (1280, 720),
+        headless: bool = False,
+        now: Callable[[], float] = time.monotonic,
+        make_window: Callable[..., Window] = Window,
+    ) -> None:
+        _check(recordings)
+        self.histories = [RecordedHistory(recording) for _, recording in recordings]
+        self.state = ViewerState(now)
+        self.playhead = Playhead(self._length, rate or _recorded_rate(recordings[0][1]), now)
+        titles = [path.name if len(recordings) > 1 else "" for path, _ in recordings]
+        super().__init__(self.histories[0], self.playhead, self.state, titles[0])
+        curves = [StepsCurve() for _ in recordings]
+        self._searches = [
+            StepsSearch(path, history, curve, self.state)
+            for (path, _), history, curve in zip(recordings, self.histories, curves, strict=True)
+        ]
+        alone = len(recordings) == 1
+        self._export = SpanExport(
+            recordings[0][0], self.histories[0], self.state, self.playhead.rate
+        )
+        keys = ViewerKeys(
+            self.histories, self.playhead, self.state, now,
+            curve=self._start_curves, export=self._export.start if alone else None,
+        )  # fmt: skip
+        strips = self.strips = [
+            TimelineStrip(history, self.playhead, self.state, keys if first else None, curve)
+            for history, curve, first in zip(self.histories, curves, (True, False), strict=False)
+        ]
+        caption = f"Robotouille: {recordings[0][1].task.name}"
+        if alone:
+            strip = self.strips[0]
+            self.window = make_window(size, caption=caption, headless=headless, strip=strip)
+            return
+        right = ReplaySource(self.histories[1], self.playhead, self.state, titles[1])
+        self.window = make_window(
+            size,
+            caption=caption,
+            headless=headless,
+            strip=SideBySideStrip(strips[0], strips[1]),
+            painter=SideBySidePainter(strips[0], strips[1], right.view),
+        )
+
+    def view(self) -> View:
+        for search in self._searches:
+            search.poll()
+        self._export.poll()
+        return super().view()
+
+    def close(self) -> None:
+        """Close the window, and stop what is being worked out."""
+        for search in self._searches:
+            search.close()
+        self._export.close()
+        self.window.close()
+
+    def _length(self) -> int:
+        return max(history.length for history in self.histories)
+
+    def _start_curves(self) -> None:
+        for search in self._searches:
+            search.start()
+
+
+def _recorded_rate(recording: Recording) -> float:
+    rules = recording.header["rules"]
+    rate = rules.get("step_rate") if rules["clock"] == Clock.REALTIME else None
+    return float(rate) if isinstance(rate, (int, float)) and rate > 0 else DEFAULT_RATE
+
+
+def _check(recordings: Sequence[tuple[Path, Recording]]) -> None:
+    """That they can be shown side by side."""
+    if len(recordings) > 2:
+        raise RobotouilleError(f"two recordings can be shown side by side, not {len(recordings)}")
+    if len({recording.header["digest"] for _, recording in recordings}) > 1:
+        (one, first), (other, second) = recordings
+        raise RobotouilleError(
+            f"only recordings of one task can be shown side by side: {one.name} is of "
+            f"{_task_words(first)}, {other.name} of {_task_words(second)}"
+        )
+
+
+def _task_words(recording: Recording) -> str:
+    task = recording.task
+    return f"{task.name} ({task.seats} seats, timing {task.timing.value}, {task.digest[:8]})"

@@ -1,0 +1,121 @@
+"""What the timeline shows is what the recording says."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from tests.support.games import recorded_game
+
+from robotouille.episode import Clock
+from robotouille.episode.tallies import Activity
+from robotouille.replay.controllers import seatings
+from robotouille.replay.recording import Recording
+from robotouille_client.window.replay.history.history import EntryKind
+from robotouille_client.window.replay.history.recorded import RecordedHistory
+from robotouille_client.window.replay.playhead import Playhead
+from robotouille_client.window.replay.source import ReplaySource, bubbles_at, notices_at
+from robotouille_client.window.replay.viewer_state import ViewerState
+
+
+@pytest.fixture(scope="module")
+def history(recording: Recording) -> RecordedHistory:
+    return RecordedHistory(recording)
+
+
+def test_lanes_agree_with_the_counts_of_the_outcome(history: RecordedHistory) -> None:
+    assert history.outcome is not None
+    kinds: set[str] = set()
+    for tally in history.outcome["seats"]:
+        player = tally["player"]
+        steps = range(1, history.length + 1)
+        counts = Counter(history.activity(player, step).value for step in steps)
+        assert {each.value: counts[each.value] for each in Activity} == {
+            each.value: tally[each.value] for each in Activity
+        }
+        kinds |= set(counts)
+        last = history.seats(history.length)[history.world.players.index(player)]
+        assert (last.actions, last.rejected) == (tally["acted"], tally["rejected"])
+    assert {"acted", "idle", "substituted"} <= kinds
+
+
+@pytest.mark.parametrize("clock", [Clock.TURN, Clock.LOCKSTEP])
+@pytest.mark.parametrize("version", [1, 2])
+def test_every_state_is_the_one_of_a_simulation(clock: Clock, version: int) -> None:
+    """Backwards as well: behind, before and on the states that are recorded in full."""
+    recording = Recording(
+        recorded_game("multi_agent/07@3", clock=clock, steps=330, version=version)
+    )
+    history = RecordedHistory(recording)
+    states = dict(recording.states())
+    assert history.length == 330
+    steps = [330, 0, 100, 99, 101, 200, 199, 329, *range(150, 120, -1), 5]
+    assert all(history.state(step) == states[step] for step in steps)
+    assert [history.state(step) for step in range(331)] == list(states.values())
+
+
+def test_states_with_created_objects() -> None:
+    """Soup is created: later states in full speak of tables that have grown."""
+    recording = Recording(recorded_game("asynchronous/09", steps=400, seed=3))
+    history = RecordedHistory(recording)
+    for step, state in reversed(list(recording.states())):
+        assert history.state(step) == state
+
+
+def test_seats_are_those_of_each_step(history: RecordedHistory, recording: Recording) -> None:
+    course = [history.seats(step)[1].moved_by for step in range(history.length + 1)]
+    assert course[:8] == ["human"] * 3 + ["random plays for bob"] * 4 + ["human"]
+    assert set(course[8:]) == {"human"}
+    for step, seats in seatings(recording):
+        assert [seat.name for seat in history.seats(step)] == [s.name for s in seats.values()]
+
+
+def test_marks_and_entries(history: RecordedHistory) -> None:
+    marks = {(mark.kind, mark.step, mark.player) for mark in history.marks}
+    assert (EntryKind.SAID, 8, "robot1") in marks
+    assert (EntryKind.REJECTED, 10, "robot1") in marks
+    assert (EntryKind.REASONING, 13, "robot1") in marks
+    assert (EntryKind.PAUSED, 20, "") in marks
+    assert (EntryKind.ANNOUNCED, 20, "") in marks
+    assert (EntryKind.ENDED, history.length, "") in marks
+    refused = [e for e in history.entries(10) if e.kind is EntryKind.REJECTED]
+    assert len(refused) == 1
+    assert refused[0].reasons
+    said = [e.words for e in history.entries(8) if e.kind is EntryKind.SAID]
+    assert said == ["the bun is yours"]
+    assert [e.words for e in history.entries(13)][0] == "this first"
+    assert history.entries(history.length)[-1].words == "Out of steps after 40 steps"
+    assert "bob (robot2) is away, a stand-in plays" in [e.words for e in history.entries(2)]
+
+
+def test_pauses_and_announcements_are_told_at_their_step_for_a_while(
+    history: RecordedHistory,
+) -> None:
+    told = notices_at(history.interludes, 2)
+    assert set(told) == {20, 21}
+    assert told[20] == "Paused for 7 s: by the operator · The operator: lunch"
+    assert notices_at(history.interludes, 0).keys() == {20}
+
+
+def test_bubbles_last_three_steps(history: RecordedHistory) -> None:
+    assert [bubble.text for bubble in bubbles_at(history, 8)] == ["the bun is yours"]
+    assert bubbles_at(history, 10)[0].kind == "rejected"
+    assert not bubbles_at(history, 7)
+    assert not bubbles_at(history, 30)
+
+
+def test_the_source_shows_the_step_of_the_playhead(history: RecordedHistory) -> None:
+    now = [0.0]
+    playhead = Playhead(lambda: history.length, 2.0, lambda: now[0])
+    source = ReplaySource(history, playhead, ViewerState(lambda: now[0]))
+    now[0] = 2.25
+    view = source.view()
+    assert (view.step, view.phase) == (5, 0.5)
+    assert view.previous == history.state(4)
+    assert view.seats[1].stand_in == "random"
+    playhead.seek(20)
+    assert "lunch" in source.view().notice
+    now[0] = 1000.0
+    assert source.finished
+    assert source.view().outcome == "Out of steps after 40 steps"
+    assert source.view().chat == (("ada", "the bun is yours"), ("", "lunch"))

@@ -1,0 +1,128 @@
+"""The picture of the lanes is the one of the activities; scales go there and back."""
+
+from __future__ import annotations
+
+import pygame
+import pytest
+
+from robotouille.replay.recording import Recording
+from robotouille_client.window.pictures.theme import CARD, INK, mixed
+from robotouille_client.window.replay.history.history import EntryKind
+from robotouille_client.window.replay.history.recorded import RecordedHistory
+from robotouille_client.window.replay.timeline.lanes import (
+    ACTIVITY_LOOKS,
+    MARK_COLOURS,
+    Lanes,
+)
+from robotouille_client.window.replay.timeline.scale import Scale
+
+ROWS, HEAD, WIDTH = 40, 20, 800
+TRACK = mixed(CARD, INK, 0.25)
+
+
+@pytest.fixture(scope="module")
+def history(recording: Recording) -> RecordedHistory:
+    return RecordedHistory(recording)
+
+
+def drawn(history: RecordedHistory, width: int, followed: int | None = None) -> pygame.Surface:
+    scale = Scale()
+    scale.place(0, width, 0, history.length)
+    surface = pygame.Surface((width, HEAD + ROWS * len(history.lanes)))
+    Lanes(history).draw(surface, surface.get_rect(), scale, ROWS, HEAD, followed)
+    return surface
+
+
+def height(surface: pygame.Surface, x: int, bottom: int) -> int:
+    """How high the block is that stands on a pixel."""
+    colour, high = surface.get_at((x, bottom)), 0
+    while surface.get_at((x, bottom - high)) == colour:
+        high += 1
+    return high
+
+
+def test_each_step_has_the_colour_and_the_height_of_its_activity(history: RecordedHistory) -> None:
+    surface = drawn(history, WIDTH)
+    lane = ROWS - ROWS * 2 // 5 - 2
+    for place, player in enumerate(history.world.players):
+        bottom = HEAD + (place + 1) * ROWS - 3
+        for step in range(1, history.length + 1):
+            activity = history.activity(player, step)
+            assert activity is not None
+            colour, high = ACTIVITY_LOOKS[activity]
+            x = round((step - 0.5) / history.length * WIDTH)
+            assert surface.get_at((x, bottom))[:3] == colour
+            assert height(surface, x, bottom) == pytest.approx(max(2, lane * high), abs=1)
+
+
+def test_colours_are_told_apart_without_colours() -> None:
+    """Every two activities differ in height or clearly in brightness."""
+    looks = list(ACTIVITY_LOOKS.values())
+    for one, (colour, high) in enumerate(looks):
+        for other, other_high in looks[:one]:
+            brightness = abs(sum(colour) - sum(other)) / 3
+            assert abs(high - other_high) >= 0.1 or brightness >= 8
+
+
+def test_several_steps_a_pixel_share_the_height(history: RecordedHistory) -> None:
+    """The pixels of an activity are as many, by its height, as it has steps."""
+    surface = drawn(history, 20)
+    bottom = HEAD + ROWS - 3
+    found = {
+        tuple(surface.get_at((x, y))[:3]) for x in range(20) for y in range(bottom - 20, bottom)
+    }
+    for step in range(1, history.length + 1):
+        activity = history.activity("robot1", step)
+        assert activity is not None
+        assert ACTIVITY_LOOKS[activity][0] in found
+    assert found - {TRACK}
+
+
+def test_marks_are_above_their_lane(history: RecordedHistory) -> None:
+    surface = drawn(history, WIDTH)
+    for mark in history.marks:
+        if mark.kind is EntryKind.ENDED:
+            continue
+        top = 1 if not mark.player else HEAD + 2
+        x = round(mark.step / history.length * WIDTH)
+        around = {
+            tuple(surface.get_at((x + dx, top + dy))[:3])
+            for dx in range(-8, 30)
+            for dy in range(16)
+        }
+        assert MARK_COLOURS[mark.kind] in around, mark
+
+
+def test_the_lane_of_somebody_else_is_faded(history: RecordedHistory) -> None:
+    whole, followed = drawn(history, WIDTH), drawn(history, WIDTH, followed=1)
+    first, second = HEAD + ROWS - 3, HEAD + 2 * ROWS - 3
+    assert whole.get_at((10, first)) != followed.get_at((10, first))
+    assert whole.get_at((10, second)) == followed.get_at((10, second))
+
+
+def test_a_scale_goes_there_and_back() -> None:
+    scale = Scale()
+    scale.place(100, 850, 0, 10_000)
+    assert (scale.x(0), scale.x(10_000)) == (100, 950)
+    assert (scale.step(0), scale.step(2000)) == (0, 10_000)
+    for _ in range(100):
+        before = scale.step(500)
+        scale.zoom(500, 0.8)
+        assert abs(scale.step(500) - before) <= scale.shown / 850 + 1
+    assert scale.shown == 10
+    scale.reveal(9_999)
+    assert scale.first <= 9_999 <= scale.last <= 10_000
+    scale.reveal(0)
+    assert scale.first == 0
+    for _ in range(100):
+        scale.zoom(100, 1.25)
+    assert (scale.first, scale.last) == (0, 10_000)
+
+
+def test_a_scale_of_nothing() -> None:
+    scale = Scale()
+    scale.place(0, 100, 0, 0)
+    assert scale.step(50) == 0
+    assert scale.x(0) == 0
+    scale.zoom(50, 0.5)
+    scale.reveal(0)

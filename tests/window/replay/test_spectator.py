@@ -1,0 +1,81 @@
+"""Watching a game: live, and back and forth in what one has seen. A real server, virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pygame
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+
+from robotouille.episode.tallies import Activity
+from robotouille_client import connect
+from robotouille_client.window.replay.history.history import EntryKind
+from robotouille_client.window.replay.spectator import Spectator
+from robotouille_client.window.window import Window
+
+
+def press(window: Window, source: Spectator, key: int) -> None:
+    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
+    pygame.event.post(pygame.Event(pygame.KEYUP, key=key, mod=0))
+    window.frame(source)
+
+
+def test_one_goes_back_and_returns_to_live(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path) as server,
+            connect(server.url, name="ada", kind="human") as ada,
+            connect(server.url, name="bob", kind="human") as bob,
+            connect(server.url, name="eve", kind="human") as eve,
+        ):
+            rules = {"clock": "realtime", "step_rate": 4.0, "max_steps": 60}
+            created = await ada.create("multi_agent/01", **rules)
+            one, _ = await ada.join(created.code), await bob.join(created.code)
+            await asyncio.sleep(1.0)
+            game = await eve.join(created.code, role="spectator")
+            loop = asyncio.get_running_loop()
+            source = Spectator(game, loop.time, eve.connected.is_set)
+            window = Window(headless=True, strip=source.strip, clock=loop.time)
+            window.frame(source)
+            began = source.history.first
+            assert began >= 3
+            states = {}
+            for number in range(12):
+                if number == 4:
+                    one.say("hello")
+                if one.actions:
+                    one.submit(one.actions[number % 2])
+                await asyncio.sleep(0.25)
+                window.frame(source)
+                states[game.step] = game.state
+            assert source.playhead.follows
+            assert source.view().step == game.step == source.history.length
+            press(window, source, pygame.K_HOME)
+            assert source.view().step == began
+            press(window, source, pygame.K_PERIOD)
+            said = source.view()
+            assert [bubble.text for bubble in said.bubbles] == ["hello"]
+            assert said.state == states[said.step]
+            await asyncio.sleep(1.0)
+            window.frame(source)
+            assert source.view().step == said.step < source.history.length
+            press(window, source, pygame.K_END)
+            assert source.playhead.follows
+            assert source.view().step == game.step
+            history = source.history
+            did = [history.activity("robot1", step) for step in range(began + 1, game.step + 1)]
+            assert Activity.ACTED in did
+            assert history.activity("robot1", began) is None
+            press(window, source, pygame.K_l)
+            press(window, source, pygame.K_h)
+            await asyncio.sleep(30.0)
+            window.frame(source)
+            assert source.view().outcome
+            assert history.marks[-1].kind is EntryKind.ENDED
+            press(window, source, pygame.K_LEFT)
+            assert not source.view().outcome
+            window.close()
+
+    run(main())

@@ -1,0 +1,293 @@
+"""The viewer by synthetic mouse and keys alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pygame
+import pytest
+from tests.support.games import recorded_game
+
+from robotouille.errors import RecordingError, RobotouilleError
+from robotouille.replay.container import compress, frame_ends, magic
+from robotouille.replay.recording import read_recording
+from robotouille_client.window.drawing.window_layout import layout
+from robotouille_client.window.replay.viewer import Viewer
+
+Opener = Callable[..., Viewer]
+SIZES = [(1280, 720), (2560, 1440), (640, 360), (320, 240)]
+
+
+def press(viewer: Viewer, *keys: int, mod: int = 0) -> None:
+    for key in keys:
+        pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=mod, unicode=""))
+        pygame.event.post(pygame.Event(pygame.KEYUP, key=key, mod=mod))
+    viewer.window.frame(viewer)
+
+
+def mouse(viewer: Viewer, kind: int, pos: tuple[int, int]) -> None:
+    more = {"rel": (0, 0), "buttons": (1, 0, 0)} if kind == pygame.MOUSEMOTION else {"button": 1}
+    pygame.event.post(pygame.Event(kind, pos=pos, **more))
+    viewer.window.frame(viewer)
+
+
+def spot(viewer: Viewer, share: float, strip: int = 0, row: float = 1.0) -> tuple[int, int]:
+    """A pixel on the lanes: a share of the way from their left to their right end."""
+    area = viewer.strips[strip].area
+    width, height = viewer.window.size
+    size = layout((width // len(viewer.strips), height), 8, 8).text
+    left = area.x + min(round(size * 7.5), area.width // 4)
+    x = left + share * (area.right - left - size)
+    return viewer.strips[strip].offset + round(x), round(area.bottom - size * 1.25 - row * size)
+
+
+def test_clicks_and_drags_seek(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, spot(viewer, 0.5))
+    assert viewer.playhead.step == 20
+    mouse(viewer, pygame.MOUSEMOTION, spot(viewer, 0.75))
+    assert viewer.playhead.step == 30
+    mouse(viewer, pygame.MOUSEMOTION, (5, 5))
+    assert viewer.playhead.step == 0
+    mouse(viewer, pygame.MOUSEBUTTONUP, (5, 5))
+    mouse(viewer, pygame.MOUSEMOTION, spot(viewer, 0.25))
+    assert viewer.playhead.step == 0
+    assert viewer.view().step == 0
+
+
+def test_the_button_plays_and_pauses(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    area = viewer.strips[0].area
+    for playing in (False, True):
+        mouse(viewer, pygame.MOUSEBUTTONDOWN, (area.x + 16, area.y + 14))
+        assert viewer.playhead.playing is playing
+
+
+def test_keys_move(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    step = lambda: viewer.playhead.step  # noqa: E731
+    press(viewer, pygame.K_RIGHT, pygame.K_RIGHT, pygame.K_RIGHT)
+    assert (step(), viewer.playhead.playing) == (3, False)
+    press(viewer, pygame.K_LEFT)
+    assert step() == 2
+    press(viewer, pygame.K_RIGHT, mod=pygame.KMOD_LSHIFT)
+    assert step() == 12
+    press(viewer, pygame.K_PAGEDOWN)
+    assert step() == 16
+    press(viewer, pygame.K_PAGEUP, pygame.K_PAGEUP)
+    assert step() == 8
+    press(viewer, pygame.K_END)
+    assert step() == 40
+    press(viewer, pygame.K_RIGHT)
+    assert step() == 40
+    press(viewer, pygame.K_HOME)
+    assert step() == 0
+    press(viewer, pygame.K_LEFT)
+    assert step() == 0
+
+
+def test_an_arrow_that_is_held_goes_on(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_RIGHT, mod=0, unicode=""))
+    for _ in range(5):
+        viewer.window.frame(viewer)
+    assert viewer.playhead.step == 1
+    viewer.timer.now += 0.36
+    for step in (2, 3, 4):
+        viewer.window.frame(viewer)
+        assert viewer.playhead.step == step
+        viewer.timer.now += 0.041
+    pygame.event.post(pygame.Event(pygame.KEYUP, key=pygame.K_RIGHT, mod=0))
+    viewer.window.frame(viewer)
+    viewer.timer.now += 1.0
+    viewer.window.frame(viewer)
+    assert viewer.playhead.step == 4
+
+
+def test_space_and_speed(opened: Opener, path: Path) -> None:
+    """It was recorded at two steps a second."""
+    viewer = opened(path)
+    viewer.timer.now += 2.0
+    assert viewer.playhead.step == 4
+    press(viewer, *[pygame.K_PLUS] * 9)
+    assert viewer.playhead.speed == 16
+    viewer.timer.now += 0.5
+    assert viewer.playhead.step == 20
+    press(viewer, *[pygame.K_MINUS] * 9)
+    assert viewer.playhead.speed == 0.25
+    press(viewer, pygame.K_SPACE)
+    viewer.timer.now += 100.0
+    assert viewer.playhead.step == 20
+    press(viewer, pygame.K_SPACE)
+    viewer.timer.now += 100.0
+    assert viewer.view().outcome
+    press(viewer, pygame.K_SPACE)
+    assert viewer.playhead.step == 0
+
+
+def test_marks_are_jumped_to(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    reached = []
+    for _ in range(6):
+        press(viewer, pygame.K_PERIOD)
+        reached.append(viewer.playhead.step)
+    assert reached == [8, 10, 13, 20, 40, 40]
+    assert "No mark" in viewer.state.message
+    press(viewer, pygame.K_COMMA, pygame.K_COMMA)
+    assert viewer.playhead.step == 13
+
+
+def test_following_leaves_out_the_marks_of_others(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    press(viewer, pygame.K_f, pygame.K_f)
+    assert viewer.state.followed == "robot2"
+    assert viewer.view().hover == "robot2"
+    press(viewer, pygame.K_PERIOD)
+    assert viewer.playhead.step == 20
+    press(viewer, pygame.K_f)
+    assert viewer.state.followed is None
+
+
+def test_the_log_is_clicked_and_closed(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    press(viewer, pygame.K_END, pygame.K_l)
+    assert viewer.state.log
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, (1150, 200))
+    assert 0 < viewer.playhead.step < 40
+    press(viewer, pygame.K_ESCAPE)
+    assert not viewer.state.log
+
+
+def test_help_has_the_keys_of_the_viewer(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    press(viewer, pygame.K_h)
+    assert viewer.state.help
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, spot(viewer, 0.5))
+    assert not viewer.state.help
+    assert viewer.playhead.step == 0
+
+
+def test_a_picture_is_saved_by_p(opened: Opener, path: Path, tmp_path: Path) -> None:
+    viewer = opened(path)
+    viewer.window.screenshots = tmp_path
+    press(viewer, pygame.K_p)
+    viewer.window.frame(viewer)
+    assert len(list(tmp_path.glob("robotouille-*.png"))) == 1
+
+
+def test_the_wheel_zooms_around_the_pointer(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    middle = spot(viewer, 0.5)
+    mouse(viewer, pygame.MOUSEMOTION, middle)
+    for _ in range(5):
+        pygame.event.post(pygame.Event(pygame.MOUSEWHEEL, x=0, y=1, which=0))
+        viewer.window.frame(viewer)
+    press(viewer, pygame.K_END)
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, spot(viewer, 0.0))
+    assert viewer.playhead.step > 20
+
+
+def test_nobody_talks_in_a_recording(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    press(viewer, pygame.K_t)
+    press(viewer, pygame.K_END)
+    assert viewer.playhead.step == 40
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_all_sizes_with_everything_open(opened: Opener, path: Path, size: tuple[int, int]) -> None:
+    viewer = opened(path, size=size)
+    press(viewer, pygame.K_l, pygame.K_f, pygame.K_i)
+    for share in (0.0, 0.25, 1.0):
+        mouse(viewer, pygame.MOUSEMOTION, spot(viewer, share))
+    press(viewer, pygame.K_h, pygame.K_END)
+    assert viewer.view().outcome
+
+
+# Two side by side
+
+
+def test_two_go_together_by_step(opened: Opener, path: Path, tmp_path: Path) -> None:
+    shorter = tmp_path / "shorter.rbt"
+    shorter.write_bytes(compress(recorded_game("multi_agent/01", steps=25)))
+    viewer = opened(path, shorter)
+    press(viewer, pygame.K_RIGHT)
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, spot(viewer, 0.75, strip=1))
+    mouse(viewer, pygame.MOUSEBUTTONUP, spot(viewer, 0.75, strip=1))
+    assert viewer.playhead.step == 30
+    assert viewer.view().step == 30
+    assert viewer.histories[1].length == 25
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, spot(viewer, 0.25, strip=0))
+    assert viewer.playhead.step == 10
+    press(viewer, pygame.K_l, pygame.K_v, pygame.K_END)
+    assert "one recording" in viewer.state.message
+
+
+def test_other_tasks_are_refused_in_words(opened: Opener, path: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.rbt"
+    other.write_bytes(compress(recorded_game("multi_agent/02", steps=5)))
+    with pytest.raises(RobotouilleError, match=r"one task.*multi_agent/01.*multi_agent/02"):
+        opened(path, other)
+    with pytest.raises(RobotouilleError, match="two recordings"):
+        opened(path, path, path)
+
+
+# What is not as it should be
+
+
+def test_one_without_steps(opened: Opener, tmp_path: Path) -> None:
+    path = tmp_path / "none.rbt.part"
+    stream = recorded_game("multi_agent/01", steps=3)
+    path.write_bytes(stream[: list(frame_ends(stream))[1]])
+    viewer = opened(path)
+    press(viewer, pygame.K_END, pygame.K_RIGHT, pygame.K_PAGEDOWN, pygame.K_PERIOD, pygame.K_l)
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, spot(viewer, 0.5))
+    assert viewer.view().step == 0
+    assert "no end" in viewer.view().status
+
+
+def test_one_that_is_being_written(opened: Opener, stream: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "open.rbt.part"
+    path.write_bytes(stream[: list(frame_ends(stream))[20] + 5])
+    viewer = opened(path)
+    press(viewer, pygame.K_END)
+    assert 0 < viewer.playhead.step < 40
+    assert "no end" in viewer.view().status
+    assert not viewer.view().outcome
+
+
+def test_one_that_was_cut_in_the_middle(opened: Opener, tmp_path: Path) -> None:
+    whole = compress(recorded_game("multi_agent/01", steps=2500))
+    path = tmp_path / "cut.rbt"
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    viewer = opened(path)
+    press(viewer, pygame.K_END)
+    assert 0 < viewer.playhead.step < 2500
+    assert viewer.view().status.startswith("The end is missing: ")
+
+
+def test_one_of_another_version(tmp_path: Path) -> None:
+    path = tmp_path / "new.rbt"
+    path.write_bytes(magic(9) + b"\0" * 40)
+    with pytest.raises(RecordingError, match="format version 9"):
+        read_recording(path, damaged=True)
+
+
+def test_a_state_that_makes_no_sense_is_not_shown(
+    opened: Opener, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last one that does stays, and the panel says so."""
+    viewer = opened(path)
+    states = viewer.histories[0].states
+    frame = states.frame
+
+    def broken(step: int) -> dict[str, object]:
+        return {**frame(step), "add": [10**6]} if step == 15 else frame(step)
+
+    monkeypatch.setattr(states, "frame", broken)
+    viewer.playhead.seek(14, playing=False)
+    assert viewer.view().status == ""
+    viewer.playhead.seek(15, playing=False)
+    assert viewer.view().status.startswith("Step 15 cannot be shown, you see step 14")
+    assert viewer.view().state == viewer.histories[0].state(14)
