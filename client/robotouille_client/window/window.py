@@ -25,8 +25,11 @@ from robotouille_client.window.view import Source, View
 __all__ = ["Window"]
 
 _NOTICE_SECONDS = 3.0
+_IDLE_SECONDS = 0.02
+"""How long a window sleeps that has drawn nothing: input is seen within that time."""
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
 _Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
+_Drawn = tuple[tuple[int, int], View, UiOverlay]
 _OWN_KEYS = (
     ("T or Enter", "say something (Enter sends, Esc cancels)"),
     ("H", "this help"),
@@ -42,6 +45,8 @@ class Window:
     drawn below the kitchen, and asked first about each event; a `painter` that is given draws
     instead of the window's own, and draws the strip itself. `clock` and `sleep` are injected for
     tests.
+
+    Of its `frames` only those are `drawn` that look different, or follow an event.
     """
 
     def __init__(
@@ -66,6 +71,8 @@ class Window:
         self.screenshots = screenshots or Path.cwd()
         self.closed = False
         self.frames = 0
+        self.drawn = 0
+        self._drawn_last: _Drawn | None = None
         self._extra_keys = extra_keys or {}
         self._clock = clock
         self._sleep = sleep
@@ -94,13 +101,15 @@ class Window:
         due = self._clock()
         try:
             while not self.closed:
+                drawn = self.drawn
                 self.frame(source)
+                idle = _IDLE_SECONDS if self.drawn == drawn else 0.0
                 now = self._clock()
                 if source.finished and linger is not None:
                     ended = now if ended is None else ended
                     if now - ended >= linger:
                         break
-                due = max(due + 1 / self.fps, now)
+                due = max(due + max(idle, 1 / self.fps), now)
                 await self._sleep(due - now)
         finally:
             self.close()
@@ -110,6 +119,7 @@ class Window:
         if self._surface is None:
             self._open(source.view())
         for event in pygame.event.get():
+            self._drawn_last = None
             self._handle(event, source, source.view())
         self._retry(source, source.view())
         self._draw(source.view())
@@ -148,9 +158,15 @@ class Window:
         self._surface = surface
         hover = None if view.frozen else self._target(view)
         shown = dataclasses.replace(view, hover=view.hover or hover)
-        self._painter.paint(surface, shown, self._ui_overlay(view, hover))
-        pygame.display.flip()
+        overlay = self._ui_overlay(view, hover)
         self.frames += 1
+        drawing = (surface.get_size(), self._painter.seen(shown), overlay)
+        if drawing == self._drawn_last:
+            return
+        self._drawn_last = drawing
+        self._painter.paint(surface, shown, overlay)
+        pygame.display.flip()
+        self.drawn += 1
 
     def _ui_overlay(self, view: View, hover: str | None) -> UiOverlay:
         interrupted = (view.pause is not None, view.offline is not None, view.frozen)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 
 import pygame
@@ -12,7 +13,7 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, INK, PANEL, PAPER, Colour, mixed
 from robotouille_client.window.view import FarewellView, PauseView, View
 
-__all__ = ["Interruptions"]
+__all__ = ["Interruptions", "offline_seen", "pause_seen"]
 
 _SHADE = (*PANEL, 165)
 _STALE = (*PANEL, 90)
@@ -132,6 +133,19 @@ class Interruptions:
                 y, gap = y + gap, 0
             target.blit(self._text.line(line, height, colour), (area.x + left, y))
             y += self._text.height(height)
+
+
+def pause_seen(pause: PauseView) -> PauseView:
+    """A pause with as much of its time as the dial shows."""
+    if pause.left is None:
+        return pause
+    share = round(pause.share * DIAL_STEPS) / DIAL_STEPS
+    return replace(pause, left=float(ceil(pause.left)), share=share)
+
+
+def offline_seen(seconds: float) -> float:
+    """Of the seconds without a connection as many as are told."""
+    return float(int(seconds)) if seconds >= _PATIENCE else 0.0
 
 
 def _lost(seconds: float) -> str:

@@ -6,7 +6,7 @@ import math
 
 import pygame
 
-from robotouille.domain.rendering import RenderingFile
+from robotouille.world.grounding.floor import Tile
 from robotouille.world.world import State, World
 from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
@@ -38,13 +38,14 @@ _MINI = 0.3
 class KitchenLayer:
     """Draws one world's stages; what never moves is drawn once for each size."""
 
-    def __init__(self, world: World, rendering: RenderingFile, sprites: Sprites) -> None:
+    def __init__(self, world: World, resolver: AppearanceResolver, sprites: Sprites) -> None:
         self._world = world
-        self._rendering = rendering
+        self._rendering = resolver.rendering
         self._sprites = sprites
-        self._resolver = AppearanceResolver(world.task.domain, rendering)
+        self._resolver = resolver
         self._background: pygame.Surface | None = None
-        self._background_of: tuple[Layout, dict[str, Appearance]] | None = None
+        self._floor_of: Layout | None = None
+        self._stations: dict[str, Appearance] = {}
 
     def stage(self, state: State) -> Stage:
         """What to draw of a state."""
@@ -52,10 +53,17 @@ class KitchenLayer:
 
     def background(self, layout: Layout, stage: Stage) -> pygame.Surface:
         """Everything behind what moves."""
-        key = (layout, stage.stations)
-        if self._background is None or self._background_of != key:
-            self._background = self._draw_background(layout, stage)
-            self._background_of = key
+        if self._background is None or self._floor_of != layout:
+            self._background = self._empty(layout)
+            self._floor_of, self._stations = layout, {}
+        changed = [n for n, a in stage.stations.items() if self._stations.get(n) != a]
+        for name in changed:
+            tile = stage.placed[name].tile
+            if tile is not None:
+                self._tile(self._background, layout, tile)
+                picture = self._sprites.of(stage.stations[name], layout.tile)
+                self._background.blit(picture, layout.cell(tile))
+        self._stations = stage.stations
         return self._background
 
     def draw(
@@ -79,44 +87,34 @@ class KitchenLayer:
             else:
                 self._pile_on_tile(target, layout, stage, name)
 
-    def _draw_background(self, layout: Layout, stage: Stage) -> pygame.Surface:
+    def _empty(self, layout: Layout) -> pygame.Surface:
+        """The window with its wall and floor."""
         surface = pygame.Surface(layout.size)
         surface.fill(BACKGROUND)
         frame = layout.kitchen.inflate(12, 12)
         surface.blit(box(frame.size, INK, 10), frame)
-        self._floor(surface, layout)
-        order = sorted(stage.stations, key=lambda name: -(stage.placed[name].tile or (0, 0))[1])
-        for name in order:
-            tile = stage.placed[name].tile
-            if tile is not None:
-                appearance = stage.stations[name]
-                surface.blit(self._sprites.of(appearance, layout.tile), layout.cell(tile))
-        return surface
-
-    def _floor(self, surface: pygame.Surface, layout: Layout) -> None:
-        art, ground, size = (
-            self._rendering.floor,
-            self._world.task.problem.ground or (),
-            layout.tile,
-        )
-        wall = self._sprites.file(art.wall, size)
+        wall = self._sprites.file(self._rendering.floor.wall, layout.tile)
         for x in range(layout.columns):
             corner = layout.cell((x, layout.rows))
             if wall is None:
                 surface.fill((196, 214, 202), corner)
             else:
                 surface.blit(wall, corner)
-        for row in range(layout.rows):
-            letters = ground[row] if row < len(ground) else ""
-            for x in range(layout.columns):
-                letter = letters[x : x + 1]
-                name = art.tiles.get(letter, art.default)
-                cell = layout.cell((x, layout.rows - 1 - row))
-                picture = self._sprites.file(name, size)
-                if picture is None:
-                    surface.fill((236, 226, 206) if (x + row) % 2 else (226, 214, 192), cell)
-                else:
-                    surface.blit(picture, cell)
+            for y in range(layout.rows):
+                self._tile(surface, layout, (x, y))
+        return surface
+
+    def _tile(self, surface: pygame.Surface, layout: Layout, tile: Tile) -> None:
+        """One tile of the floor."""
+        art, ground = self._rendering.floor, self._world.task.problem.ground or ()
+        x, row = tile[0], layout.rows - 1 - tile[1]
+        letter = ground[row][x : x + 1] if row < len(ground) else ""
+        picture = self._sprites.file(art.tiles.get(letter, art.default), layout.tile)
+        if picture is None:
+            colour = (236, 226, 206) if (x + row) % 2 else (226, 214, 192)
+            surface.fill(colour, layout.cell(tile))
+        else:
+            surface.blit(picture, layout.cell(tile))
 
     def _pile_on_tile(
         self, target: pygame.Surface, layout: Layout, stage: Stage, host: str

@@ -121,7 +121,7 @@ class Overlays:
                 continue
             start = before.get((row.action, row.arguments), 0)
             done = start + (row.done - start) * view.phase if row.done >= start else row.done
-            share = min(1.0, done / max(1, row.total))
+            share = round(min(1.0, done / max(1, row.total)) * RING_STEPS) / RING_STEPS
             x = spot[0] - taken[spot] * side * 0.95
             taken[spot] += 1
             self._badge(target, row, share, (round(x), round(spot[1])), side)

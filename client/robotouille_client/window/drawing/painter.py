@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pygame
 
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.world import State, World
-from robotouille_client.window.drawing.interruptions import Interruptions
+from robotouille_client.window.drawing.interruptions import (
+    Interruptions,
+    offline_seen,
+    pause_seen,
+)
 from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
-from robotouille_client.window.drawing.motion import Motion
+from robotouille_client.window.drawing.motion import Motion, Pose
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel import Panel
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
-from robotouille_client.window.pictures.appearance import Stage
+from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.strip import Strip
@@ -58,8 +63,7 @@ class Painter:
         self._prepare(view.world)
         place = self.layout(surface.get_size(), view.world)
         stage = self.stage(view.state)
-        before = self.stage(view.previous).placed if view.previous is not None else None
-        poses = self._motion.poses(view.state, stage.placed, before, view.step, view.phase)
+        poses = self._poses(view)
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._kitchen.draw(surface, place, stage, poses, view.me)
         self._overlays.draw(surface, place, view, stage, poses, ui_overlay=ui_overlay)
@@ -68,6 +72,31 @@ class Painter:
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._notices.draw(surface, place, view, ui_overlay)
+
+    def seen(self, view: View) -> View:
+        """A view without what cannot be seen of it: two that are equal look the same."""
+        self._prepare(view.world)
+        pause, offline = view.pause, view.offline
+        phase = view.phase if self._moves(view) else 1.0
+        return replace(
+            view,
+            phase=phase,
+            pause=None if pause is None else pause_seen(pause),
+            offline=None if offline is None else offline_seen(offline),
+        )
+
+    def _moves(self, view: View) -> bool:
+        """Whether anything is between two places, or on its way to be done."""
+        before = view.previous
+        if before is None:
+            return False
+        self._poses(view)
+        return self._motion.walking(view.step) or before.progress() != view.state.progress()
+
+    def _poses(self, view: View) -> dict[str, Pose]:
+        placed = self.stage(view.state).placed
+        before = self.stage(view.previous).placed if view.previous is not None else None
+        return self._motion.poses(view.state, placed, before, view.step, view.phase)
 
     def layout(self, size: tuple[int, int], world: World) -> Layout:
         """Where things are on a surface of a size."""
@@ -99,10 +128,11 @@ class Painter:
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )
-        self._kitchen = KitchenLayer(world, self._art, self._sprites)
+        resolver = AppearanceResolver(world.task.domain, self._art)
+        self._kitchen = KitchenLayer(world, resolver, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
-        self._panel = Panel(self._art, self._sprites, self._text)
+        self._panel = Panel(resolver, self._sprites, self._text)
         self._interruptions = Interruptions(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)
 

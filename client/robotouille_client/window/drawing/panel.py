@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pygame
 
-from robotouille.domain.rendering import RenderingFile
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.shapes import bar, box, ellipse, pill
@@ -33,13 +32,13 @@ __all__ = ["Panel"]
 class Panel:
     """Draws the panel; it is drawn anew only when something in it has changed."""
 
-    def __init__(self, rendering: RenderingFile, sprites: Sprites, text: Typesetter) -> None:
-        self._rendering = rendering
+    def __init__(self, resolver: AppearanceResolver, sprites: Sprites, text: Typesetter) -> None:
+        self._resolver = resolver
+        self._rendering = resolver.rendering
         self._sprites = sprites
         self._text = text
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
-        self._time_bar: pygame.Rect | None = None
 
     def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
         """The panel on the right of the window."""
@@ -51,10 +50,6 @@ class Panel:
             self._surface = self._render(layout, view)
             self._shown = shown
         target.blit(self._surface, layout.panel)
-        if self._time_bar is not None:
-            area = self._time_bar.move(layout.panel.topleft)
-            left = min(1.0, max(0.0, 1.0 - view.phase))
-            bar(target, area, left, mixed(BAD, ACCENT, min(1.0, left * 2)), TRACK)
 
     def _render(self, layout: Layout, view: View) -> pygame.Surface:
         surface = pygame.Surface(layout.panel.size)
@@ -148,7 +143,7 @@ class Panel:
     def _clock(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> int:
-        """The step counter with its limit, and the time left of the current step."""
+        """The step counter with its limit, and what moves it."""
         size, small = layout.text, max(10, layout.text - 3)
         limit = f" of {view.max_steps}" if view.max_steps else ""
         counted = f"Step {view.step}{limit}"
@@ -163,12 +158,9 @@ class Panel:
         if view.max_steps:
             line = pygame.Rect(area.x, y, area.width, thick)
             share = view.step / view.max_steps
-            bar(surface, line, share, mixed(GOOD, BAD, max(0.0, share - 0.5) * 2), TRACK)
+            late = round(min(1.0, max(0.0, share - 0.5) * 2) * 16) / 16
+            bar(surface, line, share, mixed(GOOD, BAD, late), TRACK)
             y += thick + 4
-        self._time_bar = None
-        if view.clock:
-            self._time_bar = pygame.Rect(area.x, y, area.width, max(4, thick // 2))
-            y += self._time_bar.height
         return y + size * 2 // 3
 
     def _seats(
@@ -226,8 +218,7 @@ class Panel:
     def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
         if seat.player not in view.world.players:
             return None
-        resolver = AppearanceResolver(view.world.task.domain, self._rendering)
-        appearance = resolver.player(view.world.thing(seat.player).kind, index, "front")
+        appearance = self._resolver.player(view.world.thing(seat.player).kind, index, "front")
         if not seat.connected and appearance.asset:
             return self._sprites.faded(appearance.asset, side)
         return self._sprites.of(appearance, side)

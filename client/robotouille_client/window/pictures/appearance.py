@@ -182,13 +182,13 @@ def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
 
 def _relations(state: State) -> dict[str, list[Fact]]:
     """By object: the facts of it and others, with kinds in the place of names."""
-    world = state.world
+    kinds = {thing.name: thing.kind for thing in state.objects}
     related: dict[str, list[Fact]] = defaultdict(list)
     for atom in state.atoms():
         if len(atom) == 1:
             continue
-        fact = (atom[0], *(world.thing(name).kind for name in atom[1:]))
-        for name in dict.fromkeys(atom[1:]):
+        fact = (atom[0], *[kinds[name] for name in atom[1:]])
+        for name in set(atom[1:]):
             related[name].append(fact)
     return related
 

@@ -43,10 +43,11 @@ def ellipse(size: tuple[int, int], fill: tuple[int, ...]) -> pygame.Surface:
     return pygame.transform.smoothscale(large, (width, height))
 
 
+@lru_cache(maxsize=128)
 def pill(
     words: pygame.Surface, fill: tuple[int, ...], edge: Colour | None = None
 ) -> pygame.Surface:
-    """Words on a box with round ends."""
+    """Words on a box with round ends; do not draw on it, it is shared."""
     width, height = words.get_width() + words.get_height(), words.get_height() + 2
     surface = box((width, height), fill, height // 2, edge).copy()
     surface.blit(words, words.get_rect(center=surface.get_rect().center))
