@@ -16,14 +16,23 @@ from robotouille_client.window.pictures.appearance import (
     SpritePiece,
     Stage,
 )
+from robotouille_client.window.pictures.badges import seat_colour
 from robotouille_client.window.pictures.shapes import box, ellipse
 from robotouille_client.window.pictures.sprites import Sprites
-from robotouille_client.window.pictures.theme import BACKGROUND, INK, SEATS
+from robotouille_client.window.pictures.theme import BACKGROUND, INK
 
-__all__ = ["RAISED", "KitchenLayer"]
+__all__ = ["HEAD", "RAISED", "KitchenLayer"]
 
 RAISED = 0.12
 """How much higher than its tile a player is drawn, in tiles."""
+
+HEAD = -0.14
+"""Where a player's picture begins below the upper edge of its tile, in tiles."""
+
+_BODY = (0.2, HEAD, 0.6, 0.96)
+_WORKTOP = (0.06, 0.14, 0.88, 0.56)
+_SEEN = 0.76
+"""How much of the square of a picture a thing usually fills."""
 
 _HELD_SCALE = 0.85
 _HELD = {
@@ -87,6 +96,36 @@ class KitchenLayer:
             else:
                 self._pile_on_tile(target, layout, stage, name)
 
+    def occupied(self, layout: Layout, stage: Stage, poses: dict[str, Pose]) -> list[pygame.Rect]:
+        """What no words may cover: players, what they hold, stations in use with all on them."""
+        areas = []
+        for name, pose in poses.items():
+            corner = layout.corner(pose.at)
+            areas.append(_part(corner, _BODY, layout.tile))
+            areas += self._covered(stage.piles.get(name, ()), *self._hands(corner, pose, layout))
+        for host, pieces in stage.piles.items():
+            tile = stage.placed[host].tile
+            if host not in poses and tile is not None:
+                middle = self._top_of(layout, stage, host, tile)
+                areas += self._covered(pieces, middle, layout.tile)
+        busy = {stage.placed[name].at for name in poses} | set(stage.piles)
+        for name in stage.stations:
+            tile = stage.placed[name].tile
+            if name in busy and tile is not None:
+                areas.append(_part(layout.corner(tile), _WORKTOP, layout.tile))
+        return areas
+
+    def _covered(
+        self, pieces: tuple[SpritePiece, ...], middle: tuple[float, float], tile: float
+    ) -> list[pygame.Rect]:
+        areas = []
+        for piece in pieces:
+            side = max(1, round(piece.scale * tile * _SEEN))
+            area = pygame.Rect(0, 0, side, side)
+            area.center = (round(middle[0]), round(middle[1] - piece.rise * tile))
+            areas.append(area)
+        return areas
+
     def _empty(self, layout: Layout) -> pygame.Surface:
         """The window with its wall and floor."""
         surface = pygame.Surface(layout.size)
@@ -121,10 +160,21 @@ class KitchenLayer:
     ) -> None:
         tile = stage.placed[host].tile
         assert tile is not None  # noqa: S101
-        x, y = layout.corner(tile)
-        base = (0.5 - stage.bases[host]) * layout.tile
-        middle = (x + layout.tile / 2, y + base)
+        middle = self._top_of(layout, stage, host, tile)
         self._pile(target, stage.piles[host], middle, layout.tile)
+
+    def _top_of(self, layout: Layout, stage: Stage, host: str, tile: Tile) -> tuple[float, float]:
+        """Where the lowest thing on a station has its middle."""
+        x, y = layout.corner(tile)
+        return x + layout.tile / 2, y + (0.5 - stage.bases[host]) * layout.tile
+
+    def _hands(
+        self, corner: tuple[float, float], pose: Pose, layout: Layout
+    ) -> tuple[tuple[float, float], float]:
+        """Where what a player holds has its middle, and how large a tile is there."""
+        dx, dy = _HELD[pose.facing]
+        x, y = corner[0] + layout.tile / 2, corner[1] + (0.5 - RAISED) * layout.tile
+        return (x + dx * layout.tile, y + dy * layout.tile), layout.tile * _HELD_SCALE
 
     def _pile(
         self,
@@ -189,5 +239,13 @@ class KitchenLayer:
         """A patch of light under the player of the window's owner."""
         area = pygame.Rect(0, 0, round(size * 0.8), round(size * 0.28))
         area.center = (round(x + size / 2), round(y + size * 0.81))
-        colour = SEATS[index % len(SEATS)]
+        colour = seat_colour(index)
         target.blit(ellipse(area.size, (*colour, 130)), area)
+
+
+def _part(
+    corner: tuple[float, float], part: tuple[float, float, float, float], tile: int
+) -> pygame.Rect:
+    """A part of a tile, given in tiles."""
+    x, y, width, height = (value * tile for value in part)
+    return pygame.Rect(round(corner[0] + x), round(corner[1] + y), round(width), round(height))

@@ -37,6 +37,12 @@ class Notices:
         if ui_overlay.help:
             self._help(target, layout, ui_overlay.help)
 
+    def reserved(self, layout: Layout, ui_overlay: UiOverlay) -> list[pygame.Rect]:
+        """Where the line below the kitchen will be."""
+        if ui_overlay.typing is not None:
+            return [self._typing_area(layout)]
+        return [self._plate(layout, ui_overlay.prompt)[1]] if ui_overlay.prompt else []
+
     def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str, *, won: bool) -> None:
         """A ribbon across the kitchen: gold with a star where the goal was reached, else grey."""
         fill, sign = (ACCENT, "goal") if won else (FAINT, "rejected")
@@ -64,16 +70,22 @@ class Notices:
             target.blit(words, words.get_rect(midtop=(band.centerx, band.y + size + i * step)))
 
     def _prompt(self, target: pygame.Surface, layout: Layout, prompt: str) -> None:
+        target.blit(*self._plate(layout, prompt))
+
+    def _plate(self, layout: Layout, prompt: str) -> tuple[pygame.Surface, pygame.Rect]:
         size = layout.text
         words = self._text.fit(prompt, size, layout.panel.left - 4 * size)
         plate = pill(self._text.line(words, size, TEXT), (*INK, 235))
-        middle = (layout.kitchen.centerx, layout.strip.top - 8)
-        target.blit(plate, plate.get_rect(midbottom=middle))
+        place = plate.get_rect(midbottom=(layout.kitchen.centerx, layout.strip.top - size // 2))
+        return plate, place.clamp(pygame.Rect(0, 0, layout.panel.left, layout.strip.top))
+
+    def _typing_area(self, layout: Layout) -> pygame.Rect:
+        area = pygame.Rect(8, 0, layout.panel.left - 16, layout.text * 2 + 4)
+        area.bottom = layout.strip.top - 8
+        return area
 
     def _typing(self, target: pygame.Surface, layout: Layout, typed: str) -> None:
-        size = layout.text
-        area = pygame.Rect(8, 0, layout.panel.left - 16, size * 2 + 4)
-        area.bottom = layout.strip.top - 8
+        size, area = layout.text, self._typing_area(layout)
         target.blit(box(area.size, PAPER, 8, INK), area)
         text = f"Say: {typed}|"
         while self._text.width(text, size) > area.width - 2 * size and len(text) > 8:

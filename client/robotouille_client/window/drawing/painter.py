@@ -15,6 +15,7 @@ from robotouille_client.window.drawing.interruptions import (
     pause_seen,
 )
 from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
+from robotouille_client.window.drawing.labels import Labels
 from robotouille_client.window.drawing.motion import Motion, Pose
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
@@ -40,6 +41,7 @@ class Painter:
         rendering: In place of the one that belongs to the domain.
         pictures: A folder in which they are looked for first.
         strip: What is drawn below the kitchen.
+        text_scale: How much larger letters are than they would be.
     """
 
     def __init__(
@@ -47,10 +49,13 @@ class Painter:
         rendering: RenderingFile | None = None,
         pictures: Path | None = None,
         strip: Strip | None = None,
+        *,
+        text_scale: float = 1.0,
     ) -> None:
         self._rendering = rendering
         self._pictures = () if pictures is None else (pictures,)
         self._strip = strip
+        self.text_scale = text_scale
         self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
@@ -66,8 +71,16 @@ class Painter:
         poses = self._poses(view)
         surface.blit(self._kitchen.background(place, stage), (0, 0))
         self._kitchen.draw(surface, place, stage, poses, view.me)
-        self._overlays.draw(surface, place, view, stage, poses, ui_overlay=ui_overlay)
-        self._interruptions.draw(surface, place, view)
+        signs = self._overlays.draw(surface, place, view, stage, poses)
+        cards = self._interruptions.draw(surface, place, view)
+        self._labels.draw(
+            surface, place, view, poses, ui_overlay,
+            blocked=[
+                *self._kitchen.occupied(place, stage, poses), *signs, *cards,
+                *self._notices.reserved(place, ui_overlay),
+            ],
+            avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
+        )  # fmt: skip
         self._panel.draw(surface, place, view)
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
@@ -102,7 +115,7 @@ class Painter:
         """Where things are on a surface of a size."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
-        return layout(size, problem.width, problem.height, lines)
+        return layout(size, problem.width, problem.height, lines, self.text_scale)
 
     def stage(self, state: State) -> Stage:
         """What there is to draw of a state; the newest few are kept."""
@@ -132,6 +145,7 @@ class Painter:
         self._kitchen = KitchenLayer(world, resolver, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
+        self._labels = Labels(self._text)
         self._panel = Panel(resolver, self._sprites, self._text)
         self._interruptions = Interruptions(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)

@@ -6,6 +6,7 @@ import pygame
 
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.badges import seat_colour
 from robotouille_client.window.pictures.shapes import bar, box, ellipse, pill
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -18,7 +19,6 @@ from robotouille_client.window.pictures.theme import (
     INK,
     PANEL,
     PAPER,
-    SEATS,
     TEXT,
     TRACK,
     Colour,
@@ -185,7 +185,7 @@ class Panel:
         size, small = layout.text, max(10, layout.text - 4)
         players = view.world.players
         index = players.index(seat.player) if seat.player in players else 0
-        colour = SEATS[index % len(SEATS)]
+        colour = seat_colour(index)
         edge = colour if seat.player == view.me else None
         surface.blit(box(card.size, CARD, 7, edge), card)
         strip = pygame.Rect(card.x + 3, card.y + 4, 4, card.height - 8)
@@ -258,7 +258,7 @@ class Panel:
             self._put(surface, line, (area.x, y + i * step), size, colour)
 
     def _colours(self, view: View) -> dict[str, Colour]:
-        players = {p: SEATS[i % len(SEATS)] for i, p in enumerate(view.world.players)}
+        players = {p: seat_colour(i) for i, p in enumerate(view.world.players)}
         names = {s.name: players.get(s.player, FAINT) for s in view.seats}
         return {**players, **names}
 

@@ -111,10 +111,11 @@ def bar(
 
 
 @lru_cache(maxsize=64)
-def speech(size: tuple[int, int], fill: Colour, edge: Colour, tail: int) -> pygame.Surface:
-    """A speech bubble whose tail points down at `tail` pixels from the left."""
+def speech(
+    size: tuple[int, int], fill: Colour, edge: Colour, tail: int, drop: int
+) -> pygame.Surface:
+    """A speech bubble whose tail points down by `drop` pixels, `tail` pixels from the left."""
     width, height = size
-    drop = max(5, height // 6 if height < 40 else 8)
     large = pygame.Surface((width * 2, (height + drop) * 2), pygame.SRCALPHA)
     body = pygame.Rect(0, 0, width * 2, height * 2)
     point = [(tail * 2 - drop * 2, height * 2 - 4), (tail * 2 + drop * 2, height * 2 - 4)]
