@@ -117,6 +117,12 @@ class Art(BaseModel):
                 best, most = art.asset, count
         return best
 
+    def traits(self) -> Iterator[Trait]:
+        """Every condition under which a picture is chosen."""
+        yield from self.predicates
+        for art in self.named.values():
+            yield from art.traits()
+
     def pictures(self, place: str) -> Iterator[tuple[str, str]]:
         """Every picture that may be chosen, with its place in the file."""
         if self.asset is not None:
@@ -255,6 +261,11 @@ class RenderingFile(Schema):
         if kind in self.player or self.group_of(kind) is not None:
             return True
         return any(kind in entity.assets.named for entity in self.container.entities.values())
+
+    def traits(self) -> set[str]:
+        """The predicates on which any picture depends."""
+        entities = [e for group in self._groups().values() for e in group.entities.values()]
+        return {trait.name for entity in entities for trait in entity.assets.traits()}
 
     def files(self) -> set[str]:
         """Every picture the file names."""

@@ -12,8 +12,10 @@ from robotouille_client.window.drawing.motion import Pose
 from robotouille_client.window.drawing.placement import Label, Place, place_labels
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.badges import badge, seat_fill
 from robotouille_client.window.pictures.shapes import box, pill, speech
+from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import (
     ABSENT,
@@ -26,13 +28,16 @@ from robotouille_client.window.pictures.theme import (
 )
 from robotouille_client.window.view import Bubble, SeatView, View
 
-__all__ = ["Labels"]
+__all__ = ["Labels", "Listing"]
 
 _KEPT = 200
 _FEET = 0.83
 """Where a name begins below the upper edge of its player's tile, in tiles."""
 
 _REASON, _TIP, _SAID, _OWN_NAME, _NAME = 5, 4, 3, 2, 1
+
+
+Listing = tuple[tuple[Appearance | None, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +50,15 @@ class _Words:
     bubble: Bubble | None = None
     body: pygame.Rect | None = None
     tag: pygame.Surface | None = None
+    listed: Listing = ()
 
 
 class Labels:
     """Draws the words of one view after the other, and moves them as little as it can."""
 
-    def __init__(self, text: Typesetter) -> None:
+    def __init__(self, text: Typesetter, sprites: Sprites) -> None:
         self._text = text
+        self._sprites = sprites
         self._places: dict[Hashable, Place] = {}
         self._tags: dict[tuple[object, ...], pygame.Surface] = {}
 
@@ -63,14 +70,15 @@ class Labels:
         poses: dict[str, Pose],
         overlay: UiOverlay,
         *,
+        listed: Listing,
         blocked: Sequence[pygame.Rect],
         avoided: Sequence[pygame.Rect],
     ) -> None:
-        """All words that fit beside what is `blocked`."""
+        """All words that fit beside what is `blocked`; `listed` is told below the tips."""
         words = [
             *self._names(layout, view, poses),
             *self._bubbles(layout, view, poses),
-            *self._tips(layout, overlay),
+            *self._tips(layout, overlay, listed),
         ]
         area = pygame.Rect(0, 0, layout.panel.left, layout.strip.top).inflate(-6, -6)
         labels = [each.label for each in words]
@@ -99,6 +107,17 @@ class Labels:
         for i, line in enumerate(words.lines):
             drawn = self._text.line(line, words.size, ink)
             target.blit(drawn, (area.x + pad, area.y + pad // 2 + 1 + i * step))
+        self._list(target, words, area.x + pad, area.y + pad // 2 + 1 + len(words.lines) * step)
+
+    def _list(self, target: pygame.Surface, words: _Words, x: int, y: int) -> None:
+        """Things, each with its picture."""
+        step = _row(words.size)
+        for appearance, name in words.listed:
+            if appearance is not None:
+                target.blit(self._sprites.of(appearance, step), (x, y))
+            drawn = self._text.line(name, words.size, TEXT)
+            target.blit(drawn, drawn.get_rect(midleft=(x + step + 4, y + step // 2)))
+            y += step
 
     # Names
 
@@ -208,16 +227,19 @@ class Labels:
 
     # What the mouse points at
 
-    def _tips(self, layout: Layout, overlay: UiOverlay) -> Iterator[_Words]:
-        if not overlay.tips or overlay.pointer is None:
+    def _tips(self, layout: Layout, overlay: UiOverlay, listed: Listing) -> Iterator[_Words]:
+        if overlay.pointer is None:
             return
         size, pad = layout.text, _pad(layout)
         most = max(120, layout.size[0] // 3)
         lines = tuple(line for tip in overlay.tips for line in self._text.wrap(tip, size, most, 6))
-        if not lines:
+        if not lines and not listed:
             return
-        width = max(self._text.width(line, size) for line in lines) + 2 * pad
-        height = self._text.height(size) * len(lines) + pad
+        row = _row(size)
+        widths = [self._text.width(line, size) for line in lines]
+        widths += [self._text.width(name, size) + row + 4 for _, name in listed]
+        width = max(widths) + 2 * pad
+        height = self._text.height(size) * len(lines) + row * len(listed) + pad
         (x, y), gap = overlay.pointer, layout.text
         choices = (
             (x + gap, y + gap),
@@ -225,7 +247,13 @@ class Labels:
             (x + gap, y - height - gap // 2),
             (x - gap - width, y - height - gap // 2),
         )
-        yield _Words(Label("tip", (width, height), choices, _TIP), lines, size)
+        label = Label("tip", (width, height), choices, _TIP)
+        yield _Words(label, lines, size, listed=listed)
+
+
+def _row(size: int) -> int:
+    """The height of a thing in a list."""
+    return round(size * 1.7)
 
 
 def _pad(layout: Layout) -> int:

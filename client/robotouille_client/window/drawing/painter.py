@@ -15,11 +15,11 @@ from robotouille_client.window.drawing.interruptions import (
     pause_seen,
 )
 from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
-from robotouille_client.window.drawing.labels import Labels
+from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.motion import Motion, Pose
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
-from robotouille_client.window.drawing.panel import Panel
+from robotouille_client.window.drawing.panel.panel import Panel
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
@@ -73,18 +73,26 @@ class Painter:
         self._kitchen.draw(surface, place, stage, poses, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
         cards = self._interruptions.draw(surface, place, view)
+        self._panel.draw(surface, place, view)
+        if not ui_overlay.tips:
+            ui_overlay = replace(ui_overlay, tips=self._panel.told(ui_overlay.pointer))
         self._labels.draw(
             surface, place, view, poses, ui_overlay,
+            listed=self._listed(view, stage),
             blocked=[
                 *self._kitchen.occupied(place, stage, poses), *signs, *cards,
                 *self._notices.reserved(place, ui_overlay),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
         )  # fmt: skip
-        self._panel.draw(surface, place, view)
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._notices.draw(surface, place, view, ui_overlay)
+
+    def _listed(self, view: View, stage: Stage) -> Listing:
+        """What is in or on the station under the mouse, if that is more than one thing."""
+        listed = self._resolver.listing(stage, view.hover) if view.hover else ()
+        return listed if len(listed) > 1 else ()
 
     def seen(self, view: View) -> View:
         """A view without what cannot be seen of it: two that are equal look the same."""
@@ -141,11 +149,11 @@ class Painter:
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )
-        resolver = AppearanceResolver(world.task.domain, self._art)
+        self._resolver = resolver = AppearanceResolver(world.task.domain, self._art)
         self._kitchen = KitchenLayer(world, resolver, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
-        self._labels = Labels(self._text)
+        self._labels = Labels(self._text, self._sprites)
         self._panel = Panel(resolver, self._sprites, self._text)
         self._interruptions = Interruptions(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)

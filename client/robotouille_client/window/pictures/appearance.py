@@ -6,6 +6,7 @@ Pure: a `Stage` is computed once for each state, from its scene and the renderin
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -67,6 +68,7 @@ class AppearanceResolver:
         self._stations = set(domain.station_types)
         self._players = set(domain.player_types)
         self._words = _states_of_things(domain)
+        self._pictured = rendering.traits()
 
     def stage(self, state: State) -> Stage:
         """What to draw of a state."""
@@ -106,6 +108,27 @@ class AppearanceResolver:
             asset = art.choose(thing.facts, about)
         words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
         return Appearance(kind, self._role(thing), asset, "" if asset else words)
+
+    def listing(self, stage: Stage, host: str) -> tuple[tuple[Appearance | None, str], ...]:
+        """What lies on a station or is held, from the top down, with what is in it, in words."""
+        listed: list[tuple[Appearance | None, str]] = []
+        for piece in reversed(stage.piles.get(host, ())):
+            listed.append((piece.appearance, self._in_words(stage.placed[piece.name])))
+            for inside in _inside(piece.name, stage.placed):
+                listed.append((None, self._in_words(inside)))
+            names = _contents(piece.name, stage.placed)
+            for name, appearance in zip(names, piece.contents, strict=True):
+                listed.append((appearance, self._in_words(stage.placed[name])))
+        return tuple(listed)
+
+    def _in_words(self, placed: Placed) -> str:
+        return self.words(placed.thing.kind, placed.facts)
+
+    def words(self, kind: str, facts: Collection[str]) -> str:
+        """A kind with what has become of it, e.g. `painted gear`."""
+        told = self._pictured if self.rendering.shows(kind) else self._words
+        states = sorted(self._words[fact] for fact in facts if fact in told and fact in self._words)
+        return " ".join([*states, kind])
 
     def player(self, kind: str, index: int, facing: str) -> Appearance:
         """What the player in seat `index` looks like from one side."""
@@ -208,7 +231,7 @@ def _states_of_things(domain: DomainFile) -> dict[str, str]:
             if effect.type != "creation":
                 changed.update(c.predicate for c in effect.fx)
     return {
-        p.name: p.name.removeprefix("is").replace("_", " ")
+        p.name: p.name.removeprefix("is").removeprefix("has").replace("_", " ")
         for p in domain.predicate_defs
         if p.name in changed - implied - kinds
         and len(p.param_types) == 1

@@ -9,7 +9,18 @@ import pygame
 
 from robotouille_client.window.pictures.theme import INK, PAPER, Colour, mixed
 
-__all__ = ["DIAL_STEPS", "RING_STEPS", "bar", "box", "dial", "ellipse", "pill", "ring", "speech"]
+__all__ = [
+    "DIAL_STEPS",
+    "RING_STEPS",
+    "bar",
+    "box",
+    "dial",
+    "ellipse",
+    "pill",
+    "ring",
+    "speech",
+    "tick",
+]
 
 RING_STEPS = 48
 DIAL_STEPS = 360
@@ -52,6 +63,19 @@ def pill(
     surface = box((width, height), fill, height // 2, edge).copy()
     surface.blit(words, words.get_rect(center=surface.get_rect().center))
     return surface
+
+
+@lru_cache(maxsize=32)
+def tick(size: int, colour: Colour) -> pygame.Surface:
+    """A check mark in a square; do not draw on it, it is shared."""
+    side = size * _FINE
+    large = pygame.Surface((side, side), pygame.SRCALPHA)
+    large.fill((*colour, 0))
+    points = [
+        (round(x * side), round(y * side)) for x, y in ((0.1, 0.55), (0.4, 0.85), (0.9, 0.18))
+    ]
+    pygame.draw.lines(large, colour, closed=False, points=points, width=max(1, side // 5))
+    return pygame.transform.smoothscale(large, (size, size))
 
 
 @lru_cache(maxsize=1024)

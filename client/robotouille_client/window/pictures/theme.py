@@ -11,6 +11,7 @@ __all__ = [
     "BACKGROUND",
     "BAD",
     "CARD",
+    "DONE",
     "FAINT",
     "GOOD",
     "INK",
@@ -20,6 +21,7 @@ __all__ = [
     "REASON_EDGE",
     "SEATS",
     "TEXT",
+    "TICKED",
     "TRACK",
     "Colour",
     "kind_colour",
@@ -39,6 +41,8 @@ PAPER: Colour = (255, 250, 240)
 ACCENT: Colour = (255, 196, 84)
 GOOD: Colour = (126, 201, 110)
 BAD: Colour = (244, 132, 120)
+DONE: Colour = (46, 125, 60)
+TICKED: Colour = (222, 240, 212)
 REASON: Colour = (152, 52, 46)
 REASON_EDGE: Colour = (206, 74, 62)
 ABSENT: Colour = (96, 90, 100)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import pygame
 
+from robotouille_client.window.drawing.panel.ticket import Ticket
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.badges import seat_colour
@@ -18,7 +21,6 @@ from robotouille_client.window.pictures.theme import (
     GOOD,
     INK,
     PANEL,
-    PAPER,
     TEXT,
     TRACK,
     Colour,
@@ -37,6 +39,8 @@ class Panel:
         self._rendering = resolver.rendering
         self._sprites = sprites
         self._text = text
+        self._ticket: Ticket | None = None
+        self._ticket_area = pygame.Rect(0, 0, 0, 0)
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
 
@@ -44,7 +48,8 @@ class Panel:
         """The panel on the right of the window."""
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats, view.me,
-            view.chat, view.status, view.code, view.waits_for, view.watching,
+            view.chat, view.status, view.code, view.waits_for, view.watching, view.step_seconds,
+            view.world.goal.holding(view.state.facts),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
@@ -121,24 +126,22 @@ class Panel:
             x += width + blank
         return y + step - area.y
 
+    def told(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
+        """What the mouse points at, in words: the goal, where it is on the ticket."""
+        if self._ticket is None or pointer is None or not self._ticket_area.collidepoint(pointer):
+            return ()
+        return (self._ticket.prose,)
+
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> int:
-        """An order slip with the goal in words."""
-        size, pad = layout.text, layout.text * 2 // 3
-        text = view.world.task.goal_description or "No goal is set."
-        icon = self._sprites.file(self._rendering.icons.get("goal"), size * 2)
-        left = pad + (icon.get_width() + pad // 2 if icon else 0)
-        most = max(3, area.height // 3 // self._text.height(size))
-        lines = self._text.wrap(text, size, area.width - left - pad, most)
-        height = max(len(lines) * self._text.height(size), size * 2 if icon else 0) + 2 * pad
-        surface.blit(box((area.width, height), PAPER, 8), (area.x, y))
-        if icon is not None:
-            surface.blit(icon, (area.x + pad, y + pad))
-        for i, line in enumerate(lines):
-            at = (area.x + left, y + pad + i * self._text.height(size))
-            self._put(surface, line, at, size, INK)
-        return y + height + size * 2 // 3
+        """An order slip."""
+        if self._ticket is None:
+            self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
+        room = pygame.Rect(area.x, y, area.width, area.height)
+        room.height = self._ticket.draw(surface, room, layout, view)
+        self._ticket_area = room.move(layout.panel.topleft)
+        return room.bottom + layout.text * 2 // 3
 
     def _clock(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
@@ -147,12 +150,14 @@ class Panel:
         size, small = layout.text, max(10, layout.text - 3)
         limit = f" of {view.max_steps}" if view.max_steps else ""
         counted = f"Step {view.step}{limit}"
+        if view.step_seconds is not None and view.max_steps:
+            left = ceil((view.max_steps - view.step) * view.step_seconds)
+            counted += f" · {_duration(max(0, left))} left"
         self._put(surface, counted, (area.x, y), size, TEXT)
         if view.clock:
-            room = max(1, area.width - self._text.width(counted, size) - size // 2)
-            clock = self._text.fit(view.clock.replace("_", " "), small, room)
-            words = self._text.line(clock, small, FAINT)
-            surface.blit(words, words.get_rect(topright=(area.right, y + 2)))
+            words = self._text.line(view.clock.replace("_", " "), small, FAINT)
+            if words.get_width() <= area.width - self._text.width(counted, size) - size // 2:
+                surface.blit(words, words.get_rect(topright=(area.right, y + 2)))
         y += self._text.height(size) + 2
         thick = max(5, size // 2)
         if view.max_steps:
@@ -270,3 +275,8 @@ def _light(seat: SeatView) -> Colour | None:
     if seat.connected:
         return GOOD
     return BAD if seat.name else None
+
+
+def _duration(seconds: int) -> str:
+    """`7 s`, or `2:05`."""
+    return f"{seconds} s" if seconds < 60 else f"{seconds // 60}:{seconds % 60:02}"
