@@ -2,9 +2,9 @@
 
 Two dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds
 `assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, `language`, lists of looks
-for players, and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item
-itself).
-Nothing here draws; it only decides which file shows what. See docs/formats.md.
+for players with their `carrying` and `feet`, and the constants `SCALE`, `STATION_OFFSET` and
+`STACK_OFFSET` (the height of the item itself). Nothing here draws; it only decides which file shows
+what. See docs/formats.md.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ __all__ = [
 
 FileName = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
 Ratio = Annotated[float, Field(ge=-4, le=4, allow_inf_nan=False)]
+SIDES = ("front", "back", "left", "right")
 Fact = tuple[str, ...]
 """A predicate's name, then the kinds of its arguments."""
 
@@ -158,13 +159,53 @@ class Group(Schema):
     entities: dict[str, Entity] = Field(default={}, max_length=500)
 
 
-class Facings(Schema):
-    """A player's pictures by where it looks; `front` is towards the viewer."""
+class Sides(Schema):
+    """Pictures of a player by where it looks; `front` is towards the viewer."""
 
     front: FileName
     back: FileName
     left: FileName
     right: FileName
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture, with its place."""
+        for side in SIDES:
+            yield side, getattr(self, side)
+
+
+Frames = Annotated[
+    tuple[FileName, ...], BeforeValidator(_listed), Field(min_length=1, max_length=8)
+]
+
+
+class Feet(Schema):
+    """Pictures below those of a player: the first where it stands, all in turn where it walks."""
+
+    front: Frames
+    back: Frames
+    left: Frames
+    right: Frames
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture, with its place."""
+        for side in SIDES:
+            for i, file in enumerate(getattr(self, side)):
+                yield f"{side}[{i}]", file
+
+
+class Facings(Sides):
+    """A player's pictures; `carrying` are those with its hands full, `feet` are drawn below."""
+
+    carrying: Sides | None = None
+    feet: Feet | None = None
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture, with its place."""
+        yield from super().pictures()
+        for name in ("carrying", "feet"):
+            part = getattr(self, name)
+            for place, file in part.pictures() if part is not None else ():
+                yield f"{name}.{place}", file
 
 
 class FloorArt(Schema):
@@ -286,8 +327,8 @@ class RenderingFile(Schema):
                 yield from entity.assets.pictures(f"{role}.entities.{kind}.assets")
         for kind, looks in self.player.items():
             for i, facings in enumerate(looks):
-                for side in ("front", "back", "left", "right"):
-                    yield f"player.{kind}[{i}].{side}", getattr(facings, side)
+                for place, file in facings.pictures():
+                    yield f"player.{kind}[{i}].{place}", file
 
     def folders(self, beside: Path | None) -> tuple[Path, ...]:
         """Where its pictures are looked for, the first first."""

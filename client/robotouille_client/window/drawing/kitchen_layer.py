@@ -35,11 +35,14 @@ _SEEN = 0.76
 """How much of the square of a picture a thing usually fills."""
 
 _HELD_SCALE = 0.85
+_STRIDES = 4
+"""How many steps a player takes on each tile."""
+
 _HELD = {
     "front": (0.0, 0.18),
     "right": (0.35, 0.09),
     "left": (-0.35, 0.09),
-    "back": (0.0, -0.53),
+    "back": (0.0, -0.58),
 }
 _MINI = 0.3
 
@@ -223,17 +226,25 @@ class KitchenLayer:
         x, y = layout.corner(pose.at)
         if own:
             self._spot(target, x, y, size, index)
-        hop = 0.035 * abs(math.sin(math.pi * 2 * pose.stride)) if pose.walking else 0.0
-        x, y = x + size / 2, y + (0.5 - RAISED - hop) * size
-        appearance = self._resolver.player(self._world.thing(name).kind, index, pose.facing)
-        held = stage.piles.get(name, ())
-        dx, dy = _HELD[pose.facing]
-        hands = (x + dx * size, y + dy * size)
-        if held and pose.facing == "back":
-            self._pile(target, held, hands, size * _HELD_SCALE)
-        self._centred(target, appearance, x, y, size)
-        if held and pose.facing != "back":
-            self._pile(target, held, hands, size * _HELD_SCALE)
+        kind, held = self._world.thing(name).kind, stage.piles.get(name, ())
+        hop = 0.03 * abs(math.sin(math.pi * _STRIDES / 2 * pose.stride)) if pose.walking else 0.0
+        middle = (x + size / 2, y + (0.5 - RAISED) * size)
+        feet = self._resolver.feet(kind, index, pose.facing)
+        if feet:
+            frame = int(pose.stride * _STRIDES) % len(feet) if pose.walking else 0
+            self._picture(target, feet[frame], middle, size)
+        appearance = self._resolver.player(kind, index, pose.facing, carrying=bool(held))
+        self._centred(target, appearance, middle[0], middle[1] - hop * size, size)
+        if held:
+            self._pile(target, held, *self._hands(layout.corner(pose.at), pose, layout))
+
+    def _picture(
+        self, target: pygame.Surface, name: str, middle: tuple[float, float], size: int
+    ) -> None:
+        picture = self._sprites.file(name, size)
+        if picture is not None:
+            corner = (round(middle[0] - size / 2), round(middle[1] - size / 2))
+            target.blit(picture, corner)
 
     def _spot(self, target: pygame.Surface, x: float, y: float, size: int, index: int) -> None:
         """A patch of light under the player of the window's owner."""

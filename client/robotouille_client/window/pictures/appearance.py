@@ -10,7 +10,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
-from robotouille.domain.rendering import Entity, Fact, RenderingFile
+from robotouille.domain.rendering import Entity, Facings, Fact, RenderingFile
 from robotouille.domain.schema import DomainFile
 from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State
@@ -130,14 +130,26 @@ class AppearanceResolver:
         states = sorted(self._words[fact] for fact in facts if fact in told and fact in self._words)
         return " ".join([*states, kind])
 
-    def player(self, kind: str, index: int, facing: str) -> Appearance:
+    def player(self, kind: str, index: int, facing: str, *, carrying: bool = False) -> Appearance:
         """What the player in seat `index` looks like from one side."""
-        appearances = self.rendering.player
-        choices = appearances.get(kind) or next(iter(appearances.values()), None)
-        if choices is None:
+        facings = self._facings(kind, index)
+        if facings is None:
             return Appearance(kind, "player", None, "", facing)
-        facings = choices[index % len(choices)]
-        return Appearance(kind, "player", getattr(facings, facing), "", facing)
+        sides = facings.carrying if carrying and facings.carrying is not None else facings
+        return Appearance(kind, "player", getattr(sides, facing), "", facing)
+
+    def feet(self, kind: str, index: int, facing: str) -> tuple[str, ...]:
+        """Its feet from that side: the pictures of a stride."""
+        facings = self._facings(kind, index)
+        frames: tuple[str, ...] = ()
+        if facings is not None and facings.feet is not None:
+            frames = getattr(facings.feet, facing)
+        return frames
+
+    def _facings(self, kind: str, index: int) -> Facings | None:
+        looks = self.rendering.player
+        choices = looks.get(kind) or next(iter(looks.values()), None)
+        return choices[index % len(choices)] if choices else None
 
     def _pile(
         self, things: list[Placed], placed: dict[str, Placed], related: dict[str, list[Fact]]

@@ -6,17 +6,17 @@ from math import ceil
 
 import pygame
 
+from robotouille_client.window.drawing.panel.seat_cards import SeatCards
 from robotouille_client.window.drawing.panel.ticket import Ticket
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.badges import seat_colour
-from robotouille_client.window.pictures.shapes import bar, box, ellipse, pill
+from robotouille_client.window.pictures.badges import seat_ink
+from robotouille_client.window.pictures.shapes import bar, pill
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import (
     ACCENT,
     BAD,
-    CARD,
     FAINT,
     GOOD,
     INK,
@@ -26,7 +26,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )  # fmt: skip
-from robotouille_client.window.view import NEWS, SeatView, View
+from robotouille_client.window.view import NEWS, View
 
 __all__ = ["Panel"]
 
@@ -39,6 +39,7 @@ class Panel:
         self._rendering = resolver.rendering
         self._sprites = sprites
         self._text = text
+        self._seats = SeatCards(resolver, sprites, text)
         self._ticket: Ticket | None = None
         self._ticket_area = pygame.Rect(0, 0, 0, 0)
         self._surface: pygame.Surface | None = None
@@ -65,7 +66,8 @@ class Panel:
         y = self._title(surface, area, layout, view)
         y = self._goal(surface, area, y, layout, view)
         y = self._clock(surface, area, y, layout, view)
-        y = self._seats(surface, area, y, layout, view)
+        room = pygame.Rect(area.x, y, area.width, area.bottom - y)
+        y = self._seats.draw(surface, room, layout, view)
         self._chat(surface, area, y, layout, view)
         return surface
 
@@ -109,7 +111,7 @@ class Panel:
         parts = [("Waiting for", ACCENT)]
         for player in view.waits_for:
             name = "you" if player == view.me else names.get(player, player)
-            parts.append((name, mixed(colours.get(player, FAINT), TEXT, 0.3)))
+            parts.append((name, colours.get(player, FAINT)))
         x, y, blank = area.x, area.y, self._text.width(" ", size)
         step = self._text.height(size)
         room = area.width - self._text.width(",", size)
@@ -168,80 +170,6 @@ class Panel:
             y += thick + 4
         return y + size * 2 // 3
 
-    def _seats(
-        self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
-    ) -> int:
-        height = round(layout.text * 2.7)
-        room = max(1, (area.bottom - y - layout.text * 3) // (height + 5))
-        for seat in view.seats[:room]:
-            self._seat(surface, pygame.Rect(area.x, y, area.width, height), seat, layout, view)
-            y += height + 5
-        if len(view.seats) > room:
-            more = f"and {len(view.seats) - room} more"
-            y += self._put(surface, more, (area.x, y), max(10, layout.text - 3), FAINT)
-        if view.watching:
-            small = max(10, layout.text - 3)
-            y += self._put(surface, f"{view.watching} watching", (area.x, y), small, FAINT)
-        return y + layout.text // 3
-
-    def _seat(
-        self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, layout: Layout, view: View
-    ) -> None:
-        size, small = layout.text, max(10, layout.text - 4)
-        players = view.world.players
-        index = players.index(seat.player) if seat.player in players else 0
-        colour = seat_colour(index)
-        edge = colour if seat.player == view.me else None
-        surface.blit(box(card.size, CARD, 7, edge), card)
-        strip = pygame.Rect(card.x + 3, card.y + 4, 4, card.height - 8)
-        surface.blit(box(strip.size, colour, 2), strip)
-        x = card.x + 11
-        face = self._face(seat, index, card.height - 4, view)
-        if face is not None:
-            surface.blit(face, (x, card.y + 2))
-            x += face.get_width() + 4
-        right = card.right - 8
-        counts = self._counts(surface, right, card, seat, small)
-        you = " (you)" if seat.player == view.me else ""
-        name = self._text.fit((seat.name or seat.player) + you, size, counts - x - 6)
-        self._put(surface, name, (x, card.y + 5), size, TEXT if seat.connected else FAINT)
-        state = seat.moved_by
-        if seat.connected and seat.name != seat.player:
-            state = f"{seat.player} · {state}"
-        state = self._text.fit(state, small, counts - x - 6)
-        below = card.y + 5 + self._text.height(size) - 1
-        light = _light(seat)
-        words = FAINT if light in (None, GOOD) else mixed(light, TEXT, 0.3)
-        self._put(surface, state, (x, below), small, words)
-        if light is not None and face is not None:
-            side = max(6, card.height // 4)
-            spot = pygame.Rect(0, 0, side + 4, side + 4)
-            spot.bottomright = (x - 2, card.bottom - 3)
-            surface.blit(ellipse(spot.size, CARD), spot)
-            surface.blit(ellipse((side, side), light), spot.move(2, 2))
-
-    def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
-        if seat.player not in view.world.players:
-            return None
-        appearance = self._resolver.player(view.world.thing(seat.player).kind, index, "front")
-        if not seat.connected and appearance.asset:
-            return self._sprites.faded(appearance.asset, side)
-        return self._sprites.of(appearance, side)
-
-    def _counts(
-        self, surface: pygame.Surface, right: int, card: pygame.Rect, seat: SeatView, size: int
-    ) -> int:
-        """How many actions were taken and rejected; the left edge of that."""
-        words = self._text.line(f"{seat.actions} done", size, GOOD)
-        place = words.get_rect(topright=(right, card.y + 6))
-        surface.blit(words, place)
-        if not seat.rejected:
-            return place.left
-        words = self._text.line(f"{seat.rejected} rejected", size, BAD)
-        below = words.get_rect(topright=(right, place.bottom + 3))
-        surface.blit(words, below)
-        return min(place.left, below.left)
-
     def _chat(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> None:
@@ -256,25 +184,16 @@ class Panel:
             wrapped = self._text.wrap(said, size, area.width, 3)
             if len(lines) + len(wrapped) > room:
                 break
-            colour = mixed(colours.get(name, FAINT), TEXT, 0.55 if name else 0.0)
+            colour = mixed(colours.get(name, FAINT), TEXT, 0.25 if name else 0.0)
             lines = [*((line, colour) for line in wrapped), *lines]
         y = area.bottom - len(lines) * step
         for i, (line, colour) in enumerate(lines):
             self._put(surface, line, (area.x, y + i * step), size, colour)
 
     def _colours(self, view: View) -> dict[str, Colour]:
-        players = {p: seat_colour(i) for i, p in enumerate(view.world.players)}
+        players = {p: seat_ink(i) for i, p in enumerate(view.world.players)}
         names = {s.name: players.get(s.player, FAINT) for s in view.seats}
         return {**players, **names}
-
-
-def _light(seat: SeatView) -> Colour | None:
-    """Green for a participant who is there, amber for a stand-in, red for nobody."""
-    if seat.stand_in:
-        return ACCENT
-    if seat.connected:
-        return GOOD
-    return BAD if seat.name else None
 
 
 def _duration(seconds: int) -> str:
