@@ -12,7 +12,10 @@ from collections.abc import Callable
 
 import pytest
 
-pytest.importorskip("pygame")
+pygame = pytest.importorskip("pygame")
+# The fonts of the system are listed by a program: once, before any test.
+pygame.font.init()
+pygame.font.get_fonts()
 
 from robotouille import State, World
 
