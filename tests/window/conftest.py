@@ -13,11 +13,12 @@ from collections.abc import Callable
 import pytest
 
 pygame = pytest.importorskip("pygame")
+
+from robotouille import State, World
+
 # The fonts of the system are listed by a program: once, before any test.
 pygame.font.init()
 pygame.font.get_fonts()
-
-from robotouille import State, World
 
 Course = list[State]
 
