@@ -12,13 +12,14 @@ from collections.abc import Callable
 
 import pytest
 
-pygame = pytest.importorskip("pygame")
+pytest.importorskip("pygame")
 
 from robotouille import State, World
 
 # The fonts of the system are listed by a program: once, before any test.
-pygame.font.init()
-pygame.font.get_fonts()
+FONTS = pytest.importorskip("pygame.font")
+FONTS.init()
+FONTS.get_fonts()
 
 Course = list[State]
 
