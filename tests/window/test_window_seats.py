@@ -11,6 +11,7 @@ import pytest
 from robotouille import World, load_task
 from robotouille.domain.rendering import rendering_of
 from robotouille.planning.plan import read_plan
+from robotouille_client.window.drawing.kitchen.spots import hands
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.badges import SHAPES, badge
@@ -93,11 +94,11 @@ def test_what_is_held_is_seen_from_behind() -> None:
     pose = painter._poses(View(world, state))["robot1"]
     assert pose.facing == "back"
     (pot,) = stage.piles["robot1"]
-    (x, y), tile = painter._kitchen._hands(layout.corner(pose.at), pose, layout)
+    spot = hands(layout, pose)
     surface = pygame.Surface(size)
     painter.paint(surface, View(world, state, step=20))
-    sprite = painter._sprites.of(pot.appearance, round(pot.scale * tile))
-    drawn = surface.get_at((round(x), round(y)))
+    sprite = painter._sprites.of(pot.appearance, round(pot.scale * spot.tile))
+    drawn = surface.get_at((round(spot.x), round(spot.y)))
     middle = sprite.get_at((sprite.get_width() // 2, sprite.get_height() // 2))
     assert math.dist(drawn[:3], middle[:3]) < 40
 

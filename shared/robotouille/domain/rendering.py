@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -19,12 +19,14 @@ from robotouille.domain.companions import companion_folder, rendering_path
 from robotouille.domain.extends import FileKind, each, read_extending
 from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
+from robotouille.errors import did_you_mean
 
 __all__ = [
     "RENDERING_FILES",
     "ActionWords",
     "Art",
     "Constants",
+    "Effect",
     "Entity",
     "Facings",
     "KindName",
@@ -81,8 +83,10 @@ class Art(BaseModel):
     """A picture with the predicates under which it is chosen, or a group of such by name.
 
     In a file a bare string is a picture without conditions. Among the pictures of a group whose
-    predicates hold, the one with the most predicates is shown. `tile` (published dialect) names a
-    letter of a tileset instead of a picture.
+    predicates hold, the one with the most predicates is shown. `during` are actions of which one
+    must be in progress with the thing; together they count as one predicate. `effects` leave the
+    thing for as long as it looks like this. `tile` (published dialect) names a letter of a tileset
+    instead of a picture.
     """
 
     model_config = ConfigDict(frozen=True, extra="allow")
@@ -90,14 +94,17 @@ class Art(BaseModel):
 
     asset: FileName | None = None
     predicates: tuple[Annotated[Trait, BeforeValidator(_named)], ...] = ()
+    during: tuple[Annotated[str, Field(max_length=64)], ...] = ()
+    effects: tuple[Annotated[str, Field(max_length=64)], ...] = ()
     tile: Annotated[str, Field(max_length=8)] | None = None
 
     @model_validator(mode="after")
     def _picture_or_group(self) -> Art:
         if self.asset is not None and self.named:
             raise ValueError(f"a picture with 'asset' cannot hold others ({', '.join(self.named)})")
-        if self.asset is None and self.predicates:
-            raise ValueError("'predicates' needs an 'asset' beside it")
+        for field in ("predicates", "during", "effects"):
+            if self.asset is None and getattr(self, field):
+                raise ValueError(f"{field!r} needs an 'asset' beside it")
         if self.asset is None and not self.named and self.tile is None:
             raise ValueError("needs an 'asset' or at least one named picture")
         return self
@@ -109,20 +116,31 @@ class Art(BaseModel):
 
     def choose(self, own: Collection[str], related: Collection[Fact] = ()) -> str | None:
         """The picture for a thing of which `own` predicates and `related` facts hold."""
-        best, most = self.asset, -1
+        return self.chosen(own, related).asset
+
+    def chosen(
+        self,
+        own: Collection[str],
+        related: Collection[Fact] = (),
+        doing: Collection[str] = (),
+    ) -> Art:
+        """The same with all that belongs to it; the actions of `doing` are in progress."""
+        best, most = self, -1
         for art in self.named.values():
-            count = len(art.predicates)
+            count = len(art.predicates) + bool(art.during)
             if art.asset is None or count <= most:
                 continue
+            if art.during and not any(action in doing for action in art.during):
+                continue
             if all(trait.holds(own, related) for trait in art.predicates):
-                best, most = art.asset, count
+                best, most = art, count
         return best
 
-    def traits(self) -> Iterator[Trait]:
-        """Every condition under which a picture is chosen."""
-        yield from self.predicates
-        for art in self.named.values():
-            yield from art.traits()
+    def parts(self, place: str) -> Iterator[tuple[str, Art]]:
+        """It and all that it holds, each with its place in the file."""
+        yield place, self
+        for name, art in self.named.items():
+            yield from art.parts(f"{place}.{name}")
 
     def pictures(self, place: str) -> Iterator[tuple[str, str]]:
         """Every picture that may be chosen, with its place in the file."""
@@ -208,6 +226,26 @@ class Facings(Sides):
                 yield f"{name}.{place}", file
 
 
+Size = Annotated[float, Field(gt=0, le=2, allow_inf_nan=False)]
+
+
+class Effect(Schema):
+    """Small pictures that leave a thing one after the other, and fade: steam, sparks, crumbs.
+
+    Of `count` at a time each is on its way for `steps`: from `start` above the thing's middle,
+    `rise` up (negative: down) and at most `spread` to a side. `size` is that at first and at last.
+    All of these are in tiles.
+    """
+
+    asset: FileName
+    count: Annotated[int, Field(ge=1, le=8)] = 3
+    steps: Annotated[float, Field(ge=0.25, le=50)] = 3.0
+    start: Ratio = 0.0
+    rise: Ratio = 0.4
+    spread: Ratio = 0.12
+    size: tuple[Size, Size] = (0.1, 0.2)
+
+
 class FloorArt(Schema):
     """Pictures of floor tiles by their letter in a problem's `ground`, and of the wall."""
 
@@ -274,7 +312,9 @@ class RenderingFile(Schema):
     """How a domain looks, and (`language`) what people call what is in it.
 
     `assets` is the folder of its pictures; what is not there is looked for in those of
-    `inherited_assets`, which are the folders of the renderings it extends.
+    `inherited_assets`, which are the folders of the renderings it extends. `during` names the
+    effect that leaves a thing while an action is in progress with it, `moments` that of players
+    when something happens.
     """
 
     schema_uri: str | None = Field(default=None, alias="$schema")
@@ -292,6 +332,32 @@ class RenderingFile(Schema):
     progress: dict[str, FileName] = Field(default={})
     icons: dict[str, FileName] = Field(default={})
     language: Language = Language()
+    effects: dict[str, Effect] = Field(default={}, max_length=50)
+    during: dict[str, str] = Field(default={})
+    moments: dict[Literal["goal"], str] = Field(default={})
+
+    @model_validator(mode="after")
+    def _known_effects(self) -> RenderingFile:
+        for place, name in self._named_effects():
+            if name not in self.effects:
+                near = did_you_mean(name, self.effects)
+                raise ValueError(f"{place}: there is no effect {name!r}{near}")
+        return self
+
+    def _named_effects(self) -> Iterator[tuple[str, str]]:
+        for field in ("during", "moments"):
+            for key, name in getattr(self, field).items():
+                yield f"{field}.{key}", name
+        for _, place, art in self.arts():
+            for name in art.effects:
+                yield f"{place}.effects", name
+
+    def arts(self) -> Iterator[tuple[str, str, Art]]:
+        """Each kind with its pictures, and their place in the file."""
+        for role, group in self._groups().items():
+            for kind, entity in group.entities.items():
+                for place, art in entity.assets.parts(f"{role}.entities.{kind}.assets"):
+                    yield kind, place, art
 
     def group_of(self, kind: str) -> Group | None:
         """The group that has pictures of a kind."""
@@ -305,8 +371,7 @@ class RenderingFile(Schema):
 
     def traits(self) -> set[str]:
         """The predicates on which any picture depends."""
-        entities = [e for group in self._groups().values() for e in group.entities.values()]
-        return {trait.name for entity in entities for trait in entity.assets.traits()}
+        return {trait.name for _, _, art in self.arts() for trait in art.predicates}
 
     def files(self) -> set[str]:
         """Every picture the file names."""
@@ -317,6 +382,8 @@ class RenderingFile(Schema):
         for field in ("progress", "icons"):
             for name, file in getattr(self, field).items():
                 yield f"{field}.{name}", file
+        for name, effect in self.effects.items():
+            yield f"effects.{name}", effect.asset
         for letter, file in self.floor.tiles.items():
             yield f"floor.tiles.{letter}", file
         for field in ("default", "wall"):
@@ -345,6 +412,9 @@ _fields = each(
     progress=each(),
     icons=each(),
     language=each(kinds=each(), actions=each(), predicates=each()),
+    effects=each(),
+    during=each(),
+    moments=each(),
     **{
         group: each(constants=each(), entities=each()) for group in ("item", "station", "container")
     },

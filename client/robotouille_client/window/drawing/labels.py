@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import pygame
 
-from robotouille_client.window.drawing.kitchen_layer import HEAD
-from robotouille_client.window.drawing.motion import Pose
+from robotouille_client.window.drawing.kitchen.motion import Pose
+from robotouille_client.window.drawing.kitchen.spots import HEAD
 from robotouille_client.window.drawing.placement import Label, Place, place_labels
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout

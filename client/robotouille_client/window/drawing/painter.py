@@ -14,9 +14,11 @@ from robotouille_client.window.drawing.interruptions import (
     offline_seen,
     pause_seen,
 )
-from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
+from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer, Scene
+from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
+from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
+from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots
 from robotouille_client.window.drawing.labels import Labels, Listing
-from robotouille_client.window.drawing.motion import Motion, Pose
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel.panel import Panel
@@ -31,6 +33,10 @@ from robotouille_client.window.view import View
 __all__ = ["Painter", "paint"]
 
 
+_EFFECT_PICTURES = 10
+"""How many pictures a second are enough where nothing moves but steam and sparks."""
+
+
 class Painter:
     """Paints views of any world, and keeps what the next one will need again.
 
@@ -42,6 +48,7 @@ class Painter:
         pictures: A folder in which they are looked for first.
         strip: What is drawn below the kitchen.
         text_scale: How much larger letters are than they would be.
+        reduced_motion: Nothing moves but from place to place: no hops, no steam, no sparks.
     """
 
     def __init__(
@@ -51,14 +58,17 @@ class Painter:
         strip: Strip | None = None,
         *,
         text_scale: float = 1.0,
+        reduced_motion: bool = False,
     ) -> None:
         self._rendering = rendering
         self._pictures = () if pictures is None else (pictures,)
         self._strip = strip
         self.text_scale = text_scale
+        self.reduced_motion = reduced_motion
         self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
+        self._lived: tuple[tuple[State, State | None], Life] | None = None
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
@@ -67,10 +77,10 @@ class Painter:
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         place = self.layout(surface.get_size(), view.world)
-        stage = self.stage(view.state)
-        poses = self._poses(view)
+        scene = self._scene(view, place)
+        stage, poses = scene.stage, scene.poses
         surface.blit(self._kitchen.background(place, stage), (0, 0))
-        self._kitchen.draw(surface, place, stage, poses, view.me)
+        self._kitchen.draw(surface, place, scene, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
         cards = self._interruptions.draw(surface, place, view)
         self._panel.draw(surface, place, view)
@@ -80,7 +90,7 @@ class Painter:
             surface, place, view, poses, ui_overlay,
             listed=self._listed(view, stage),
             blocked=[
-                *self._kitchen.occupied(place, stage, poses), *signs, *cards,
+                *occupied(place, stage, poses), *signs, *cards,
                 *self._notices.reserved(place, ui_overlay),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
@@ -98,21 +108,52 @@ class Painter:
         """A view without what cannot be seen of it: two that are equal look the same."""
         self._prepare(view.world)
         pause, offline = view.pause, view.offline
-        phase = view.phase if self._moves(view) else 1.0
         return replace(
             view,
-            phase=phase,
+            phase=self._moment(view),
             pause=None if pause is None else pause_seen(pause),
             offline=None if offline is None else offline_seen(offline),
         )
 
-    def _moves(self, view: View) -> bool:
-        """Whether anything is between two places, or on its way to be done."""
+    def _moment(self, view: View) -> float:
+        """The phase of a view as far as it can be seen: effects alone need fewer pictures."""
         before = view.previous
         if before is None:
-            return False
+            return 1.0
         self._poses(view)
-        return self._motion.walking(view.step) or before.progress() != view.state.progress()
+        life = self._life(view)
+        lively = bool(life.working or life.emissions) and not self.reduced_motion
+        if (
+            self._motion.walking(view.step)
+            or life.travels
+            or before.progress() != view.state.progress()
+            or (lively and life.working)
+        ):
+            return view.phase
+        if not lively:
+            return 1.0
+        pictures = max(1, round(_EFFECT_PICTURES * (view.step_seconds or 1.0)))
+        return int(view.phase * pictures) / pictures
+
+    def _scene(self, view: View, place: Layout) -> Scene:
+        stage, poses, life = self.stage(view.state), self._poses(view), self._life(view)
+        earlier: dict[str, Spot] = {}
+        if life.travels and view.previous is not None:
+            earlier = spots(place, self.stage(view.previous), poses)
+        return Scene(
+            stage, poses, spots(place, stage, poses), earlier, life, view.phase,
+            view.step + view.phase, not self.reduced_motion,
+        )  # fmt: skip
+
+    def _life(self, view: View) -> Life:
+        """What goes on in the step of a view; that of the last is kept."""
+        before = view.previous
+        key = (view.state, before)
+        if self._lived is None or any(a is not b for a, b in zip(self._lived[0], key, strict=True)):
+            now = Moment(view.state, self.stage(view.state))
+            earlier = None if before is None else Moment(before, self.stage(before))
+            self._lived = (key, life(self._art, now, earlier))
+        return self._lived[1]
 
     def _poses(self, view: View) -> dict[str, Pose]:
         placed = self.stage(view.state).placed
@@ -145,7 +186,8 @@ class Painter:
             return
         self._world = world
         self._stages = []
-        self._art = self._rendering or rendering_of(world.task)
+        self._lived = None
+        self._art: RenderingFile = self._rendering or rendering_of(world.task)
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )

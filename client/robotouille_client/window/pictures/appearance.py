@@ -6,8 +6,9 @@ Pure: a `Stage` is computed once for each state, from its scene and the renderin
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 from robotouille.domain.rendering import Entity, Facings, Fact, RenderingFile
@@ -26,13 +27,17 @@ _HEIGHT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """What one thing looks like: a picture, or a tile made up from its kind and `words`."""
+    """What one thing looks like: a picture, or a tile made up from its kind and `words`.
+
+    `effects` are those of the rendering that leave it while it looks like this.
+    """
 
     kind: str
     role: Role
     asset: str | None = None
     words: str = ""
     facing: str = "front"
+    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +78,11 @@ class AppearanceResolver:
     def stage(self, state: State) -> Stage:
         """What to draw of a state."""
         placed = scene(state)
-        related = _relations(state)
+        related, doing = _relations(state), _doing(state)
         stations, hosted = {}, defaultdict(list)
         for name, thing in placed.items():
             if thing.thing.type in self._stations:
-                stations[name] = self.appearance(thing, placed, related)
+                stations[name] = self.appearance(thing, placed, related, doing)
             elif self._is_inside(thing, placed):
                 continue
             elif thing.host is not None:
@@ -87,17 +92,22 @@ class AppearanceResolver:
         piles, bases = {}, {}
         for host, things in hosted.items():
             things.sort(key=lambda thing: thing.level)
-            piles[host] = self._pile(things, placed, related)
+            piles[host] = self._pile(things, placed, related, doing)
             bases[host] = self._constant(things[0], "station_offset", _OFFSET)
         return Stage(placed, stations, piles, bases)
 
     def appearance(
-        self, thing: Placed, placed: dict[str, Placed], related: dict[str, list[Fact]]
+        self,
+        thing: Placed,
+        placed: dict[str, Placed],
+        related: dict[str, list[Fact]],
+        doing: Mapping[str, Collection[str]] = MappingProxyType({}),
     ) -> Appearance:
         """What a thing that is no player looks like."""
         kind = thing.thing.kind
         entity = self._entity(kind)
-        asset = None
+        asset: str | None = None
+        effects: tuple[str, ...] = ()
         if entity is not None:
             art, about = entity.assets, related.get(thing.thing.name, [])
             for meal in _inside(thing.thing.name, placed):
@@ -105,9 +115,10 @@ class AppearanceResolver:
                 if group is not None and group.asset is None:
                     art, about = group, related.get(meal.thing.name, [])
                     break
-            asset = art.choose(thing.facts, about)
+            shown = art.chosen(thing.facts, about, doing.get(thing.thing.name, ()))
+            asset, effects = shown.asset, shown.effects
         words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
-        return Appearance(kind, self._role(thing), asset, "" if asset else words)
+        return Appearance(kind, self._role(thing), asset, "" if asset else words, effects=effects)
 
     def listing(self, stage: Stage, host: str) -> tuple[tuple[Appearance | None, str], ...]:
         """What lies on a station or is held, from the top down, with what is in it, in words."""
@@ -152,7 +163,11 @@ class AppearanceResolver:
         return choices[index % len(choices)] if choices else None
 
     def _pile(
-        self, things: list[Placed], placed: dict[str, Placed], related: dict[str, list[Fact]]
+        self,
+        things: list[Placed],
+        placed: dict[str, Placed],
+        related: dict[str, list[Fact]],
+        doing: Mapping[str, Collection[str]],
     ) -> tuple[SpritePiece, ...]:
         pieces, rise = [], 0.0
         for thing in things:
@@ -161,7 +176,7 @@ class AppearanceResolver:
             contents = [
                 self.appearance(placed[n], placed, related) for n in _contents(name, placed)
             ]
-            appearance = self.appearance(thing, placed, related)
+            appearance = self.appearance(thing, placed, related, doing)
             pieces.append(SpritePiece(name, appearance, scale, rise, tuple(contents)))
             rise += self._constant(thing, "stack_offset", _HEIGHT)
         return tuple(pieces)
@@ -213,6 +228,16 @@ def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
         found += more
         pending += inside + more
     return found
+
+
+def _doing(state: State) -> dict[str, set[str]]:
+    """By object: the actions that time is bringing about with it."""
+    doing: dict[str, set[str]] = defaultdict(set)
+    for row in state.progress():
+        if row.timed and row.running:
+            for name in (row.subject, *row.arguments):
+                doing[name].add(row.action)
+    return doing
 
 
 def _relations(state: State) -> dict[str, list[Fact]]:
