@@ -28,6 +28,10 @@ _FACE = 0.68
 """How much of a player's picture is shown, from the top: what it is told by."""
 
 
+_WIDE = 13
+"""The width of a card, in heights of letters, from which there is room for more than a name."""
+
+
 class SeatCards:
     """Draws the seats of a view below each other."""
 
@@ -71,12 +75,13 @@ class SeatCards:
         x = card.x + size // 3
         surface.blit(mark, mark.get_rect(midleft=(x, card.centery)))
         x += side + size // 4
-        face = self._face(seat, index, card.height - 4, view)
+        wide = card.width >= _WIDE * size
+        face = self._face(seat, index, card.height - 4, view) if wide else None
         if face is not None:
             surface.blit(face, face.get_rect(midleft=(x, card.centery)))
             self._lamp(surface, seat, x + face.get_width(), card)
             x += face.get_width() + size // 3
-        counts = self._counts(surface, card, seat, small)
+        counts = self._counts(surface, card, seat, small) if wide else card.right
         name = (seat.name or seat.player) + (" (you)" if mine else "")
         name = self._text.fit(name, size, counts - x - 6)
         ink = TEXT if seat.connected else FAINT

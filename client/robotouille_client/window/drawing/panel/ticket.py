@@ -6,7 +6,7 @@ import pygame
 
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, Layer, dishes
+from robotouille_client.window.pictures.dishes import Dish, dishes
 from robotouille_client.window.pictures.shapes import box, ellipse, tick
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -81,6 +81,10 @@ class Ticket:
     ) -> None:
         top = column.bottom - len(dish.layers) * step
         done = all(holding[n] for layer in dish.layers for n in layer.terms)
+        small = max(10, round(text * 0.85))
+        most = max(len(layer.terms) for layer in dish.layers)
+        room = column.width - size - 16 - max(text, most * (text // 3 + 2))
+        told = all(self._text.width(layer.words, small) <= room for layer in dish.layers)
         for i, layer in enumerate(dish.layers):
             row = pygame.Rect(column.x + 2, top + i * step, column.width - 4, step)
             held = tuple(holding[n] for n in layer.terms)
@@ -91,31 +95,25 @@ class Ticket:
             surface.blit(picture, picture.get_rect(center=(row.x + 2 + size // 2, row.centery)))
             row.left += size + 6
             row.width -= size + 6
-            self._state(surface, row, layer, held, text)
+            self._state(surface, row, held, text)
+            if told and held:
+                words = self._text.line(layer.words, small, INK)
+                surface.blit(words, words.get_rect(midleft=(row.x, row.centery)))
 
     def _state(
-        self, surface: pygame.Surface, row: pygame.Rect, layer: Layer, held: tuple[bool, ...],
-        text: int,
-    ) -> None:  # fmt: skip
-        """What a picture shows, where there is room, and a tick or a dot for each condition."""
-        if not held:
+        self, surface: pygame.Surface, row: pygame.Rect, held: tuple[bool, ...], text: int
+    ) -> None:
+        """A tick, or a dot for each condition."""
+        if held and all(held):
+            mark = tick(max(8, min(round(text * 0.95), row.height - 4)), DONE)
+            surface.blit(mark, mark.get_rect(midright=(row.right - 2, row.centery)))
             return
-        side = max(8, min(round(text * 0.95), row.height - 4))
-        if all(held):
-            mark = tick(side, DONE)
-            left = row.right - side - 2
-            surface.blit(mark, mark.get_rect(midleft=(left, row.centery)))
-        else:
-            dot = max(4, side // 3)
-            left = row.right - 2 - len(held) * (dot + 2)
-            for i, holds in enumerate(held):
-                spot = pygame.Rect(left + i * (dot + 2), 0, dot, dot)
-                spot.centery = row.centery
-                surface.blit(ellipse(spot.size, DONE if holds else mixed(PAPER, INK, 0.3)), spot)
-        small = max(10, round(text * 0.85))
-        if self._text.width(layer.words, small) <= left - row.x - 4:
-            words = self._text.line(layer.words, small, INK)
-            surface.blit(words, words.get_rect(midleft=(row.x, row.centery)))
+        dot = max(4, text // 3)
+        left = row.right - 2 - len(held) * (dot + 2)
+        for i, holds in enumerate(held):
+            spot = pygame.Rect(left + i * (dot + 2), 0, dot, dot)
+            spot.centery = row.centery
+            surface.blit(ellipse(spot.size, DONE if holds else mixed(PAPER, INK, 0.3)), spot)
 
     def _in_words(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout) -> int:
         size, pad = layout.text, layout.text * 2 // 3
