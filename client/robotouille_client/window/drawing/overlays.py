@@ -17,7 +17,7 @@ from robotouille_client.window.pictures.appearance import Stage
 from robotouille_client.window.pictures.shapes import RING_STEPS, box, ring
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import ACCENT, FAINT, GOOD, INK, mixed
+from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, INK, mixed
 from robotouille_client.window.view import View
 
 __all__ = ["Overlays"]

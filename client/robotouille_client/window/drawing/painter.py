@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import ceil
 from pathlib import Path
 
 import pygame
@@ -113,6 +114,7 @@ class Painter:
             phase=self._moment(view),
             pause=None if pause is None else pause_seen(pause),
             offline=None if offline is None else offline_seen(offline),
+            starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
         )
 
     def _moment(self, view: View) -> float:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robotouille.domain.rendering import Effect, RenderingFile
+from robotouille.domain.art import Effect
+from robotouille.domain.rendering import RenderingFile
 from robotouille.world.world import State
 from robotouille_client.window.pictures.appearance import Stage
 
