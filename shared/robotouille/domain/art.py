@@ -10,8 +10,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from robotouille.domain.schema import Schema
 
 __all__ = [
-    "SIDES", "Art", "Effect", "Facings", "Fact", "FileName", "Ratio", "Trait", "listed", "named",
-    "pictured",
+    "SIDES", "Art", "Effect", "Facings", "Fact", "FileName", "Ratio", "Trait", "as_listed",
+    "as_named", "as_pictured",
 ]  # fmt: skip
 
 FileName = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
@@ -43,15 +43,15 @@ class Trait(Schema):
         )
 
 
-def named(raw: Any) -> Any:
+def as_named(raw: Any) -> Any:
     return {"name": raw} if isinstance(raw, str) else raw
 
 
-def pictured(raw: Any) -> Any:
+def as_pictured(raw: Any) -> Any:
     return {"asset": raw} if isinstance(raw, str) else raw
 
 
-def listed(raw: Any) -> Any:
+def as_listed(raw: Any) -> Any:
     return raw if isinstance(raw, list | tuple) else [raw]
 
 
@@ -66,10 +66,10 @@ class Art(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, Annotated[Art, BeforeValidator(pictured)]] = Field(init=False)
+    __pydantic_extra__: dict[str, Annotated[Art, BeforeValidator(as_pictured)]] = Field(init=False)
 
     asset: FileName | None = None
-    predicates: tuple[Annotated[Trait, BeforeValidator(named)], ...] = ()
+    predicates: tuple[Annotated[Trait, BeforeValidator(as_named)], ...] = ()
     during: tuple[Annotated[str, Field(max_length=64)], ...] = ()
     effects: tuple[Annotated[str, Field(max_length=64)], ...] = ()
     tile: Annotated[str, Field(max_length=8)] | None = None
@@ -140,7 +140,9 @@ class Sides(Schema):
             yield side, getattr(self, side)
 
 
-Frames = Annotated[tuple[FileName, ...], BeforeValidator(listed), Field(min_length=1, max_length=8)]
+Frames = Annotated[
+    tuple[FileName, ...], BeforeValidator(as_listed), Field(min_length=1, max_length=8)
+]
 
 
 class Feet(Schema):

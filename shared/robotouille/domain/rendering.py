@@ -22,9 +22,9 @@ from robotouille.domain.art import (
     FileName,
     Ratio,
     Trait,
-    listed,
-    named,
-    pictured,
+    as_listed,
+    as_named,
+    as_pictured,
 )
 from robotouille.domain.companions import companion_folder, rendering_path
 from robotouille.domain.extends import FileKind, each, read_extending
@@ -66,7 +66,7 @@ class Constants(Schema):
 class Entity(Schema):
     """The pictures and sizes of one kind."""
 
-    assets: Annotated[Art, BeforeValidator(pictured)]
+    assets: Annotated[Art, BeforeValidator(as_pictured)]
     constants: Constants = Constants()
 
 
@@ -129,7 +129,9 @@ class Language(Schema):
 
     kinds: dict[
         str,
-        Annotated[tuple[Annotated[KindName, BeforeValidator(named)], ...], BeforeValidator(listed)],
+        Annotated[
+            tuple[Annotated[KindName, BeforeValidator(as_named)], ...], BeforeValidator(as_listed)
+        ],
     ] = Field(default={}, max_length=500)
     actions: dict[str, Annotated[ActionWords, BeforeValidator(_done)]] = Field(
         default={}, max_length=200
@@ -153,7 +155,7 @@ class RenderingFile(Schema):
     inherited_assets: tuple[FileName, ...] = ()
     floor: FloorArt = FloorArt()
     player: dict[
-        str, Annotated[tuple[Facings, ...], BeforeValidator(listed), Field(min_length=1)]
+        str, Annotated[tuple[Facings, ...], BeforeValidator(as_listed), Field(min_length=1)]
     ] = Field(default={})
     item: Group = Group()
     station: Group = Group()
