@@ -8,8 +8,8 @@ import pygame
 import pytest
 
 from robotouille import State, World, load_task
-from robotouille.domain.art import Effect
 from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.domain.rendering.art import Effect
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.painter import Painter

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from robotouille.domain.art import Facings, Fact
 from robotouille.domain.rendering import Entity, RenderingFile
+from robotouille.domain.rendering.art import Facings, Fact
 from robotouille.domain.schema import DomainFile
 from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State

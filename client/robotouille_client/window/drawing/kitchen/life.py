@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robotouille.domain.art import Effect
 from robotouille.domain.rendering import RenderingFile
+from robotouille.domain.rendering.art import Effect
 from robotouille.world.world import State
 from robotouille_client.window.pictures.appearance import Stage
 

@@ -15,19 +15,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from robotouille.domain.art import (
+from robotouille.domain.companions import companion_folder, rendering_path
+from robotouille.domain.extends import FileKind, each, read_extending
+from robotouille.domain.rendering.art import (
     Art,
     Effect,
     Facings,
     FileName,
     Ratio,
-    Trait,
     as_listed,
     as_named,
     as_pictured,
 )
-from robotouille.domain.companions import companion_folder, rendering_path
-from robotouille.domain.extends import FileKind, each, read_extending
 from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
 from robotouille.errors import did_you_mean
@@ -35,16 +34,12 @@ from robotouille.errors import did_you_mean
 __all__ = [
     "RENDERING_FILES",
     "ActionWords",
-    "Art",
     "Constants",
-    "Effect",
     "Entity",
-    "Facings",
     "KindName",
     "Language",
     "PredicateWords",
     "RenderingFile",
-    "Trait",
     "language_of",
     "rendering_of",
 ]
