@@ -28,8 +28,8 @@ _NOTICE_SECONDS = 3.0
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
-_STRIP_SECONDS = 0.1
-"""How often a strip is drawn at least: what it shows may be worked out meanwhile."""
+_STRIP_SECONDS = 0.04
+"""After which a strip is drawn again: what it shows, and keys that are held, go on meanwhile."""
 _Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
 _Drawn = tuple[tuple[int, int], View, UiOverlay]
 _OWN_KEYS = (
