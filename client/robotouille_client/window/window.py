@@ -28,8 +28,6 @@ _NOTICE_SECONDS = 3.0
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
-_STRIP_SECONDS = 0.04
-"""After which a strip is drawn again: what it shows, and keys that are held, go on meanwhile."""
 _Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
 _Drawn = tuple[tuple[int, int], View, UiOverlay]
 _OWN_KEYS = (
@@ -75,7 +73,6 @@ class Window:
         self.frames = 0
         self.drawn = 0
         self._drawn_last: _Drawn | None = None
-        self._drawn_at = 0.0
         self._extra_keys = extra_keys or {}
         self._clock = clock
         self._sleep = sleep
@@ -164,10 +161,8 @@ class Window:
         overlay = self._ui_overlay(view, hover)
         self.frames += 1
         drawing = (surface.get_size(), self._painter.seen(shown), overlay)
-        strip_due = self._strip is not None and self._clock() - self._drawn_at >= _STRIP_SECONDS
-        if drawing == self._drawn_last and not strip_due:
-            return
-        self._drawn_at = self._clock()
+        if drawing == self._drawn_last and self._strip is None:
+            return  # A strip may have changed; nothing says so.
         self._drawn_last = drawing
         self._painter.paint(surface, shown, overlay)
         pygame.display.flip()
