@@ -23,6 +23,7 @@ from benchmarks import (
     server,
     stand_ins,
     viewer,
+    window,
 )
 
 if __name__ == "__main__":
@@ -35,6 +36,7 @@ if __name__ == "__main__":
     catalogue.main([])
     exports.main([])
     viewer.main([])
+    window.main([])
     server.main()
     mqtt.main([])
     model_calls.main([])

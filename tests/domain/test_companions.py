@@ -13,6 +13,7 @@ from robotouille.domain.schema import DomainFile, InputFile
 from robotouille.domain.task import read_domain
 from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
+from robotouille.world.lint.companions import lint_look
 from robotouille_client.cli.main import lint_file
 from tests.support.broken_files import DOMAIN, PROBLEM, changed, write
 
@@ -168,6 +169,26 @@ def test_pictures_that_are_not_there(tmp_path: Path) -> None:
     )
     (fault,) = lint_file(str(tmp_path / "small.rendering.json"))
     assert str(fault).startswith(f"{place}: {said}")
+
+
+def test_what_a_rendering_names_by_mistake_is_told_with_the_nearest_name(tmp_path: Path) -> None:
+    leek = {
+        "default": "leek.svg",
+        "cut": {"asset": "leek_cut.svg", "predicates": ["is_cut"]},
+        "now": {"asset": "leek.svg", "during": ["ct"]},
+    }
+    entities = {"leek": {"assets": leek}, "peeel": {"assets": "p.svg"}}
+    own = {"assets": "mine", "item": {"entities": entities}}
+    write(tmp_path, "small.rendering.json", own)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/leek.svg").write_text("<svg/>")
+    (tmp_path / "mine/p.svg").write_text("<svg/>")
+    task = task_in(tmp_path)
+    said = [str(fault) for fault in lint_look(task)]
+    assert any("no picture 'leek_cut.svg'" in line and "'leek.svg'?" in line for line in said)
+    assert any("small has no predicate 'is_cut'; did you mean 'iscut'?" in line for line in said)
+    assert any("small has no action 'ct'; did you mean 'cut'?" in line for line in said)
+    assert any("nothing is of the kind 'peeel'; did you mean 'peel'?" in line for line in said)
 
 
 def test_pictures_are_wanted_in_the_domains_own_rendering(tmp_path: Path) -> None:

@@ -16,6 +16,11 @@ pytest.importorskip("pygame")
 
 from robotouille import State, World
 
+# The fonts of the system are listed by a program: once, before any test.
+FONTS = pytest.importorskip("pygame.font")
+FONTS.init()
+FONTS.get_fonts()
+
 Course = list[State]
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from robotouille import State, Timing, World, load_task
 from robotouille.world.scene import scene
-from robotouille_client.window.drawing.motion import Motion, Pose, along
+from robotouille_client.window.drawing.kitchen.motion import Motion, Pose, along
 
 
 def poses(motion: Motion, course: list[State], step: int, phase: float) -> Pose:

@@ -106,7 +106,8 @@ class View:
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
     players whose decision a step has waited for, for a while; `watching` counts spectators, and
-    `blocked` tells who waits for which station, and who stands there.
+    `blocked` tells who waits for which station, and who stands there. `step_seconds` is how long a
+    step takes where a clock says so.
 
     A game that is over has an `outcome` in words, and was `won` or not. `notice` is something the
     operator says to everybody. A game that begins in `starts_in` seconds is counted down to, and
@@ -138,6 +139,7 @@ class View:
     starts_in: float | None = None
     watching: int = 0
     blocked: tuple[tuple[str, str, str], ...] = ()
+    step_seconds: float | None = None
 
     @property
     def frozen(self) -> bool:

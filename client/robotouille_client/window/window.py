@@ -11,6 +11,7 @@ from pathlib import Path
 import pygame
 
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -24,6 +25,9 @@ from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
 
+_Drawn = tuple[tuple[int, int], View, UiOverlay]
+_IDLE_SECONDS = 0.02
+"""How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_SECONDS = 0.7
 """For which a new card takes no answers: who plays is still pressing keys."""
 CARD_KEYS = (("Arrows", "choose"), ("Enter", "do it"), ("Esc", "back"))
@@ -37,10 +41,13 @@ class Window:
     itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
     that of a kitchen which is not installed. A `strip` is drawn below the kitchen, and asked first
     about each event; a `painter` that is given draws instead of the window's own, and draws the
-    strip itself. `keys` are those of the window's own commands. A `display` that is given stays
-    open when this window is closed. `cards` are shown beside the kitchen when a game is over, and
-    when its owner wants to leave it; `answer` is what was chosen there, None if the window was
-    closed. `sounds` are told each view. `clock` and `sleep` are injected for tests.
+    strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters moves.
+    `keys` are those of the window's own commands. A `display` that is given stays open when this
+    window is closed. `cards` are shown beside the kitchen when a game is over, and when its owner
+    wants to leave it; `answer` is what was chosen there, None if the window was closed. `sounds`
+    are told each view. `clock` and `sleep` are injected for tests.
+
+    Of its `frames` only those are `drawn` that look different, or follow an event.
     """
 
     def __init__(
@@ -56,6 +63,8 @@ class Window:
         look: KitchenLook | None = None,
         strip: Strip | None = None,
         painter: Painter | None = None,
+        text_scale: float = 1.0,
+        reduced_motion: bool = False,
         keys: KeyMap | None = None,
         display: Display | None = None,
         gamepads: Gamepads | None = None,
@@ -69,6 +78,8 @@ class Window:
         self.closed = False
         self.frames = 0
         self.answer: object = None
+        self.drawn = 0
+        self._drawn_last: _Drawn | None = None
         self._clock = clock
         self._sleep = sleep
         self._strip = strip
@@ -81,7 +92,11 @@ class Window:
         self._card_since = 0.0
         self._over = False
         self._painter = painter or Painter(
-            look.rendering if look else None, look.pictures if look else None, strip
+            look.rendering if look else None,
+            look.pictures if look else None,
+            strip,
+            text_scale=text_scale,
+            reduced_motion=reduced_motion,
         )
         self._input = PlayInput(
             keys=keys or KeyMap(),
@@ -109,13 +124,15 @@ class Window:
         due = self._clock()
         try:
             while not self.closed:
+                drawn = self.drawn
                 self.frame(source)
+                idle = _IDLE_SECONDS if self.drawn == drawn else 0.0
                 now = self._clock()
                 if source.finished and linger is not None:
                     ended = now if ended is None else ended
                     if now - ended >= linger:
                         break
-                due = max(due + 1 / self.fps, now)
+                due = max(due + max(idle, 1 / self.fps), now)
                 await self._sleep(due - now)
         finally:
             self.close()
@@ -124,6 +141,7 @@ class Window:
         """Handle what has happened since the last frame, then draw."""
         self._open(source.view())
         for event in pygame.event.get():
+            self._drawn_last = None
             self._handle(event, source, source.view())
         self._input.tick(source, source.view())
         if self._sounds is not None:
@@ -155,17 +173,21 @@ class Window:
             return
         hover = self._input.hover(view)
         shown = dataclasses.replace(view, hover=view.hover or hover)
-        if self._card is not None:
-            shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.
         overlay = self._input.overlay(view, hover)
         if self._card is not None:
+            shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.
             overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
+        self.frames += 1
+        drawing = (surface.get_size(), self._painter.seen(shown), overlay)
+        if drawing == self._drawn_last and self._strip is None:
+            return
+        self._drawn_last = drawing
         self._painter.paint(surface, shown, overlay)
         if self._card is not None:
             place = self._painter.layout(surface.get_size(), view.world)
             self._card.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
         self._display.flip()
-        self.frames += 1
+        self.drawn += 1
 
     # Events
 
@@ -212,6 +234,7 @@ class Window:
 
     def _show(self, card: Form) -> None:
         self._card, self._card_since = card, self._clock()
+        self._drawn_last = None
 
     def _ask(self, card: Form, event: pygame.Event, pressed: Command | None) -> Command | None:
         """Give the card what is done, and take its answer."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 
 import pygame
@@ -12,7 +13,7 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, BAD, INK, PANEL, PAPER, Colour, mixed
 from robotouille_client.window.view import FarewellView, PauseView, View
 
-__all__ = ["Interruptions"]
+__all__ = ["Interruptions", "offline_seen", "pause_seen"]
 
 _SHADE = (*PANEL, 165)
 _STALE = (*PANEL, 90)
@@ -26,23 +27,29 @@ class Interruptions:
     def __init__(self, text: Typesetter) -> None:
         self._text = text
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
-        """The interruptions of a view that has any."""
+    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> list[pygame.Rect]:
+        """The interruptions of a view that has any; what must not be covered of them."""
+        shown = []
         if view.farewell is not None:
             self._shade(target, layout, _SHADE)
-            self._farewell(target, layout, view.farewell)
+            shown.append(self._farewell(target, layout, view.farewell))
         elif view.pause is not None:
             self._shade(target, layout, _SHADE)
-            self._pause(target, layout, view.pause)
+            shown.append(self._pause(target, layout, view.pause))
         elif view.offline is not None:
             self._shade(target, layout, _STALE)
         y = max(8, layout.text // 2)
         if view.offline is not None and view.farewell is None:
-            y = self._banner(target, layout, y, _lost(view.offline), mixed(BAD, INK, 0.25), PAPER)
+            fill = mixed(BAD, INK, 0.6)
+            shown.append(self._banner(target, layout, y, _lost(view.offline), fill, PAPER))
+            y = shown[-1].bottom + layout.text * 2 // 3
         if view.starts_in is not None:
-            y = self._banner(target, layout, y, str(ceil(view.starts_in)), PAPER, INK)
+            left = str(ceil(view.starts_in))
+            shown.append(self._banner(target, layout, y, left, PAPER, INK))
+            y = shown[-1].bottom + layout.text * 2 // 3
         if view.notice:
-            self._banner(target, layout, y, view.notice, ACCENT, INK)
+            shown.append(self._banner(target, layout, y, view.notice, ACCENT, INK))
+        return shown
 
     def _shade(self, target: pygame.Surface, layout: Layout, colour: tuple[int, ...]) -> None:
         target.blit(box((layout.panel.left, layout.size[1]), colour, 0), (0, 0))
@@ -55,8 +62,8 @@ class Interruptions:
         words: str,
         fill: Colour,
         ink: Colour,
-    ) -> int:
-        """Words at the top, in as many lines as they need; where the next one goes."""
+    ) -> pygame.Rect:
+        """Words at the top, in as many lines as they need."""
         size, pad = round(layout.text * 1.15), layout.text * 2 // 3
         most = max(40, min(layout.panel.left - 4 * pad, size * 34))
         lines = self._text.wrap(words, size, most, 4)
@@ -70,12 +77,12 @@ class Interruptions:
         for i, line in enumerate(lines):
             drawn = self._text.line(line, size, ink)
             target.blit(drawn, drawn.get_rect(midtop=(area.centerx, area.y + pad + i * step)))
-        return area.bottom + pad
+        return area
 
-    def _pause(self, target: pygame.Surface, layout: Layout, pause: PauseView) -> None:
+    def _pause(self, target: pygame.Surface, layout: Layout, pause: PauseView) -> pygame.Rect:
         side = round(layout.text * 4.6)
         face = self._clock(pause, side, layout)
-        self._card(target, layout, face, pause.why, pause.detail)
+        return self._card(target, layout, face, pause.why, pause.detail)
 
     def _clock(self, pause: PauseView, side: int, layout: Layout) -> pygame.Surface:
         """A dial that runs out with the seconds in it, or two bars where nobody knows how long."""
@@ -92,9 +99,11 @@ class Interruptions:
         face.blit(number, number.get_rect(center=(side // 2, side // 2 + 1)))
         return face
 
-    def _farewell(self, target: pygame.Surface, layout: Layout, farewell: FarewellView) -> None:
+    def _farewell(
+        self, target: pygame.Surface, layout: Layout, farewell: FarewellView
+    ) -> pygame.Rect:
         text = f"{farewell.text} You can close this window."
-        self._card(target, layout, None, farewell.title, text)
+        return self._card(target, layout, None, farewell.title, text)
 
     def _card(
         self,
@@ -103,7 +112,7 @@ class Interruptions:
         face: pygame.Surface | None,
         title: str,
         text: str,
-    ) -> None:
+    ) -> pygame.Rect:
         """A card in the middle: a picture on the left, a title and a few lines."""
         large, size, pad = round(layout.text * 1.5), round(layout.text * 1.05), layout.text * 3 // 2
         left = pad + (face.get_width() + pad if face is not None else 0)
@@ -132,6 +141,20 @@ class Interruptions:
                 y, gap = y + gap, 0
             target.blit(self._text.line(line, height, colour), (area.x + left, y))
             y += self._text.height(height)
+        return area
+
+
+def pause_seen(pause: PauseView) -> PauseView:
+    """A pause with as much of its time as the dial shows."""
+    if pause.left is None:
+        return pause
+    share = round(pause.share * DIAL_STEPS) / DIAL_STEPS
+    return replace(pause, left=float(ceil(pause.left)), share=share)
+
+
+def offline_seen(seconds: float) -> float:
+    """Of the seconds without a connection as many as are told."""
+    return float(int(seconds)) if seconds >= _PATIENCE else 0.0
 
 
 def _lost(seconds: float) -> str:

@@ -35,6 +35,10 @@ class Notices:
         if ui_overlay.help:
             self._help(target, layout, ui_overlay.help)
 
+    def reserved(self, layout: Layout, ui_overlay: UiOverlay) -> list[pygame.Rect]:
+        """Where the line below the kitchen will be."""
+        return [self._typing_area(layout)] if ui_overlay.typing is not None else []
+
     def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str, *, won: bool) -> None:
         """A ribbon across the kitchen: gold with a star where the goal was reached, else grey."""
         fill, sign = (ACCENT, "goal") if won else (FAINT, "rejected")
@@ -61,10 +65,13 @@ class Notices:
             words = self._text.line(line, size, INK)
             target.blit(words, words.get_rect(midtop=(band.centerx, band.y + size + i * step)))
 
-    def _typing(self, target: pygame.Surface, layout: Layout, typed: str) -> None:
-        size = layout.text
-        area = pygame.Rect(8, 0, layout.panel.left - 16, size * 2 + 4)
+    def _typing_area(self, layout: Layout) -> pygame.Rect:
+        area = pygame.Rect(8, 0, layout.panel.left - 16, layout.text * 2 + 4)
         area.bottom = layout.strip.top - 8
+        return area
+
+    def _typing(self, target: pygame.Surface, layout: Layout, typed: str) -> None:
+        size, area = layout.text, self._typing_area(layout)
         target.blit(box(area.size, PAPER, 8, INK), area)
         text = f"Say: {typed}|"
         while self._text.width(text, size) > area.width - 2 * size and len(text) > 8:

@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import ceil
 from pathlib import Path
 
 import pygame
 
 from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.world.world import State, World
-from robotouille_client.window.drawing.interruptions import Interruptions
+from robotouille_client.window.drawing.interruptions import (
+    Interruptions,
+    offline_seen,
+    pause_seen,
+)
 from robotouille_client.window.drawing.key_strip import KeyStrip
-from robotouille_client.window.drawing.kitchen_layer import KitchenLayer
-from robotouille_client.window.drawing.motion import Motion
+from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer, Scene
+from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
+from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
+from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots
+from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
-from robotouille_client.window.drawing.panel import Panel
+from robotouille_client.window.drawing.panel.panel import Panel
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
-from robotouille_client.window.pictures.appearance import Stage
+from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.strip import Strip
 from robotouille_client.window.view import View
 
 __all__ = ["Painter", "paint"]
+
+
+_EFFECT_PICTURES = 10
+"""How many pictures a second are enough where nothing moves but steam and sparks."""
 
 
 class Painter:
@@ -36,6 +49,8 @@ class Painter:
         rendering: In place of the one that belongs to the domain.
         pictures: A folder in which they are looked for first.
         strip: What is drawn below the kitchen.
+        text_scale: How much larger letters are than they would be.
+        reduced_motion: Nothing moves but from place to place: no hops, no steam, no sparks.
     """
 
     def __init__(
@@ -43,13 +58,19 @@ class Painter:
         rendering: RenderingFile | None = None,
         pictures: Path | None = None,
         strip: Strip | None = None,
+        *,
+        text_scale: float = 1.0,
+        reduced_motion: bool = False,
     ) -> None:
         self._rendering = rendering
         self._pictures = () if pictures is None else (pictures,)
         self._strip = strip
+        self.text_scale = text_scale
+        self.reduced_motion = reduced_motion
         self.text = self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
+        self._lived: tuple[tuple[State, State | None], Life] | None = None
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
@@ -58,14 +79,24 @@ class Painter:
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
         place = self.layout(surface.get_size(), view.world)
-        stage = self.stage(view.state)
-        before = self.stage(view.previous).placed if view.previous is not None else None
-        poses = self._motion.poses(view.state, stage.placed, before, view.step, view.phase)
+        scene = self._scene(view, place)
+        stage, poses = scene.stage, scene.poses
         surface.blit(self._kitchen.background(place, stage), (0, 0))
-        self._kitchen.draw(surface, place, stage, poses, view.me)
-        self._overlays.draw(surface, place, view, stage, poses, ui_overlay=ui_overlay)
-        self._interruptions.draw(surface, place, view)
+        self._kitchen.draw(surface, place, scene, view.me)
+        signs = self._overlays.draw(surface, place, view, stage, poses)
+        cards = self._interruptions.draw(surface, place, view)
         self._panel.draw(surface, place, view)
+        if not ui_overlay.tips:
+            ui_overlay = replace(ui_overlay, tips=self._panel.told(ui_overlay.pointer))
+        self._labels.draw(
+            surface, place, view, poses, ui_overlay,
+            listed=self._listed(view, stage),
+            blocked=[
+                *occupied(place, stage, poses), *signs, *cards,
+                *self._notices.reserved(place, ui_overlay),
+            ],
+            avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
+        )  # fmt: skip
         if self._strip is not None:
             self._strip.draw(surface, place.strip, self._text, place.text, view)
         self._key_strip.draw(surface, place, stage, ui_overlay)
@@ -75,11 +106,73 @@ class Painter:
         """The key that the newest picture shows at a point; else nothing."""
         return self._key_strip.key_at(pos) if self._world is not None else ""
 
+    def _listed(self, view: View, stage: Stage) -> Listing:
+        """What is in or on the station under the mouse, if that is more than one thing."""
+        listed = self._resolver.listing(stage, view.hover) if view.hover else ()
+        return listed if len(listed) > 1 else ()
+
+    def seen(self, view: View) -> View:
+        """A view without what cannot be seen of it: two that are equal look the same."""
+        self._prepare(view.world)
+        pause, offline = view.pause, view.offline
+        return replace(
+            view,
+            phase=self._moment(view),
+            pause=None if pause is None else pause_seen(pause),
+            offline=None if offline is None else offline_seen(offline),
+            starts_in=None if view.starts_in is None else float(ceil(view.starts_in)),
+        )
+
+    def _moment(self, view: View) -> float:
+        """The phase of a view as far as it can be seen: effects alone need fewer pictures."""
+        before = view.previous
+        if before is None:
+            return 1.0
+        self._poses(view)
+        life = self._life(view)
+        lively = bool(life.working or life.emissions) and not self.reduced_motion
+        if (
+            self._motion.walking(view.step)
+            or life.travels
+            or before.progress() != view.state.progress()
+            or (lively and life.working)
+        ):
+            return view.phase
+        if not lively:
+            return 1.0
+        pictures = max(1, round(_EFFECT_PICTURES * (view.step_seconds or 1.0)))
+        return int(view.phase * pictures) / pictures
+
+    def _scene(self, view: View, place: Layout) -> Scene:
+        stage, poses, life = self.stage(view.state), self._poses(view), self._life(view)
+        earlier: dict[str, Spot] = {}
+        if life.travels and view.previous is not None:
+            earlier = spots(place, self.stage(view.previous), poses)
+        return Scene(
+            stage, poses, spots(place, stage, poses), earlier, life, view.phase,
+            view.step + view.phase, not self.reduced_motion,
+        )  # fmt: skip
+
+    def _life(self, view: View) -> Life:
+        """What goes on in the step of a view; that of the last is kept."""
+        before = view.previous
+        key = (view.state, before)
+        if self._lived is None or any(a is not b for a, b in zip(self._lived[0], key, strict=True)):
+            now = Moment(view.state, self.stage(view.state))
+            earlier = None if before is None else Moment(before, self.stage(before))
+            self._lived = (key, life(self._art, now, earlier))
+        return self._lived[1]
+
+    def _poses(self, view: View) -> dict[str, Pose]:
+        placed = self.stage(view.state).placed
+        before = self.stage(view.previous).placed if view.previous is not None else None
+        return self._motion.poses(view.state, placed, before, view.step, view.phase)
+
     def layout(self, size: tuple[int, int], world: World) -> Layout:
         """Where things are on a surface of a size."""
         problem = world.task.problem
         lines = 0.0 if self._strip is None else self._strip.lines
-        return layout(size, problem.width, problem.height, lines)
+        return layout(size, problem.width, problem.height, lines, self.text_scale)
 
     def stage(self, state: State) -> Stage:
         """What there is to draw of a state; the newest few are kept."""
@@ -101,14 +194,17 @@ class Painter:
             return
         self._world = world
         self._stages = []
-        self._art = self._rendering or rendering_of(world.task)
+        self._lived = None
+        self._art: RenderingFile = self._rendering or rendering_of(world.task)
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )
-        self._kitchen = KitchenLayer(world, self._art, self._sprites)
+        self._resolver = resolver = AppearanceResolver(world.task.domain, self._art)
+        self._kitchen = KitchenLayer(world, resolver, self._sprites)
         self._motion = Motion(world.floor)
         self._overlays = Overlays(self._art, self._sprites, self._text)
-        self._panel = Panel(self._art, self._sprites, self._text)
+        self._labels = Labels(self._text, self._sprites)
+        self._panel = Panel(resolver, self._sprites, self._text)
         self._interruptions = Interruptions(self._text)
         self._key_strip = KeyStrip(self._text)
         self._notices = Notices(self._art, self._sprites, self._text)

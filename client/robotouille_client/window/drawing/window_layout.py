@@ -56,10 +56,19 @@ class Layout:
 
 
 @lru_cache(maxsize=64)
-def layout(size: tuple[int, int], columns: int, rows: int, strip_lines: float = 0.0) -> Layout:
-    """The largest tiles that leave room for a readable panel, and for a strip of some lines."""
+def layout(
+    size: tuple[int, int],
+    columns: int,
+    rows: int,
+    strip_lines: float = 0.0,
+    text_scale: float = 1.0,
+) -> Layout:
+    """The largest tiles that leave room for a readable panel, and for a strip of some lines.
+
+    Letters grow with the window; `text_scale` makes them larger or smaller than they would be.
+    """
     width, height = max(size[0], 160), max(size[1], 120)
-    text = max(11, min(22, height // 45, width // 60))
+    text = max(11, round(min(height / 45, width / 60) * text_scale))
     panel = min(round(text * 18.5), width * 2 // 5)
     strip = round(strip_lines * text)
     room_x = width - panel - 2 * _MARGIN

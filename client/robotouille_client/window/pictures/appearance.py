@@ -6,10 +6,13 @@ Pure: a `Stage` is computed once for each state, from its scene and the renderin
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
-from robotouille.domain.rendering import Entity, Fact, RenderingFile
+from robotouille.domain.rendering import Entity, RenderingFile
+from robotouille.domain.rendering.art import Facings, Fact
 from robotouille.domain.schema import DomainFile
 from robotouille.world.scene import Placed, scene
 from robotouille.world.world import State
@@ -25,13 +28,17 @@ _HEIGHT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """What one thing looks like: a picture, or a tile made up from its kind and `words`."""
+    """What one thing looks like: a picture, or a tile made up from its kind and `words`.
+
+    `effects` are those of the rendering that leave it while it looks like this.
+    """
 
     kind: str
     role: Role
     asset: str | None = None
     words: str = ""
     facing: str = "front"
+    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +74,16 @@ class AppearanceResolver:
         self._stations = set(domain.station_types)
         self._players = set(domain.player_types)
         self._words = _states_of_things(domain)
+        self._pictured = rendering.traits()
 
     def stage(self, state: State) -> Stage:
         """What to draw of a state."""
         placed = scene(state)
-        related = _relations(state)
+        related, doing = _relations(state), _doing(state)
         stations, hosted = {}, defaultdict(list)
         for name, thing in placed.items():
             if thing.thing.type in self._stations:
-                stations[name] = self.appearance(thing, placed, related)
+                stations[name] = self.appearance(thing, placed, related, doing)
             elif self._is_inside(thing, placed):
                 continue
             elif thing.host is not None:
@@ -85,17 +93,22 @@ class AppearanceResolver:
         piles, bases = {}, {}
         for host, things in hosted.items():
             things.sort(key=lambda thing: thing.level)
-            piles[host] = self._pile(things, placed, related)
+            piles[host] = self._pile(things, placed, related, doing)
             bases[host] = self._constant(things[0], "station_offset", _OFFSET)
         return Stage(placed, stations, piles, bases)
 
     def appearance(
-        self, thing: Placed, placed: dict[str, Placed], related: dict[str, list[Fact]]
+        self,
+        thing: Placed,
+        placed: dict[str, Placed],
+        related: dict[str, list[Fact]],
+        doing: Mapping[str, Collection[str]] = MappingProxyType({}),
     ) -> Appearance:
         """What a thing that is no player looks like."""
         kind = thing.thing.kind
         entity = self._entity(kind)
-        asset = None
+        asset: str | None = None
+        effects: tuple[str, ...] = ()
         if entity is not None:
             art, about = entity.assets, related.get(thing.thing.name, [])
             for meal in _inside(thing.thing.name, placed):
@@ -103,21 +116,59 @@ class AppearanceResolver:
                 if group is not None and group.asset is None:
                     art, about = group, related.get(meal.thing.name, [])
                     break
-            asset = art.choose(thing.facts, about)
+            shown = art.chosen(thing.facts, about, doing.get(thing.thing.name, ()))
+            asset, effects = shown.asset, shown.effects
         words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
-        return Appearance(kind, self._role(thing), asset, "" if asset else words)
+        return Appearance(kind, self._role(thing), asset, "" if asset else words, effects=effects)
 
-    def player(self, kind: str, index: int, facing: str) -> Appearance:
+    def listing(self, stage: Stage, host: str) -> tuple[tuple[Appearance | None, str], ...]:
+        """What lies on a station or is held, from the top down, with what is in it, in words."""
+        listed: list[tuple[Appearance | None, str]] = []
+        for piece in reversed(stage.piles.get(host, ())):
+            listed.append((piece.appearance, self._in_words(stage.placed[piece.name])))
+            for inside in _inside(piece.name, stage.placed):
+                listed.append((None, self._in_words(inside)))
+            names = _contents(piece.name, stage.placed)
+            for name, appearance in zip(names, piece.contents, strict=True):
+                listed.append((appearance, self._in_words(stage.placed[name])))
+        return tuple(listed)
+
+    def _in_words(self, placed: Placed) -> str:
+        return self.words(placed.thing.kind, placed.facts)
+
+    def words(self, kind: str, facts: Collection[str]) -> str:
+        """A kind with what has become of it, e.g. `painted gear`."""
+        told = self._pictured if self.rendering.shows(kind) else self._words
+        states = sorted(self._words[fact] for fact in facts if fact in told and fact in self._words)
+        return " ".join([*states, kind])
+
+    def player(self, kind: str, index: int, facing: str, *, carrying: bool = False) -> Appearance:
         """What the player in seat `index` looks like from one side."""
-        appearances = self.rendering.player
-        choices = appearances.get(kind) or next(iter(appearances.values()), None)
-        if choices is None:
+        facings = self._facings(kind, index)
+        if facings is None:
             return Appearance(kind, "player", None, "", facing)
-        facings = choices[index % len(choices)]
-        return Appearance(kind, "player", getattr(facings, facing), "", facing)
+        sides = facings.carrying if carrying and facings.carrying is not None else facings
+        return Appearance(kind, "player", getattr(sides, facing), "", facing)
+
+    def feet(self, kind: str, index: int, facing: str) -> tuple[str, ...]:
+        """Its feet from that side: the pictures of a stride."""
+        facings = self._facings(kind, index)
+        frames: tuple[str, ...] = ()
+        if facings is not None and facings.feet is not None:
+            frames = getattr(facings.feet, facing)
+        return frames
+
+    def _facings(self, kind: str, index: int) -> Facings | None:
+        looks = self.rendering.player
+        choices = looks.get(kind) or next(iter(looks.values()), None)
+        return choices[index % len(choices)] if choices else None
 
     def _pile(
-        self, things: list[Placed], placed: dict[str, Placed], related: dict[str, list[Fact]]
+        self,
+        things: list[Placed],
+        placed: dict[str, Placed],
+        related: dict[str, list[Fact]],
+        doing: Mapping[str, Collection[str]],
     ) -> tuple[SpritePiece, ...]:
         pieces, rise = [], 0.0
         for thing in things:
@@ -126,7 +177,7 @@ class AppearanceResolver:
             contents = [
                 self.appearance(placed[n], placed, related) for n in _contents(name, placed)
             ]
-            appearance = self.appearance(thing, placed, related)
+            appearance = self.appearance(thing, placed, related, doing)
             pieces.append(SpritePiece(name, appearance, scale, rise, tuple(contents)))
             rise += self._constant(thing, "stack_offset", _HEIGHT)
         return tuple(pieces)
@@ -180,15 +231,25 @@ def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
     return found
 
 
+def _doing(state: State) -> dict[str, set[str]]:
+    """By object: the actions that time is bringing about with it."""
+    doing: dict[str, set[str]] = defaultdict(set)
+    for row in state.progress():
+        if row.timed and row.running:
+            for name in (row.subject, *row.arguments):
+                doing[name].add(row.action)
+    return doing
+
+
 def _relations(state: State) -> dict[str, list[Fact]]:
     """By object: the facts of it and others, with kinds in the place of names."""
-    world = state.world
+    kinds = {thing.name: thing.kind for thing in state.objects}
     related: dict[str, list[Fact]] = defaultdict(list)
     for atom in state.atoms():
         if len(atom) == 1:
             continue
-        fact = (atom[0], *(world.thing(name).kind for name in atom[1:]))
-        for name in dict.fromkeys(atom[1:]):
+        fact = (atom[0], *[kinds[name] for name in atom[1:]])
+        for name in set(atom[1:]):
             related[name].append(fact)
     return related
 
@@ -208,7 +269,7 @@ def _states_of_things(domain: DomainFile) -> dict[str, str]:
             if effect.type != "creation":
                 changed.update(c.predicate for c in effect.fx)
     return {
-        p.name: p.name.removeprefix("is").replace("_", " ")
+        p.name: p.name.removeprefix("is").removeprefix("has").replace("_", " ")
         for p in domain.predicate_defs
         if p.name in changed - implied - kinds
         and len(p.param_types) == 1

@@ -73,6 +73,8 @@ def _label(tile: pygame.Surface, appearance: Appearance, text: Typesetter) -> No
     lines = [appearance.kind, *appearance.words.split()[:2]]
     middle = {"station": 0.86, "player": 0.76}.get(appearance.role, 0.52)
     height = max(7, min(13, side // 5 if len(lines) == 1 else side // 6))
+    if appearance.role == "station":
+        height = max(7, min(height, round(side * 0.2 / len(lines))))
     total = (len(lines) - 1) * height
     for i, line in enumerate(lines):
         size = height

@@ -9,7 +9,18 @@ import pygame
 
 from robotouille_client.window.pictures.theme import INK, PAPER, Colour, mixed
 
-__all__ = ["DIAL_STEPS", "RING_STEPS", "bar", "box", "dial", "ellipse", "pill", "ring", "speech"]
+__all__ = [
+    "DIAL_STEPS",
+    "RING_STEPS",
+    "bar",
+    "box",
+    "dial",
+    "ellipse",
+    "pill",
+    "ring",
+    "speech",
+    "tick",
+]
 
 RING_STEPS = 48
 DIAL_STEPS = 360
@@ -43,14 +54,28 @@ def ellipse(size: tuple[int, int], fill: tuple[int, ...]) -> pygame.Surface:
     return pygame.transform.smoothscale(large, (width, height))
 
 
+@lru_cache(maxsize=128)
 def pill(
     words: pygame.Surface, fill: tuple[int, ...], edge: Colour | None = None
 ) -> pygame.Surface:
-    """Words on a box with round ends."""
+    """Words on a box with round ends; do not draw on it, it is shared."""
     width, height = words.get_width() + words.get_height(), words.get_height() + 2
     surface = box((width, height), fill, height // 2, edge).copy()
     surface.blit(words, words.get_rect(center=surface.get_rect().center))
     return surface
+
+
+@lru_cache(maxsize=32)
+def tick(size: int, colour: Colour) -> pygame.Surface:
+    """A check mark in a square; do not draw on it, it is shared."""
+    side = size * _FINE
+    large = pygame.Surface((side, side), pygame.SRCALPHA)
+    large.fill((*colour, 0))
+    points = [
+        (round(x * side), round(y * side)) for x, y in ((0.1, 0.55), (0.4, 0.85), (0.9, 0.18))
+    ]
+    pygame.draw.lines(large, colour, closed=False, points=points, width=max(1, side // 5))
+    return pygame.transform.smoothscale(large, (size, size))
 
 
 @lru_cache(maxsize=1024)
@@ -110,10 +135,11 @@ def bar(
 
 
 @lru_cache(maxsize=64)
-def speech(size: tuple[int, int], fill: Colour, edge: Colour, tail: int) -> pygame.Surface:
-    """A speech bubble whose tail points down at `tail` pixels from the left."""
+def speech(
+    size: tuple[int, int], fill: Colour, edge: Colour, tail: int, drop: int
+) -> pygame.Surface:
+    """A speech bubble whose tail points down by `drop` pixels, `tail` pixels from the left."""
     width, height = size
-    drop = max(5, height // 6 if height < 40 else 8)
     large = pygame.Surface((width * 2, (height + drop) * 2), pygame.SRCALPHA)
     body = pygame.Rect(0, 0, width * 2, height * 2)
     point = [(tail * 2 - drop * 2, height * 2 - 4), (tail * 2 + drop * 2, height * 2 - 4)]

@@ -26,7 +26,7 @@ class Sprites:
         self._text = text
         self._files: dict[tuple[str, int], pygame.Surface | None] = {}
         self._made: dict[tuple[Appearance, int], pygame.Surface] = {}
-        self._faded: dict[tuple[str, int], pygame.Surface] = {}
+        self._faded: dict[tuple[str, int, int], pygame.Surface] = {}
 
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
         """A picture of the folders as a square of `size` pixels, if there is one."""
@@ -41,16 +41,21 @@ class Sprites:
 
     def faded(self, name: str | None, size: int) -> pygame.Surface | None:
         """The same, half transparent."""
+        return self.shade(name, size, 110)
+
+    def shade(self, name: str | None, size: int, opacity: int) -> pygame.Surface | None:
+        """The same, with an opacity from 0 to 255."""
         picture = self.file(name, size)
         if picture is None or name is None:
             return None
-        if (name, size) not in self._faded:
+        key = (name, size, opacity)
+        if key not in self._faded:
             if len(self._faded) >= _KEPT:
                 self._faded.clear()
             copy = picture.copy()
-            copy.fill((255, 255, 255, 110), special_flags=pygame.BLEND_RGBA_MULT)
-            self._faded[name, size] = copy
-        return self._faded[name, size]
+            copy.fill((255, 255, 255, opacity), special_flags=pygame.BLEND_RGBA_MULT)
+            self._faded[key] = copy
+        return self._faded[key]
 
     def of(self, appearance: Appearance, size: int) -> pygame.Surface:
         """The picture of a thing as a square of `size` pixels."""

@@ -6,32 +6,22 @@ import math
 
 import pygame
 
+from robotouille_client.window.pictures.fonts import FontStack, printable
 from robotouille_client.window.pictures.theme import Colour
 
 __all__ = ["Typesetter"]
 
 _FINE = 3
 _KEPT = 800
-_MAX_LENGTH = 600
 
 
 class Typesetter:
-    """Draws text in the default font of pygame and keeps what it drew."""
+    """Draws text in the default font of pygame, else in one that has it, and keeps what it drew."""
 
-    def __init__(self) -> None:
-        if not pygame.font.get_init():
-            pygame.font.init()
-        self._fonts: dict[int, pygame.font.Font] = {}
+    def __init__(self, fonts: FontStack | None = None) -> None:
+        self._fonts = fonts or FontStack()
         self._lines: dict[tuple[str, int, Colour], pygame.Surface] = {}
         self._wrapped: dict[tuple[str, int, int, int], tuple[str, ...]] = {}
-
-    def font(self, size: int) -> pygame.font.Font:
-        """The font that, shrunk to 1 / FINE, has letters about `size` pixels high."""
-        font = self._fonts.get(size)
-        if font is None:
-            font = pygame.font.Font(None, max(6, round(size * 1.28)) * _FINE)
-            self._fonts[size] = font
-        return font
 
     def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
         """One line of text; do not draw on the surface, it is shared."""
@@ -45,11 +35,12 @@ class Typesetter:
 
     def width(self, text: str, size: int) -> int:
         """How wide a line would be."""
-        return math.ceil(self.font(size).size(printable(text))[0] / _FINE)
+        runs = self._fonts.runs(printable(text))
+        return math.ceil(sum(self._run_size(face, part, size)[0] for face, part in runs) / _FINE)
 
     def height(self, size: int) -> int:
         """The distance from one line to the next."""
-        return self.font(size).get_linesize() // _FINE + max(1, size // 8)
+        return self._fonts.font(0, _large(size)).get_linesize() // _FINE + max(1, size // 8)
 
     def wrap(self, text: str, size: int, width: int, most: int = 0) -> tuple[str, ...]:
         """A text in lines of at most `width` pixels; cut off with an ellipsis after `most`."""
@@ -66,14 +57,32 @@ class Typesetter:
         lines = self.wrap(text, size, width, 1)
         return lines[0] if lines else ""
 
+    def _run_size(self, face: int, part: str, size: int) -> tuple[float, float]:
+        """The size of letters of one font, enlarged; a font of one size only is scaled."""
+        line = self._fonts.font(0, _large(size)).get_height()
+        width, height = self._fonts.font(face, _large(size)).size(part)
+        scale = line / height if height > line * 1.6 else 1.0
+        return width * scale, height * scale
+
     def _render(self, text: str, size: int, colour: Colour) -> pygame.Surface:
         """Shrunk from a large font: letters keep their distances, which small fonts round."""
-        large = self.font(size).render(text, True, colour)
-        width, height = large.get_size()
+        first = self._fonts.font(0, _large(size))
+        base, runs = first.get_ascent(), self._fonts.runs(text)
+        sizes = [self._run_size(face, part, size) for face, part in runs]
+        width, height = sum(wide for wide, _ in sizes), first.get_height()
         small = (max(1, math.ceil(width / _FINE)), max(1, math.ceil(height / _FINE)))
         canvas = pygame.Surface((small[0] * _FINE, small[1] * _FINE), pygame.SRCALPHA)
         canvas.fill((*colour, 0))
-        canvas.blit(large, (0, 0))
+        x = 0.0
+        for (face, part), (wide, high) in zip(runs, sizes, strict=True):
+            font = self._fonts.font(face, _large(size))
+            letters = font.render(part, True, colour)
+            y = base - font.get_ascent()
+            if letters.get_height() > high * 1.01:
+                letters = pygame.transform.smoothscale(letters, (round(wide), round(high)))
+                y = 0
+            canvas.blit(letters, (round(x), y))
+            x += wide
         return pygame.transform.smoothscale(canvas, small)
 
     def _wrap(self, text: str, size: int, width: int, most: int) -> list[str]:
@@ -107,9 +116,6 @@ class Typesetter:
         return text.rstrip() + "…"
 
 
-def printable(text: str) -> str:
-    """A text without control characters, lone surrogates and excess length."""
-    text = text[:_MAX_LENGTH]
-    if text.isascii() and text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else " " for c in text)
+def _large(size: int) -> int:
+    """The size of a font that, shrunk to 1 / FINE, has letters about `size` pixels high."""
+    return max(6, round(size * 1.28)) * _FINE

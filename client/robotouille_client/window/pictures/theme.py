@@ -6,17 +6,22 @@ import colorsys
 import hashlib
 
 __all__ = [
+    "ABSENT",
     "ACCENT",
     "BACKGROUND",
     "BAD",
     "CARD",
+    "DONE",
     "FAINT",
     "GOOD",
     "INK",
     "PANEL",
     "PAPER",
+    "REASON",
+    "REASON_EDGE",
     "SEATS",
     "TEXT",
+    "TICKED",
     "TRACK",
     "Colour",
     "kind_colour",
@@ -35,18 +40,24 @@ FAINT: Colour = (178, 168, 186)
 PAPER: Colour = (255, 250, 240)
 ACCENT: Colour = (255, 196, 84)
 GOOD: Colour = (126, 201, 110)
-BAD: Colour = (228, 96, 84)
+BAD: Colour = (244, 132, 120)
+DONE: Colour = (46, 125, 60)
+TICKED: Colour = (222, 240, 212)
+REASON: Colour = (152, 52, 46)
+REASON_EDGE: Colour = (206, 74, 62)
+ABSENT: Colour = (96, 90, 100)
 
 SEATS: tuple[Colour, ...] = (
-    (239, 106, 90),
-    (79, 147, 217),
-    (92, 174, 86),
-    (154, 107, 208),
-    (232, 168, 56),
+    (226, 80, 62),
+    (104, 187, 245),
+    (199, 217, 58),
+    (112, 62, 184),
     (74, 178, 178),
-    (222, 120, 176),
-    (150, 140, 120),
+    (240, 236, 228),
+    (70, 70, 80),
+    (60, 80, 130),
 )
+"""Told apart under deuteranopia and protanopia, too: they differ in lightness."""
 
 
 def kind_colour(kind: str) -> Colour:

@@ -31,6 +31,7 @@ class Settings(BaseModel):
     size: tuple[Side, Side] = (1280, 720)
     fullscreen: bool = False
     sound: bool = True
+    reduced_motion: bool = False
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
     keys: dict[str, list[str]] = {}
     task: str = "synchronous/01"

@@ -333,6 +333,8 @@ class Shell:
             cards=cards,
             sounds=self._sounds,
             keys=self._screen.keys,
+            text_scale=self.settings.text_scale,
+            reduced_motion=self.settings.reduced_motion,
             clock=self._clock,
             sleep=self._sleep,
             **options,

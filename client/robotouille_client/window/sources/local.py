@@ -84,6 +84,7 @@ class LocalSource:
             max_steps=rules.max_steps,
             clock=clock_words(rules.clock.value, rules.model_dump(mode="json")),
             phase=min(1.0, elapsed / (rules.period if scheduled else GLIDE_SECONDS)),
+            step_seconds=rules.period if scheduled else None,
             seats=tuple(
                 SeatView(s.player, s.name, s.kind, s.present, s.tally.acted, s.tally.rejected)
                 for s in episode.seats.values()

@@ -124,6 +124,7 @@ class RemoteSource:
             max_steps=game.clock.get("max_steps"),
             clock=clock_words(str(game.clock.get("clock", "")), game.clock),
             phase=self._phase(),
+            step_seconds=self._period(),
             seats=tuple(map(self._seat, game.seats)),
             me=game.seat,
             bubbles=self._chat_log.bubbles,
@@ -191,9 +192,12 @@ class RemoteSource:
 
     def _phase(self) -> float:
         elapsed = self._now() - self._game.step_time
-        scheduled = self._game.clock.get("clock") == "realtime"
-        period = 1 / self._game.clock["step_rate"] if scheduled else GLIDE_SECONDS
-        return min(1.0, max(0.0, elapsed / period))
+        return min(1.0, max(0.0, elapsed / (self._period() or GLIDE_SECONDS)))
+
+    def _period(self) -> float | None:
+        """The seconds of a step, if a clock says so."""
+        clock = self._game.clock
+        return 1 / float(clock["step_rate"]) if clock.get("clock") == "realtime" else None
 
     def _status(self) -> str:
         game = self._game

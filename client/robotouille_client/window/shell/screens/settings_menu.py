@@ -35,8 +35,10 @@ class SettingsMenu:
             "Size of letters", settings.text_scale, 0.8, 1.6, 0.1, lambda x: f"{round(x * 100)} %"
         )
         self._sound = Choice("Sound", [("on", True), ("off", False)], settings.sound)
+        motion = [("all", False), ("only what matters", True)]
+        self._motion = Choice("What moves", motion, settings.reduced_motion)
         rows = (
-            self._name, self._server, self._sound, self._full, self._scale,
+            self._name, self._server, self._sound, self._motion, self._full, self._scale,
             Button("Keys", "keys"), Button("Save", "save"), Button("Back", "back"),
         )  # fmt: skip
         self.form = Form("Settings", rows)
@@ -45,6 +47,7 @@ class SettingsMenu:
         """Take over what was set."""
         settings.name = self._name.text.strip() or settings.name
         settings.server = self._server.text.strip() or settings.server
+        settings.reduced_motion = bool(self._motion.value)
         settings.sound = bool(self._sound.value)
         settings.fullscreen = bool(self._full.value)
         settings.text_scale = self._scale.value

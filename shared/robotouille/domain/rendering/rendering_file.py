@@ -2,127 +2,47 @@
 
 Two dialects are read: the published one (`version` 1.x) and this project's (2.x), which adds
 `assets`, `extends`, `floor.tiles`, `floor.wall`, `progress`, `icons`, `language`, lists of looks
-for players, and the constants `SCALE`, `STATION_OFFSET` and `STACK_OFFSET` (the height of the item
-itself).
-Nothing here draws; it only decides which file shows what. See docs/formats.md.
+for players with their `carrying` and `feet`, and the constants `SCALE`, `STATION_OFFSET` and
+`STACK_OFFSET` (the height of the item itself). Nothing here draws; it only decides which file shows
+what. See docs/formats.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from robotouille.domain.companions import companion_folder, rendering_path
 from robotouille.domain.extends import FileKind, each, read_extending
+from robotouille.domain.rendering.art import (
+    Art,
+    Effect,
+    Facings,
+    FileName,
+    Ratio,
+    as_listed,
+    as_named,
+    as_pictured,
+)
 from robotouille.domain.schema import Extends, Name, Schema
 from robotouille.domain.task import Task
+from robotouille.errors import did_you_mean
 
 __all__ = [
     "RENDERING_FILES",
     "ActionWords",
-    "Art",
     "Constants",
     "Entity",
-    "Facings",
     "KindName",
     "Language",
     "PredicateWords",
     "RenderingFile",
-    "Trait",
     "language_of",
     "rendering_of",
 ]
-
-FileName = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
-Ratio = Annotated[float, Field(ge=-4, le=4, allow_inf_nan=False)]
-Fact = tuple[str, ...]
-"""A predicate's name, then the kinds of its arguments."""
-
-
-class Trait(Schema):
-    """A condition on what is drawn; without `params` the fact is about the thing alone.
-
-    An empty parameter stands for any kind.
-    """
-
-    name: Annotated[str, Field(min_length=1, max_length=64)]
-    params: tuple[Annotated[str, Field(max_length=64)], ...] = ()
-
-    def holds(self, own: Collection[str], related: Collection[Fact]) -> bool:
-        if not self.params:
-            return self.name in own
-        return any(self._matches(fact) for fact in related)
-
-    def _matches(self, fact: Fact) -> bool:
-        return (
-            fact[0] == self.name
-            and len(fact) == len(self.params) + 1
-            and all(p in ("", kind) for p, kind in zip(self.params, fact[1:], strict=True))
-        )
-
-
-def _named(raw: Any) -> Any:
-    return {"name": raw} if isinstance(raw, str) else raw
-
-
-def _pictured(raw: Any) -> Any:
-    return {"asset": raw} if isinstance(raw, str) else raw
-
-
-def _listed(raw: Any) -> Any:
-    return raw if isinstance(raw, list | tuple) else [raw]
-
-
-class Art(BaseModel):
-    """A picture with the predicates under which it is chosen, or a group of such by name.
-
-    In a file a bare string is a picture without conditions. Among the pictures of a group whose
-    predicates hold, the one with the most predicates is shown. `tile` (published dialect) names a
-    letter of a tileset instead of a picture.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="allow")
-    __pydantic_extra__: dict[str, Annotated[Art, BeforeValidator(_pictured)]] = Field(init=False)
-
-    asset: FileName | None = None
-    predicates: tuple[Annotated[Trait, BeforeValidator(_named)], ...] = ()
-    tile: Annotated[str, Field(max_length=8)] | None = None
-
-    @model_validator(mode="after")
-    def _picture_or_group(self) -> Art:
-        if self.asset is not None and self.named:
-            raise ValueError(f"a picture with 'asset' cannot hold others ({', '.join(self.named)})")
-        if self.asset is None and self.predicates:
-            raise ValueError("'predicates' needs an 'asset' beside it")
-        if self.asset is None and not self.named and self.tile is None:
-            raise ValueError("needs an 'asset' or at least one named picture")
-        return self
-
-    @property
-    def named(self) -> dict[str, Art]:
-        """The members of a group, as in the file."""
-        return self.__pydantic_extra__ or {}
-
-    def choose(self, own: Collection[str], related: Collection[Fact] = ()) -> str | None:
-        """The picture for a thing of which `own` predicates and `related` facts hold."""
-        best, most = self.asset, -1
-        for art in self.named.values():
-            count = len(art.predicates)
-            if art.asset is None or count <= most:
-                continue
-            if all(trait.holds(own, related) for trait in art.predicates):
-                best, most = art.asset, count
-        return best
-
-    def pictures(self, place: str) -> Iterator[tuple[str, str]]:
-        """Every picture that may be chosen, with its place in the file."""
-        if self.asset is not None:
-            yield place, self.asset
-        for name, art in self.named.items():
-            yield from art.pictures(f"{place}.{name}")
 
 
 class Constants(Schema):
@@ -141,7 +61,7 @@ class Constants(Schema):
 class Entity(Schema):
     """The pictures and sizes of one kind."""
 
-    assets: Annotated[Art, BeforeValidator(_pictured)]
+    assets: Annotated[Art, BeforeValidator(as_pictured)]
     constants: Constants = Constants()
 
 
@@ -150,15 +70,6 @@ class Group(Schema):
 
     constants: Constants = Constants()
     entities: dict[str, Entity] = Field(default={}, max_length=500)
-
-
-class Facings(Schema):
-    """A player's pictures by where it looks; `front` is towards the viewer."""
-
-    front: FileName
-    back: FileName
-    left: FileName
-    right: FileName
 
 
 class FloorArt(Schema):
@@ -214,7 +125,7 @@ class Language(Schema):
     kinds: dict[
         str,
         Annotated[
-            tuple[Annotated[KindName, BeforeValidator(_named)], ...], BeforeValidator(_listed)
+            tuple[Annotated[KindName, BeforeValidator(as_named)], ...], BeforeValidator(as_listed)
         ],
     ] = Field(default={}, max_length=500)
     actions: dict[str, Annotated[ActionWords, BeforeValidator(_done)]] = Field(
@@ -227,7 +138,9 @@ class RenderingFile(Schema):
     """How a domain looks, and (`language`) what people call what is in it.
 
     `assets` is the folder of its pictures; what is not there is looked for in those of
-    `inherited_assets`, which are the folders of the renderings it extends.
+    `inherited_assets`, which are the folders of the renderings it extends. `during` names the
+    effect that leaves a thing while an action is in progress with it, `moments` that of players
+    when something happens.
     """
 
     schema_uri: str | None = Field(default=None, alias="$schema")
@@ -237,7 +150,7 @@ class RenderingFile(Schema):
     inherited_assets: tuple[FileName, ...] = ()
     floor: FloorArt = FloorArt()
     player: dict[
-        str, Annotated[tuple[Facings, ...], BeforeValidator(_listed), Field(min_length=1)]
+        str, Annotated[tuple[Facings, ...], BeforeValidator(as_listed), Field(min_length=1)]
     ] = Field(default={})
     item: Group = Group()
     station: Group = Group()
@@ -245,6 +158,32 @@ class RenderingFile(Schema):
     progress: dict[str, FileName] = Field(default={})
     icons: dict[str, FileName] = Field(default={})
     language: Language = Language()
+    effects: dict[str, Effect] = Field(default={}, max_length=50)
+    during: dict[str, str] = Field(default={})
+    moments: dict[Literal["goal"], str] = Field(default={})
+
+    @model_validator(mode="after")
+    def _known_effects(self) -> RenderingFile:
+        for place, name in self._named_effects():
+            if name not in self.effects:
+                near = did_you_mean(name, self.effects)
+                raise ValueError(f"{place}: there is no effect {name!r}{near}")
+        return self
+
+    def _named_effects(self) -> Iterator[tuple[str, str]]:
+        for field in ("during", "moments"):
+            for key, name in getattr(self, field).items():
+                yield f"{field}.{key}", name
+        for _, place, art in self.arts():
+            for name in art.effects:
+                yield f"{place}.effects", name
+
+    def arts(self) -> Iterator[tuple[str, str, Art]]:
+        """Each kind with its pictures, and their place in the file."""
+        for role, group in self._groups().items():
+            for kind, entity in group.entities.items():
+                for place, art in entity.assets.parts(f"{role}.entities.{kind}.assets"):
+                    yield kind, place, art
 
     def group_of(self, kind: str) -> Group | None:
         """The group that has pictures of a kind."""
@@ -256,6 +195,10 @@ class RenderingFile(Schema):
             return True
         return any(kind in entity.assets.named for entity in self.container.entities.values())
 
+    def traits(self) -> set[str]:
+        """The predicates on which any picture depends."""
+        return {trait.name for _, _, art in self.arts() for trait in art.predicates}
+
     def files(self) -> set[str]:
         """Every picture the file names."""
         return {file for _, file in self.pictures()}
@@ -265,6 +208,8 @@ class RenderingFile(Schema):
         for field in ("progress", "icons"):
             for name, file in getattr(self, field).items():
                 yield f"{field}.{name}", file
+        for name, effect in self.effects.items():
+            yield f"effects.{name}", effect.asset
         for letter, file in self.floor.tiles.items():
             yield f"floor.tiles.{letter}", file
         for field in ("default", "wall"):
@@ -275,8 +220,8 @@ class RenderingFile(Schema):
                 yield from entity.assets.pictures(f"{role}.entities.{kind}.assets")
         for kind, looks in self.player.items():
             for i, facings in enumerate(looks):
-                for side in ("front", "back", "left", "right"):
-                    yield f"player.{kind}[{i}].{side}", getattr(facings, side)
+                for place, file in facings.pictures():
+                    yield f"player.{kind}[{i}].{place}", file
 
     def folders(self, beside: Path | None) -> tuple[Path, ...]:
         """Where its pictures are looked for, the first first."""
@@ -293,6 +238,9 @@ _fields = each(
     progress=each(),
     icons=each(),
     language=each(kinds=each(), actions=each(), predicates=each()),
+    effects=each(),
+    during=each(),
+    moments=each(),
     **{
         group: each(constants=each(), entities=each()) for group in ("item", "station", "container")
     },

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
+from math import ceil
+
 import pygame
 
-from robotouille.domain.rendering import RenderingFile
+from robotouille_client.window.drawing.panel.seat_cards import SeatCards
+from robotouille_client.window.drawing.panel.ticket import Ticket
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.shapes import bar, box, ellipse, pill
+from robotouille_client.window.pictures.badges import seat_ink
+from robotouille_client.window.pictures.shapes import bar, pill
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import (
     ACCENT,
     BAD,
-    CARD,
     FAINT,
     GOOD,
     INK,
     PANEL,
-    PAPER,
-    SEATS,
     TEXT,
     TRACK,
     Colour,
     mixed,
 )  # fmt: skip
-from robotouille_client.window.view import NEWS, SeatView, View
+from robotouille_client.window.view import NEWS, View
 
 __all__ = ["Panel"]
 
@@ -33,28 +34,28 @@ __all__ = ["Panel"]
 class Panel:
     """Draws the panel; it is drawn anew only when something in it has changed."""
 
-    def __init__(self, rendering: RenderingFile, sprites: Sprites, text: Typesetter) -> None:
-        self._rendering = rendering
+    def __init__(self, resolver: AppearanceResolver, sprites: Sprites, text: Typesetter) -> None:
+        self._resolver = resolver
+        self._rendering = resolver.rendering
         self._sprites = sprites
         self._text = text
+        self._seats = SeatCards(resolver, sprites, text)
+        self._ticket: Ticket | None = None
+        self._ticket_area = pygame.Rect(0, 0, 0, 0)
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
-        self._time_bar: pygame.Rect | None = None
 
     def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
         """The panel on the right of the window."""
         shown = (
             layout, id(view.world), view.step, view.max_steps, view.clock, view.seats, view.me,
-            view.chat, view.status, view.code, view.waits_for, view.watching,
+            view.chat, view.status, view.code, view.waits_for, view.watching, view.step_seconds,
+            view.world.goal.holding(view.state.facts),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view)
             self._shown = shown
         target.blit(self._surface, layout.panel)
-        if self._time_bar is not None:
-            area = self._time_bar.move(layout.panel.topleft)
-            left = min(1.0, max(0.0, 1.0 - view.phase))
-            bar(target, area, left, mixed(BAD, ACCENT, min(1.0, left * 2)), TRACK)
 
     def _render(self, layout: Layout, view: View) -> pygame.Surface:
         surface = pygame.Surface(layout.panel.size)
@@ -65,7 +66,8 @@ class Panel:
         y = self._title(surface, area, layout, view)
         y = self._goal(surface, area, y, layout, view)
         y = self._clock(surface, area, y, layout, view)
-        y = self._seats(surface, area, y, layout, view)
+        room = pygame.Rect(area.x, y, area.width, area.bottom - y)
+        y = self._seats.draw(surface, room, layout, view)
         self._chat(surface, area, y, layout, view)
         return surface
 
@@ -109,7 +111,7 @@ class Panel:
         parts = [("Waiting for", ACCENT)]
         for player in view.waits_for:
             name = "you" if player == view.me else names.get(player, player)
-            parts.append((name, mixed(colours.get(player, FAINT), TEXT, 0.3)))
+            parts.append((name, colours.get(player, FAINT)))
         x, y, blank = area.x, area.y, self._text.width(" ", size)
         step = self._text.height(size)
         room = area.width - self._text.width(",", size)
@@ -126,125 +128,47 @@ class Panel:
             x += width + blank
         return y + step - area.y
 
+    def told(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
+        """What the mouse points at, in words: the goal, where it is on the ticket."""
+        if self._ticket is None or pointer is None or not self._ticket_area.collidepoint(pointer):
+            return ()
+        return (self._ticket.prose,)
+
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> int:
-        """An order slip with the goal in words."""
-        size, pad = layout.text, layout.text * 2 // 3
-        text = view.world.task.goal_description or "No goal is set."
-        icon = self._sprites.file(self._rendering.icons.get("goal"), size * 2)
-        left = pad + (icon.get_width() + pad // 2 if icon else 0)
-        most = max(3, area.height // 3 // self._text.height(size))
-        lines = self._text.wrap(text, size, area.width - left - pad, most)
-        height = max(len(lines) * self._text.height(size), size * 2 if icon else 0) + 2 * pad
-        surface.blit(box((area.width, height), PAPER, 8), (area.x, y))
-        if icon is not None:
-            surface.blit(icon, (area.x + pad, y + pad))
-        for i, line in enumerate(lines):
-            at = (area.x + left, y + pad + i * self._text.height(size))
-            self._put(surface, line, at, size, INK)
-        return y + height + size * 2 // 3
+        """An order slip."""
+        if self._ticket is None:
+            self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
+        room = pygame.Rect(area.x, y, area.width, area.height)
+        room.height = self._ticket.draw(surface, room, layout, view)
+        self._ticket_area = room.move(layout.panel.topleft)
+        return room.bottom + layout.text * 2 // 3
 
     def _clock(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
     ) -> int:
-        """The step counter with its limit, and the time left of the current step."""
+        """The step counter with its limit, and what moves it."""
         size, small = layout.text, max(10, layout.text - 3)
         limit = f" of {view.max_steps}" if view.max_steps else ""
         counted = f"Step {view.step}{limit}"
+        if view.step_seconds is not None and view.max_steps:
+            left = ceil((view.max_steps - view.step) * view.step_seconds)
+            counted += f" · {_duration(max(0, left))} left"
         self._put(surface, counted, (area.x, y), size, TEXT)
         if view.clock:
-            room = max(1, area.width - self._text.width(counted, size) - size // 2)
-            clock = self._text.fit(view.clock.replace("_", " "), small, room)
-            words = self._text.line(clock, small, FAINT)
-            surface.blit(words, words.get_rect(topright=(area.right, y + 2)))
+            words = self._text.line(view.clock.replace("_", " "), small, FAINT)
+            if words.get_width() <= area.width - self._text.width(counted, size) - size // 2:
+                surface.blit(words, words.get_rect(topright=(area.right, y + 2)))
         y += self._text.height(size) + 2
         thick = max(5, size // 2)
         if view.max_steps:
             line = pygame.Rect(area.x, y, area.width, thick)
             share = view.step / view.max_steps
-            bar(surface, line, share, mixed(GOOD, BAD, max(0.0, share - 0.5) * 2), TRACK)
+            late = round(min(1.0, max(0.0, share - 0.5) * 2) * 16) / 16
+            bar(surface, line, share, mixed(GOOD, BAD, late), TRACK)
             y += thick + 4
-        self._time_bar = None
-        if view.clock:
-            self._time_bar = pygame.Rect(area.x, y, area.width, max(4, thick // 2))
-            y += self._time_bar.height
         return y + size * 2 // 3
-
-    def _seats(
-        self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
-    ) -> int:
-        height = round(layout.text * 2.7)
-        room = max(1, (area.bottom - y - layout.text * 3) // (height + 5))
-        for seat in view.seats[:room]:
-            self._seat(surface, pygame.Rect(area.x, y, area.width, height), seat, layout, view)
-            y += height + 5
-        if len(view.seats) > room:
-            more = f"and {len(view.seats) - room} more"
-            y += self._put(surface, more, (area.x, y), max(10, layout.text - 3), FAINT)
-        if view.watching:
-            small = max(10, layout.text - 3)
-            y += self._put(surface, f"{view.watching} watching", (area.x, y), small, FAINT)
-        return y + layout.text // 3
-
-    def _seat(
-        self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, layout: Layout, view: View
-    ) -> None:
-        size, small = layout.text, max(10, layout.text - 4)
-        players = view.world.players
-        index = players.index(seat.player) if seat.player in players else 0
-        colour = SEATS[index % len(SEATS)]
-        edge = colour if seat.player == view.me else None
-        surface.blit(box(card.size, CARD, 7, edge), card)
-        strip = pygame.Rect(card.x + 3, card.y + 4, 4, card.height - 8)
-        surface.blit(box(strip.size, colour, 2), strip)
-        x = card.x + 11
-        face = self._face(seat, index, card.height - 4, view)
-        if face is not None:
-            surface.blit(face, (x, card.y + 2))
-            x += face.get_width() + 4
-        right = card.right - 8
-        counts = self._counts(surface, right, card, seat, small)
-        you = " (you)" if seat.player == view.me else ""
-        name = self._text.fit((seat.name or seat.player) + you, size, counts - x - 6)
-        self._put(surface, name, (x, card.y + 5), size, TEXT if seat.connected else FAINT)
-        state = seat.moved_by
-        if seat.connected and seat.name != seat.player:
-            state = f"{seat.player} · {state}"
-        state = self._text.fit(state, small, counts - x - 6)
-        below = card.y + 5 + self._text.height(size) - 1
-        light = _light(seat)
-        words = FAINT if light in (None, GOOD) else mixed(light, TEXT, 0.3)
-        self._put(surface, state, (x, below), small, words)
-        if light is not None and face is not None:
-            side = max(6, card.height // 4)
-            spot = pygame.Rect(0, 0, side + 4, side + 4)
-            spot.bottomright = (x - 2, card.bottom - 3)
-            surface.blit(ellipse(spot.size, CARD), spot)
-            surface.blit(ellipse((side, side), light), spot.move(2, 2))
-
-    def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
-        if seat.player not in view.world.players:
-            return None
-        resolver = AppearanceResolver(view.world.task.domain, self._rendering)
-        appearance = resolver.player(view.world.thing(seat.player).kind, index, "front")
-        if not seat.connected and appearance.asset:
-            return self._sprites.faded(appearance.asset, side)
-        return self._sprites.of(appearance, side)
-
-    def _counts(
-        self, surface: pygame.Surface, right: int, card: pygame.Rect, seat: SeatView, size: int
-    ) -> int:
-        """How many actions were taken and rejected; the left edge of that."""
-        words = self._text.line(f"{seat.actions} done", size, GOOD)
-        place = words.get_rect(topright=(right, card.y + 6))
-        surface.blit(words, place)
-        if not seat.rejected:
-            return place.left
-        words = self._text.line(f"{seat.rejected} rejected", size, BAD)
-        below = words.get_rect(topright=(right, place.bottom + 3))
-        surface.blit(words, below)
-        return min(place.left, below.left)
 
     def _chat(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
@@ -260,22 +184,18 @@ class Panel:
             wrapped = self._text.wrap(said, size, area.width, 3)
             if len(lines) + len(wrapped) > room:
                 break
-            colour = mixed(colours.get(name, FAINT), TEXT, 0.55 if name else 0.0)
+            colour = mixed(colours.get(name, FAINT), TEXT, 0.25 if name else 0.0)
             lines = [*((line, colour) for line in wrapped), *lines]
         y = area.bottom - len(lines) * step
         for i, (line, colour) in enumerate(lines):
             self._put(surface, line, (area.x, y + i * step), size, colour)
 
     def _colours(self, view: View) -> dict[str, Colour]:
-        players = {p: SEATS[i % len(SEATS)] for i, p in enumerate(view.world.players)}
+        players = {p: seat_ink(i) for i, p in enumerate(view.world.players)}
         names = {s.name: players.get(s.player, FAINT) for s in view.seats}
         return {**players, **names}
 
 
-def _light(seat: SeatView) -> Colour | None:
-    """Green for a participant who is there, amber for a stand-in, red for nobody."""
-    if seat.stand_in:
-        return ACCENT
-    if seat.connected:
-        return GOOD
-    return BAD if seat.name else None
+def _duration(seconds: int) -> str:
+    """`7 s`, or `2:05`."""
+    return f"{seconds} s" if seconds < 60 else f"{seconds // 60}:{seconds % 60:02}"

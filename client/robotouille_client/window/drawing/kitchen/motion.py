@@ -85,6 +85,10 @@ class Motion:
                 poses[name] = self._pose(placed, self._walks.get(name), step, phase)
         return _apart(poses)
 
+    def walking(self, step: int) -> bool:
+        """Whether somebody is on the way during a step, the one last asked for poses of."""
+        return any(walk.share(step, 0.0) < 1.0 for walk in self._walks.values())
+
     def _advance(
         self, state: State, now: dict[str, Placed], before: dict[str, Placed], step: int
     ) -> None:

@@ -1,0 +1,204 @@
+"""What the window costs: a frame, a second in which nothing happens, and its memory in an hour.
+
+python -m benchmarks.window --minutes 60
+
+Frames are drawn in software, without a screen, beside the bare cost of blitting as many sprites of
+the same size on the same background. Needs the extra `window`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import gc
+import itertools
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robotouille import State, World
+
+if TYPE_CHECKING:
+    from robotouille_client.window.view import View
+
+TASK, SIZE, PHASES = "multi_agent/10@4", (1280, 720), 12
+STEPS, SECONDS, MINUTES, RATE = 60, 3.0, 60, 5
+AIM_FRAME, AIM_IDLE = 8.0, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Milliseconds of processor for one frame; `bare` is that of the sprites alone."""
+
+    median: float
+    p99: float
+    bare: float
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """A source in which nothing happens."""
+
+    shown: View
+    finished: bool = False
+
+    def view(self) -> View:
+        return self.shown
+
+    def act(self, action: object) -> None:
+        """Nothing comes of it."""
+
+    def say(self, text: str) -> None:
+        """Nobody listens."""
+
+
+def course(steps: int = STEPS) -> list[State]:
+    """The largest task, in which everybody does something at every step."""
+    world = World(TASK)
+    states = [world.initial]
+    for step in range(steps):
+        state = states[-1]
+        did = {p: a[(step * 7 + len(p)) % len(a)] for p in world.players if (a := state.actions(p))}
+        states.append(state.step(did).state)
+    return states
+
+
+def views(states: Sequence[State], phases: int) -> Iterator[View]:
+    """Each of the frames of a course, with everything that a view can show."""
+    from robotouille_client.window.view import Bubble, SeatView, View
+
+    players = states[0].world.players
+    for step, (before, state) in enumerate(itertools.pairwise(states), start=1):
+        seats = tuple(SeatView(p, p.title(), actions=step) for p in players)
+        said = (Bubble(players[step % len(players)], f"That was step {step}.", "chat"),)
+        view = View(
+            state.world, state, before, step, 500, "real time", 0.0, seats, players[0], said,
+            (("Ada", f"step {step}"),),
+        )  # fmt: skip
+        for phase in range(phases):
+            yield replace(view, phase=(phase + 1) / phases)
+
+
+def measure_frames(steps: int = STEPS) -> Frames:
+    """Draw a course; the first frame, which draws every picture once, is left out."""
+    import pygame
+
+    from robotouille_client.window.drawing.painter import Painter
+
+    painter, surface = Painter(), pygame.Surface(SIZE)
+    shown = list(views(course(steps), PHASES))
+    painter.paint(surface, shown[0])
+    times = sorted(_timed(partial(painter.paint, surface, view)) for view in shown[1:])
+    return Frames(times[len(times) // 2], times[len(times) * 99 // 100], _bare(painter, shown[-1]))
+
+
+def _bare(painter: object, view: View) -> float:
+    """The background and one sprite for each thing that moves."""
+    import pygame
+
+    from robotouille_client.window.drawing.window_layout import layout
+
+    problem = view.world.task.problem
+    side = layout(SIZE, problem.width, problem.height).tile
+    surface, ground = pygame.Surface(SIZE), pygame.Surface(SIZE)
+    sprite = pygame.Surface((side, side), pygame.SRCALPHA)
+    sprite.fill((200, 100, 50, 128))
+    count = sum(name not in problem_stations(view) for name in (o.name for o in view.state.objects))
+    places = [((i * 97) % (SIZE[0] - side), (i * 61) % (SIZE[1] - side)) for i in range(count)]
+
+    def frame() -> None:
+        surface.blit(ground, (0, 0))
+        for place in places:
+            surface.blit(sprite, place)
+
+    times = sorted(_timed(frame) for _ in range(200))
+    return times[100]
+
+
+def problem_stations(view: View) -> set[str]:
+    """What does not move."""
+    types = set(view.world.task.domain.station_types)
+    return {thing.name for thing in view.state.objects if thing.type in types}
+
+
+def _timed(what: Callable[[], None]) -> float:
+    start = time.thread_time()
+    what()
+    return (time.thread_time() - start) * 1e3
+
+
+def measure_idle(seconds: float = SECONDS) -> float:
+    """The percentage of a core that a window takes in which nothing happens."""
+    from robotouille_client.window.window import Window
+
+    shown = next(views(course(4), 1))
+    window = Window(SIZE, headless=True)
+
+    async def run() -> float:
+        running = asyncio.create_task(window.run(Still(shown), linger=None))
+        await asyncio.sleep(0.5)
+        start = time.process_time()
+        await asyncio.sleep(seconds)
+        used = time.process_time() - start
+        running.cancel()
+        return used / seconds * 100
+
+    return asyncio.run(run())
+
+
+def measure_memory(minutes: int = MINUTES) -> tuple[float, float]:
+    """MiB of this process after a tenth of that time of play, and at its end; one frame a step."""
+    import pygame
+
+    from robotouille_client.window.drawing.painter import Painter
+
+    painter, surface = Painter(), pygame.Surface((640, 360))
+    shown = list(views(course(), 1))
+    total = minutes * 60 * RATE
+    first = 0.0
+    for step in range(total):
+        view = shown[step % len(shown)]
+        lines = (("Ada", f"line {step}"), ("Bob", f"reply {step // 7}"))
+        painter.paint(surface, replace(view, step=step, chat=lines))
+        if step == total // 10:
+            first = _memory()
+    return first, _memory()
+
+
+def _memory() -> float:
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=int, default=MINUTES, help="for how long memory is seen")
+    parser.add_argument("--seconds", type=float, default=SECONDS)
+    options = parser.parse_args(arguments)
+    if not find_spec("pygame"):
+        print("the window is left out: it needs the extra `window`")
+        return
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+    frames = measure_frames()
+    print(f"window, {TASK} at {SIZE[0]} x {SIZE[1]}, software rendering")
+    print(
+        f"  a frame: median {frames.median:.2f} ms, 99 % under {frames.p99:.2f} ms (aim "
+        f"{AIM_FRAME:g} ms); the same sprites alone {frames.bare:.2f} ms"
+    )
+    idle = measure_idle(options.seconds)
+    print(f"  nothing happens: {idle:.1f} % of a core (aim {AIM_IDLE:g} %)")
+    if Path("/proc/self/statm").exists():
+        first, last = measure_memory(options.minutes)
+        words = f"{options.minutes} minutes at {RATE} steps a second"
+        print(f"  memory over {words}: {first:.1f} MiB, then {last:.1f} MiB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""Words over the kitchen: names, what is said, reasons, and what the mouse points at."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+
+import pygame
+
+from robotouille_client.window.drawing.kitchen.motion import Pose
+from robotouille_client.window.drawing.kitchen.spots import HEAD
+from robotouille_client.window.drawing.placement import Label, Place, place_labels
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import Appearance
+from robotouille_client.window.pictures.badges import badge, seat_fill
+from robotouille_client.window.pictures.shapes import box, pill, speech
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import (
+    ABSENT,
+    FAINT,
+    INK,
+    PAPER,
+    REASON,
+    REASON_EDGE,
+    TEXT,
+)
+from robotouille_client.window.view import Bubble, SeatView, View
+
+__all__ = ["Labels", "Listing"]
+
+_KEPT = 200
+_FEET = 0.83
+"""Where a name begins below the upper edge of its player's tile, in tiles."""
+
+_REASON, _TIP, _SAID, _OWN_NAME, _NAME = 5, 4, 3, 2, 1
+
+
+Listing = tuple[tuple[Appearance | None, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Words:
+    """A label and what is written on it."""
+
+    label: Label
+    lines: tuple[str, ...]
+    size: int
+    bubble: Bubble | None = None
+    body: pygame.Rect | None = None
+    tag: pygame.Surface | None = None
+    listed: Listing = ()
+
+
+class Labels:
+    """Draws the words of one view after the other, and moves them as little as it can."""
+
+    def __init__(self, text: Typesetter, sprites: Sprites) -> None:
+        self._text = text
+        self._sprites = sprites
+        self._places: dict[Hashable, Place] = {}
+        self._tags: dict[tuple[object, ...], pygame.Surface] = {}
+
+    def draw(
+        self,
+        target: pygame.Surface,
+        layout: Layout,
+        view: View,
+        poses: dict[str, Pose],
+        overlay: UiOverlay,
+        *,
+        listed: Listing,
+        blocked: Sequence[pygame.Rect],
+        avoided: Sequence[pygame.Rect],
+    ) -> None:
+        """All words that fit beside what is `blocked`; `listed` is told below the tips."""
+        words = [
+            *self._names(layout, view, poses),
+            *self._bubbles(layout, view, poses),
+            *self._tips(layout, overlay, listed),
+        ]
+        area = pygame.Rect(0, 0, layout.panel.left, layout.strip.top).inflate(-6, -6)
+        labels = [each.label for each in words]
+        self._places = place_labels(labels, area, blocked, avoided, self._places)
+        for each in words:
+            place = self._places.get(each.label.key)
+            if place is not None:
+                self._write(target, layout, each, place.area)
+
+    def places(self) -> dict[Hashable, pygame.Rect]:
+        """Where the words of the last view are."""
+        return {key: place.area for key, place in self._places.items()}
+
+    def _write(
+        self, target: pygame.Surface, layout: Layout, words: _Words, area: pygame.Rect
+    ) -> None:
+        if words.tag is not None:
+            target.blit(words.tag, area)
+            return
+        pad, ink = _pad(layout), TEXT
+        if words.bubble is None:
+            target.blit(box(area.size, (*INK, 240), pad), area)
+        else:
+            ink = self._speech(target, layout, words, area)
+        step = self._text.height(words.size)
+        for i, line in enumerate(words.lines):
+            drawn = self._text.line(line, words.size, ink)
+            target.blit(drawn, (area.x + pad, area.y + pad // 2 + 1 + i * step))
+        self._list(target, words, area.x + pad, area.y + pad // 2 + 1 + len(words.lines) * step)
+
+    def _list(self, target: pygame.Surface, words: _Words, x: int, y: int) -> None:
+        """Things, each with its picture."""
+        step = _row(words.size)
+        for appearance, name in words.listed:
+            if appearance is not None:
+                target.blit(self._sprites.of(appearance, step), (x, y))
+            drawn = self._text.line(name, words.size, TEXT)
+            target.blit(drawn, drawn.get_rect(midleft=(x + step + 4, y + step // 2)))
+            y += step
+
+    # Names
+
+    def _names(self, layout: Layout, view: View, poses: dict[str, Pose]) -> Iterator[_Words]:
+        size = max(9, min(layout.text, layout.tile // 6))
+        seats = {seat.player: seat for seat in view.seats}
+        for index, player in enumerate(view.world.players):
+            if player not in poses:
+                continue
+            tag = self._tag(layout, view, index, player, seats.get(player), size)
+            width, height = tag.get_size()
+            x, y = layout.corner(poses[player].at)
+            side, middle = layout.tile, round(x + layout.tile / 2 - width / 2)
+            feet, above = round(y + _FEET * side), round(y + HEAD * side - height)
+            beside = round(y + 0.45 * side)
+            choices = (
+                (middle, feet),
+                (middle, above),
+                (round(x - width + 0.18 * side), beside),
+                (round(x + 0.82 * side), beside),
+            )
+            important = _OWN_NAME if player == view.me else _NAME
+            reach, walks = round(0.7 * side), poses[player].walking
+            label = Label(("name", player), (width, height), choices, important, reach, walks)
+            yield _Words(label, (), size, tag=tag)
+
+    def _tag(
+        self,
+        layout: Layout,
+        view: View,
+        index: int,
+        player: str,
+        seat: SeatView | None,
+        size: int,
+    ) -> pygame.Surface:
+        """The badge of a seat and the name of whom it belongs to."""
+        name = player if seat is None else seat.plate
+        here = seat is None or seat.connected or bool(seat.stand_in)
+        waited = player in view.waits_for
+        key = (name, here, waited, index, size, layout.tile)
+        if key not in self._tags:
+            if len(self._tags) >= _KEPT:
+                self._tags.clear()
+            words = self._text.fit(name, size, round(layout.tile * 1.5)) + ("  …" if waited else "")
+            self._tags[key] = self._draw_tag(words, index, size, here)
+        return self._tags[key]
+
+    def _draw_tag(self, words: str, index: int, size: int, here: bool) -> pygame.Surface:
+        letters = self._text.line(words, size, PAPER)
+        plate = pill(letters, seat_fill(index) if here else ABSENT)
+        side = round(plate.get_height() * 1.15)
+        surface = pygame.Surface(
+            (plate.get_width() + side * 2 // 3, max(side, plate.get_height())), pygame.SRCALPHA
+        )
+        surface.blit(plate, plate.get_rect(midright=(surface.get_width(), side // 2)))
+        surface.blit(badge(index, side, None if here else FAINT), (0, 0))
+        return surface
+
+    # What is said
+
+    def _bubbles(self, layout: Layout, view: View, poses: dict[str, Pose]) -> Iterator[_Words]:
+        size, pad = max(11, round(layout.text * 0.88)), _pad(layout)
+        most = max(110, min(round(layout.tile * 2.6), layout.kitchen.width * 2 // 3))
+        for number, bubble in enumerate(view.bubbles):
+            lines = self._text.wrap(bubble.text, size, most, 5)
+            if bubble.player not in poses or not lines:
+                continue
+            width = max(24, max(self._text.width(line, size) for line in lines) + 2 * pad)
+            height = self._text.height(size) * len(lines) + pad
+            x, y = layout.corner(poses[bubble.player].at)
+            side, drop = layout.tile, _drop(layout)
+            top, middle = round(y + HEAD * side - height - drop), round(x + side / 2)
+            beside = round(y + 0.2 * side)
+            choices = (
+                (middle - width // 2, top),
+                (middle - width + 3 * pad, top),
+                (middle - 3 * pad, top),
+                (round(x + side), beside),
+                (round(x - width), beside),
+            )
+            important = _REASON if bubble.kind == "rejected" else _SAID
+            key = (bubble.player, bubble.kind, bubble.text, number)
+            label = Label(key, (width, height + drop), choices, important, 4 * side)
+            body = pygame.Rect(round(x + 0.25 * side), round(y + HEAD * side), side // 2, side)
+            yield _Words(label, lines, size, bubble, body)
+
+    def _speech(
+        self, target: pygame.Surface, layout: Layout, words: _Words, area: pygame.Rect
+    ) -> tuple[int, int, int]:
+        """A bubble that points at who speaks; its ink."""
+        assert words.bubble is not None and words.body is not None  # noqa: S101
+        refused = words.bubble.kind == "rejected"
+        edge, ink = (REASON_EDGE, REASON) if refused else (INK, INK)
+        drop, (x, y) = _drop(layout), words.body.midtop
+        size = (area.width, area.height - drop)
+        if area.bottom <= y + drop and area.left <= x <= area.right:
+            tail = min(area.width - 14, max(14, x - area.x))
+            target.blit(speech(size, PAPER, edge, tail, drop), area)
+        else:
+            shown = pygame.Rect(area.topleft, size)
+            start = _nearest(shown, words.body.center)
+            pygame.draw.line(
+                target, edge, start, _nearest(words.body, start), max(2, layout.text // 6)
+            )
+            target.blit(box(size, PAPER, _pad(layout), edge), shown)
+        return ink
+
+    # What the mouse points at
+
+    def _tips(self, layout: Layout, overlay: UiOverlay, listed: Listing) -> Iterator[_Words]:
+        if overlay.pointer is None:
+            return
+        size, pad = layout.text, _pad(layout)
+        most = max(120, layout.size[0] // 3)
+        lines = tuple(line for tip in overlay.tips for line in self._text.wrap(tip, size, most, 6))
+        if not lines and not listed:
+            return
+        row = _row(size)
+        widths = [self._text.width(line, size) for line in lines]
+        widths += [self._text.width(name, size) + row + 4 for _, name in listed]
+        width = max(widths) + 2 * pad
+        height = self._text.height(size) * len(lines) + row * len(listed) + pad
+        (x, y), gap = overlay.pointer, layout.text
+        choices = (
+            (x + gap, y + gap),
+            (x - gap - width, y + gap),
+            (x + gap, y - height - gap // 2),
+            (x - gap - width, y - height - gap // 2),
+        )
+        label = Label("tip", (width, height), choices, _TIP)
+        yield _Words(label, lines, size, listed=listed)
+
+
+def _row(size: int) -> int:
+    """The height of a thing in a list."""
+    return round(size * 1.7)
+
+
+def _pad(layout: Layout) -> int:
+    return max(6, layout.text // 2)
+
+
+def _drop(layout: Layout) -> int:
+    """How long the tail of a bubble is."""
+    return max(5, layout.text // 2)
+
+
+def _nearest(area: pygame.Rect, point: tuple[int, int]) -> tuple[int, int]:
+    """The point of a rectangle that is nearest to another."""
+    x, y = point
+    return max(area.left, min(x, area.right)), max(area.top, min(y, area.bottom))

@@ -1,0 +1,148 @@
+"""A card for each seat: its badge, who plays it, and how that goes."""
+
+from __future__ import annotations
+
+import pygame
+
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.badges import badge, seat_colour
+from robotouille_client.window.pictures.shapes import box, ellipse
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import (
+    ACCENT,
+    BAD,
+    CARD,
+    FAINT,
+    GOOD,
+    TEXT,
+    Colour,
+    mixed,
+)
+from robotouille_client.window.view import SeatView, View
+
+__all__ = ["SeatCards"]
+
+_FACE = 0.68
+"""How much of a player's picture is shown, from the top: what it is told by."""
+
+
+_WIDE = 13
+"""The width of a card, in heights of letters, from which there is room for more than a name."""
+
+
+class SeatCards:
+    """Draws the seats of a view below each other."""
+
+    def __init__(self, resolver: AppearanceResolver, sprites: Sprites, text: Typesetter) -> None:
+        self._resolver = resolver
+        self._sprites = sprites
+        self._text = text
+
+    def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
+        """The cards that fit in an area, from its top; where they end."""
+        size, gap, y = layout.text, max(4, layout.text // 3), area.y
+        height = round(size * 2.8)
+        room = max(1, (area.height - size * 3) // (height + gap))
+        for seat in view.seats[:room]:
+            card = pygame.Rect(area.x, y, area.width, height)
+            self._card(surface, card, seat, layout, view)
+            y += height + gap
+        if len(view.seats) > room:
+            small = max(10, size - 3)
+            more = self._text.line(f"and {len(view.seats) - room} more", small, FAINT)
+            surface.blit(more, (area.x, y))
+            y += self._text.height(small)
+        if view.watching:
+            small = max(10, size - 3)
+            watching = self._text.line(f"{view.watching} watching", small, FAINT)
+            surface.blit(watching, (area.x, y))
+            y += self._text.height(small)
+        return y + size // 3
+
+    def _card(
+        self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, layout: Layout, view: View
+    ) -> None:
+        size, small = layout.text, max(10, round(layout.text * 0.78))
+        players = view.world.players
+        index = players.index(seat.player) if seat.player in players else 0
+        mine = seat.player == view.me
+        edge = mixed(seat_colour(index), TEXT, 0.25) if mine else None
+        surface.blit(box(card.size, CARD, size // 2, edge), card)
+        side = round(card.height * 0.46)
+        mark = badge(index, side, None if seat.connected or seat.stand_in else FAINT)
+        x = card.x + size // 3
+        surface.blit(mark, mark.get_rect(midleft=(x, card.centery)))
+        x += side + size // 4
+        wide = card.width >= _WIDE * size
+        face = self._face(seat, index, card.height - 4, view) if wide else None
+        if face is not None:
+            surface.blit(face, face.get_rect(midleft=(x, card.centery)))
+            self._lamp(surface, seat, x + face.get_width(), card)
+            x += face.get_width() + size // 3
+        counts = self._counts(surface, card, seat, small) if wide else card.right
+        name = (seat.name or seat.player) + (" (you)" if mine else "")
+        name = self._text.fit(name, size, counts - x - 6)
+        ink = TEXT if seat.connected else FAINT
+        top = card.centery - (self._text.height(size) + self._text.height(small)) // 2 + 1
+        surface.blit(self._text.line(name, size, ink), (x, top))
+        words, ink = status(seat)
+        words = self._text.fit(words, small, counts - x - 6)
+        surface.blit(self._text.line(words, small, ink), (x, top + self._text.height(size)))
+
+    def _lamp(self, surface: pygame.Surface, seat: SeatView, x: int, card: pygame.Rect) -> None:
+        light = _light(seat)
+        if light is None:
+            return
+        side = max(6, card.height // 5)
+        spot = pygame.Rect(0, 0, side + 4, side + 4)
+        spot.bottomright = (x + side // 3, card.bottom - 3)
+        surface.blit(ellipse(spot.size, CARD), spot)
+        surface.blit(ellipse((side, side), light), spot.move(2, 2))
+
+    def _face(self, seat: SeatView, index: int, side: int, view: View) -> pygame.Surface | None:
+        """The upper part of a player's picture."""
+        if seat.player not in view.world.players:
+            return None
+        appearance = self._resolver.player(view.world.thing(seat.player).kind, index, "front")
+        whole = round(side / _FACE)
+        away = not seat.connected and appearance.asset
+        picture = (
+            self._sprites.faded(appearance.asset, whole) if away
+            else self._sprites.of(appearance, whole)
+        )  # fmt: skip
+        if picture is None:
+            return None
+        left = round(whole * 0.1)
+        return picture.subsurface((left, 0, whole - 2 * left, min(side, whole)))
+
+    def _counts(self, surface: pygame.Surface, card: pygame.Rect, seat: SeatView, size: int) -> int:
+        """How many actions were taken and rejected; the left edge of that."""
+        right = card.right - size // 2
+        words = self._text.line(f"{seat.actions} done", size, GOOD)
+        place = words.get_rect(topright=(right, card.y + size // 2))
+        surface.blit(words, place)
+        if not seat.rejected:
+            return place.left
+        words = self._text.line(f"{seat.rejected} rejected", size, BAD)
+        below = words.get_rect(topright=(right, place.bottom + 3))
+        surface.blit(words, below)
+        return min(place.left, below.left)
+
+
+def status(seat: SeatView) -> tuple[str, Colour]:
+    """Who moves a player, in a few words, and their colour."""
+    if seat.stand_in or not seat.connected:
+        return seat.moved_by, mixed(_light(seat) or FAINT, TEXT, 0.3)
+    words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
+    return words, FAINT
+
+
+def _light(seat: SeatView) -> Colour | None:
+    """Green for a participant who is there, amber for a stand-in, red for nobody."""
+    if seat.stand_in:
+        return ACCENT
+    if seat.connected:
+        return GOOD
+    return BAD if seat.name else None

@@ -1,0 +1,132 @@
+"""The order slip: each dish of the goal as a column of pictures that are ticked off."""
+
+from __future__ import annotations
+
+import pygame
+
+from robotouille_client.window.drawing.window_layout import Layout
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.dishes import Dish, dishes
+from robotouille_client.window.pictures.shapes import box, ellipse, tick
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import DONE, INK, PAPER, TICKED, mixed
+from robotouille_client.window.view import View
+
+__all__ = ["Ticket"]
+
+_ICON, _SMALLEST = 2.5, 1.4
+"""The side of a picture, as a multiple of the text size."""
+
+_STEP = 0.8
+"""The distance from one picture to the next, as a share of their size: most fill less of it."""
+
+_SHARE = 0.5
+"""How much of the panel's height a ticket may take."""
+
+
+class Ticket:
+    """Draws the goal of one world; in words where it cannot be drawn, or does not fit."""
+
+    def __init__(
+        self, view: View, resolver: AppearanceResolver, sprites: Sprites, text: Typesetter
+    ) -> None:
+        self._rendering = resolver.rendering
+        self._sprites = sprites
+        self._text = text
+        self._dishes = dishes(view.world, resolver) or ()
+        self.prose = view.world.task.goal_description or "No goal is set."
+
+    def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
+        """Draw the slip at the top of an area; its height."""
+        size = self._size(area, layout)
+        if size is None:
+            return self._in_words(surface, area, layout)
+        pad, count = layout.text // 2, len(self._dishes)
+        rows = max(len(dish.layers) for dish in self._dishes)
+        step = round(size * _STEP)
+        height = rows * step + 2 * pad
+        holding = view.world.goal.holding(view.state.facts)
+        surface.blit(box((area.width, height), PAPER, layout.text // 2), area.topleft)
+        width = (area.width - 2 * pad) // count
+        for number, dish in enumerate(self._dishes):
+            column = pygame.Rect(area.x + pad + number * width, area.y + pad, width, rows * step)
+            if number:
+                self._seam(surface, column)
+            self._column(surface, column, step, dish, holding, size, layout.text)
+        return height
+
+    def _size(self, area: pygame.Rect, layout: Layout) -> int | None:
+        """How large the pictures are; None where they would be too small."""
+        if not self._dishes:
+            return None
+        rows = max(len(dish.layers) for dish in self._dishes)
+        room = min(area.height * _SHARE / (rows * _STEP), area.width / len(self._dishes) / 2)
+        size = int(min(layout.text * _ICON, room))
+        return size if size >= layout.text * _SMALLEST else None
+
+    def _seam(self, surface: pygame.Surface, column: pygame.Rect) -> None:
+        for y in range(column.top, column.bottom, 6):
+            surface.fill(mixed(PAPER, INK, 0.35), (column.x - 1, y, 1, 3))
+
+    def _column(
+        self,
+        surface: pygame.Surface,
+        column: pygame.Rect,
+        step: int,
+        dish: Dish,
+        holding: tuple[bool, ...],
+        size: int,
+        text: int,
+    ) -> None:
+        top = column.bottom - len(dish.layers) * step
+        done = all(holding[n] for layer in dish.layers for n in layer.terms)
+        small = max(10, round(text * 0.85))
+        most = max(len(layer.terms) for layer in dish.layers)
+        room = column.width - size - 16 - max(text, most * (text // 3 + 2))
+        told = all(self._text.width(layer.words, small) <= room for layer in dish.layers)
+        for i, layer in enumerate(dish.layers):
+            row = pygame.Rect(column.x + 2, top + i * step, column.width - 4, step)
+            held = tuple(holding[n] for n in layer.terms)
+            if all(held) if held else done:
+                surface.blit(box((row.width, row.height - 1), TICKED, text // 3), row)
+            side = step - 2 if layer.appearance.role == "station" else size
+            picture = self._sprites.of(layer.appearance, side)
+            surface.blit(picture, picture.get_rect(center=(row.x + 2 + size // 2, row.centery)))
+            row.left += size + 6
+            row.width -= size + 6
+            self._state(surface, row, held, text)
+            if told and held:
+                words = self._text.line(layer.words, small, INK)
+                surface.blit(words, words.get_rect(midleft=(row.x, row.centery)))
+
+    def _state(
+        self, surface: pygame.Surface, row: pygame.Rect, held: tuple[bool, ...], text: int
+    ) -> None:
+        """A tick, or a dot for each condition."""
+        if held and all(held):
+            mark = tick(max(8, min(round(text * 0.95), row.height - 4)), DONE)
+            surface.blit(mark, mark.get_rect(midright=(row.right - 2, row.centery)))
+            return
+        dot = max(4, text // 3)
+        left = row.right - 2 - len(held) * (dot + 2)
+        for i, holds in enumerate(held):
+            spot = pygame.Rect(left + i * (dot + 2), 0, dot, dot)
+            spot.centery = row.centery
+            surface.blit(ellipse(spot.size, DONE if holds else mixed(PAPER, INK, 0.3)), spot)
+
+    def _in_words(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout) -> int:
+        size, pad = layout.text, layout.text * 2 // 3
+        icon = self._sprites.file(self._rendering.icons.get("goal"), size * 2)
+        left = pad + (icon.get_width() + pad // 2 if icon else 0)
+        step = self._text.height(size)
+        most = max(3, area.height // 3 // step)
+        lines = self._text.wrap(self.prose, size, area.width - left - pad, most)
+        height = max(len(lines) * step, size * 2 if icon else 0) + 2 * pad
+        surface.blit(box((area.width, height), PAPER, layout.text // 2), area.topleft)
+        if icon is not None:
+            surface.blit(icon, (area.x + pad, area.y + pad))
+        for i, line in enumerate(lines):
+            words = self._text.line(line, size, INK)
+            surface.blit(words, (area.x + left, area.y + pad + i * step))
+        return height

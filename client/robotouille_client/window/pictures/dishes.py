@@ -1,0 +1,155 @@
+"""The goal as pictures: what lies on and in what, from the goal's terms and the rendering.
+
+Pure: nothing here draws, and nothing knows what a goal is about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from robotouille.world.grounding.objects import Object
+from robotouille.world.scene import Placed
+from robotouille.world.world import World
+from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
+
+__all__ = ["Dish", "Layer", "dishes"]
+
+Variable = int | str
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """One thing of a dish as it is to be, and the numbers of the goal's terms about it."""
+
+    appearance: Appearance
+    words: str
+    terms: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Dish:
+    """Things that the goal relates to each other, from the uppermost to what carries them all."""
+
+    layers: tuple[Layer, ...]
+
+
+def dishes(world: World, resolver: AppearanceResolver) -> tuple[Dish, ...] | None:
+    """The goal's dishes in its order; None for a goal that cannot be drawn.
+
+    That is one of particular players, of any object of a type, or of relations of three things.
+    """
+    goal = _Goal(world, resolver)
+    return goal.dishes() if goal.drawable else None
+
+
+class _Goal:
+    def __init__(self, world: World, resolver: AppearanceResolver) -> None:
+        self._resolver = resolver
+        self._terms = world.goal.terms
+        domain = world.task.domain
+        self._stations = set(domain.station_types)
+        self._when = {rule.predicate: rule.when for rule in domain.layout or () if rule.when}
+        types = {p.name: p.param_types for p in domain.predicate_defs}
+        self._kinds: dict[Variable, str] = {}
+        self._types: dict[Variable, str] = {}
+        for term in self._terms:
+            for i, kind, type_ in zip(term.ids, term.args, types[term.predicate], strict=True):
+                self._kinds[i], self._types[i] = kind, type_
+        self.drawable = (
+            bool(self._terms)
+            and all(1 <= len(term.ids) <= 2 for term in self._terms)
+            and not any(variable.is_type for variable in world.goal.variables.values())
+            and not set(self._types.values()) & set(domain.player_types)
+        )
+
+    def dishes(self) -> tuple[Dish, ...]:
+        self._carriers = self._find_carriers()
+        self._placed = {_name(i): self._as_placed(i) for i in self._kinds}
+        self._related = {_name(i): list(self._facts_of(i)) for i in self._kinds}
+        roots = [i for i in self._kinds if i not in self._carriers]
+        seen: set[Variable] = set()
+        found = [Dish(tuple(self._layers(root, seen))[::-1]) for root in roots]
+        rest = [Dish(tuple(self._layers(i, seen))[::-1]) for i in self._kinds if i not in seen]
+        return tuple(dish for dish in (*found, *rest) if dish.layers)
+
+    def _find_carriers(self) -> dict[Variable, Variable]:
+        """What each thing lies on or is in; the most particular thing that the goal says of it."""
+        found: dict[Variable, tuple[int, Variable]] = {}
+        for term in self._terms:
+            if len(term.ids) == 2:
+                first, second = term.ids
+                when = self._when.get(term.predicate)
+                if when != "next_in_stack" and self._types[first] in self._stations:
+                    first, second = second, first
+                on_station = self._types[second] in self._stations
+                rank = 2 if when == "next_in_stack" else 1 if not on_station else 0
+                if first != second and rank >= found.get(first, (-1, 0))[0]:
+                    found[first] = (rank, second)
+        return {thing: carrier for thing, (_, carrier) in found.items()}
+
+    def _layers(self, root: Variable, seen: set[Variable]) -> Iterator[Layer]:
+        """A thing and all that it carries, from the bottom up."""
+        if root in seen:
+            return
+        seen.add(root)
+        merged = [i for i in self._carried(root) if self._shown_by(i, root)]
+        terms = [n for i in (root, *merged) for n in self._about(i)]
+        if terms or self._types[root] in self._stations or root in self._carriers.values():
+            appearance = self._resolver.appearance(
+                self._placed[_name(root)], self._placed, self._related
+            )
+            facts = self._placed[_name(root)].facts
+            yield Layer(appearance, self._resolver.words(self._kinds[root], facts), tuple(terms))
+        for above in self._carried(root):
+            if above in merged:
+                seen.add(above)
+                for inside in self._carried(above):
+                    yield from self._layers(inside, seen)
+            else:
+                yield from self._layers(above, seen)
+
+    def _carried(self, carrier: Variable) -> list[Variable]:
+        """What lies directly on or in something: the lowest first, the uppermost last."""
+        carried = [thing for thing, host in self._carriers.items() if host == carrier]
+        return sorted(carried, key=self._order)
+
+    def _order(self, thing: Variable) -> int:
+        rules = [self._when.get(self._terms[n].predicate) for n in self._about(thing)]
+        return 0 if "bottom_of_stack" in rules else 2 if "top_of_stack" in rules else 1
+
+    def _about(self, thing: Variable) -> list[int]:
+        """The terms that say something of a thing, not of what lies on or in it."""
+        return [
+            number
+            for number, term in enumerate(self._terms)
+            if (term.ids[0] == thing and not self._is_carrier(term.ids))
+            or (len(term.ids) == 2 and term.ids[1] == thing and self._is_carrier(term.ids))
+        ]
+
+    def _is_carrier(self, ids: tuple[Variable, ...]) -> bool:
+        """Whether the first of two things is the one that carries the other."""
+        return len(ids) == 2 and self._carriers.get(ids[1]) == ids[0]
+
+    def _shown_by(self, thing: Variable, carrier: Variable) -> bool:
+        """Whether only the picture of what it is in shows a thing."""
+        rendering = self._resolver.rendering
+        group = rendering.group_of(self._kinds[carrier])
+        if group is None or rendering.group_of(self._kinds[thing]) is not None:
+            return False
+        return self._kinds[thing] in group.entities[self._kinds[carrier]].assets.named
+
+    def _as_placed(self, thing: Variable) -> Placed:
+        made = Object(_name(thing), self._kinds[thing], self._types[thing])
+        facts = frozenset(t.predicate for t in self._terms if t.ids == (thing,))
+        host = self._carriers.get(thing)
+        return Placed(made, None, None if host is None else _name(host), facts=facts)
+
+    def _facts_of(self, thing: Variable) -> Iterator[tuple[str, ...]]:
+        for term in self._terms:
+            if thing in term.ids:
+                yield (term.predicate, *term.args)
+
+
+def _name(variable: Variable) -> str:
+    return f"goal {variable}"

@@ -1,0 +1,34 @@
+"""Rendering files: which picture shows what, and what people call it."""
+
+from __future__ import annotations
+
+from robotouille.domain.rendering.art import Art, Effect, Facings, Trait
+from robotouille.domain.rendering.rendering_file import (
+    RENDERING_FILES,
+    ActionWords,
+    Constants,
+    Entity,
+    KindName,
+    Language,
+    PredicateWords,
+    RenderingFile,
+    language_of,
+    rendering_of,
+)
+
+__all__ = [
+    "RENDERING_FILES",
+    "ActionWords",
+    "Art",
+    "Constants",
+    "Effect",
+    "Entity",
+    "Facings",
+    "KindName",
+    "Language",
+    "PredicateWords",
+    "RenderingFile",
+    "Trait",
+    "language_of",
+    "rendering_of",
+]

@@ -1,0 +1,195 @@
+"""What rendering files are made of: pictures with their conditions, players, effects."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from robotouille.domain.schema import Schema
+
+__all__ = [
+    "SIDES", "Art", "Effect", "Facings", "Fact", "FileName", "Ratio", "Trait", "as_listed",
+    "as_named", "as_pictured",
+]  # fmt: skip
+
+FileName = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
+Ratio = Annotated[float, Field(ge=-4, le=4, allow_inf_nan=False)]
+SIDES = ("front", "back", "left", "right")
+Fact = tuple[str, ...]
+"""A predicate's name, then the kinds of its arguments."""
+
+
+class Trait(Schema):
+    """A condition on what is drawn; without `params` the fact is about the thing alone.
+
+    An empty parameter stands for any kind.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    params: tuple[Annotated[str, Field(max_length=64)], ...] = ()
+
+    def holds(self, own: Collection[str], related: Collection[Fact]) -> bool:
+        if not self.params:
+            return self.name in own
+        return any(self._matches(fact) for fact in related)
+
+    def _matches(self, fact: Fact) -> bool:
+        return (
+            fact[0] == self.name
+            and len(fact) == len(self.params) + 1
+            and all(p in ("", kind) for p, kind in zip(self.params, fact[1:], strict=True))
+        )
+
+
+def as_named(raw: Any) -> Any:
+    return {"name": raw} if isinstance(raw, str) else raw
+
+
+def as_pictured(raw: Any) -> Any:
+    return {"asset": raw} if isinstance(raw, str) else raw
+
+
+def as_listed(raw: Any) -> Any:
+    return raw if isinstance(raw, list | tuple) else [raw]
+
+
+class Art(BaseModel):
+    """A picture with the predicates under which it is chosen, or a group of such by name.
+
+    In a file a bare string is a picture without conditions. Among the pictures of a group whose
+    predicates hold, the one with the most predicates is shown. `during` are actions of which one
+    must be in progress with the thing; together they count as one predicate. `effects` leave the
+    thing for as long as it looks like this. `tile` (published dialect) names a letter of a tileset
+    instead of a picture.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="allow")
+    __pydantic_extra__: dict[str, Annotated[Art, BeforeValidator(as_pictured)]] = Field(init=False)
+
+    asset: FileName | None = None
+    predicates: tuple[Annotated[Trait, BeforeValidator(as_named)], ...] = ()
+    during: tuple[Annotated[str, Field(max_length=64)], ...] = ()
+    effects: tuple[Annotated[str, Field(max_length=64)], ...] = ()
+    tile: Annotated[str, Field(max_length=8)] | None = None
+
+    @model_validator(mode="after")
+    def _picture_or_group(self) -> Art:
+        if self.asset is not None and self.named:
+            raise ValueError(f"a picture with 'asset' cannot hold others ({', '.join(self.named)})")
+        for field in ("predicates", "during", "effects"):
+            if self.asset is None and getattr(self, field):
+                raise ValueError(f"{field!r} needs an 'asset' beside it")
+        if self.asset is None and not self.named and self.tile is None:
+            raise ValueError("needs an 'asset' or at least one named picture")
+        return self
+
+    @property
+    def named(self) -> dict[str, Art]:
+        """The members of a group, as in the file."""
+        return self.__pydantic_extra__ or {}
+
+    def choose(self, own: Collection[str], related: Collection[Fact] = ()) -> str | None:
+        """The picture for a thing of which `own` predicates and `related` facts hold."""
+        return self.chosen(own, related).asset
+
+    def chosen(
+        self,
+        own: Collection[str],
+        related: Collection[Fact] = (),
+        doing: Collection[str] = (),
+    ) -> Art:
+        """The same with all that belongs to it; the actions of `doing` are in progress."""
+        best, most = self, -1
+        for art in self.named.values():
+            count = len(art.predicates) + bool(art.during)
+            if art.asset is None or count <= most:
+                continue
+            if art.during and not any(action in doing for action in art.during):
+                continue
+            if all(trait.holds(own, related) for trait in art.predicates):
+                best, most = art, count
+        return best
+
+    def parts(self, place: str) -> Iterator[tuple[str, Art]]:
+        """It and all that it holds, each with its place in the file."""
+        yield place, self
+        for name, art in self.named.items():
+            yield from art.parts(f"{place}.{name}")
+
+    def pictures(self, place: str) -> Iterator[tuple[str, str]]:
+        """Every picture that may be chosen, with its place in the file."""
+        if self.asset is not None:
+            yield place, self.asset
+        for name, art in self.named.items():
+            yield from art.pictures(f"{place}.{name}")
+
+
+class Sides(Schema):
+    """Pictures of a player by where it looks; `front` is towards the viewer."""
+
+    front: FileName
+    back: FileName
+    left: FileName
+    right: FileName
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture, with its place."""
+        for side in SIDES:
+            yield side, getattr(self, side)
+
+
+Frames = Annotated[
+    tuple[FileName, ...], BeforeValidator(as_listed), Field(min_length=1, max_length=8)
+]
+
+
+class Feet(Schema):
+    """Pictures below those of a player: the first where it stands, all in turn where it walks."""
+
+    front: Frames
+    back: Frames
+    left: Frames
+    right: Frames
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture, with its place."""
+        for side in SIDES:
+            for i, file in enumerate(getattr(self, side)):
+                yield f"{side}[{i}]", file
+
+
+class Facings(Sides):
+    """A player's pictures; `carrying` are those with its hands full, `feet` are drawn below."""
+
+    carrying: Sides | None = None
+    feet: Feet | None = None
+
+    def pictures(self) -> Iterator[tuple[str, str]]:
+        """Every picture, with its place."""
+        yield from super().pictures()
+        for name in ("carrying", "feet"):
+            part = getattr(self, name)
+            for place, file in part.pictures() if part is not None else ():
+                yield f"{name}.{place}", file
+
+
+Size = Annotated[float, Field(gt=0, le=2, allow_inf_nan=False)]
+
+
+class Effect(Schema):
+    """Small pictures that leave a thing one after the other, and fade: steam, sparks, crumbs.
+
+    Of `count` at a time each is on its way for `steps`: from `start` above the thing's middle,
+    `rise` up (negative: down) and at most `spread` to a side. `size` is that at first and at last.
+    All of these are in tiles.
+    """
+
+    asset: FileName
+    count: Annotated[int, Field(ge=1, le=8)] = 3
+    steps: Annotated[float, Field(ge=0.25, le=50)] = 3.0
+    start: Ratio = 0.0
+    rise: Ratio = 0.4
+    spread: Ratio = 0.12
+    size: tuple[Size, Size] = (0.1, 0.2)

@@ -1,0 +1,110 @@
+"""Golden pictures of the window: the contact sheet of each domain, and a scene of each task.
+
+python -m tests.support.golden_pictures
+
+draws them anew, into `tests/window/golden`. Look at what has changed before you keep it. They are
+compared tile by tile and not pixel by pixel: other versions of pygame smooth edges differently.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+
+import numpy as np
+import pygame
+from tools.contact_sheet import sheet
+
+from robotouille import State, Task, World, load_task, task_names
+from robotouille.planning.plan import read_plan
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.view import Bubble, SeatView, View
+
+__all__ = ["GOLDEN", "PICTURES", "TOLERANCE", "difference", "scene"]
+
+GOLDEN = Path(__file__).parents[1] / "window/golden"
+SIZE, SIDE = (320, 240), 32
+TILE, TOLERANCE = 16, 14.0
+"""Pixels of a tile's side, and how far its mean colour may be from the golden one (of 255)."""
+
+SHEETS = ("asynchronous/10", "examples/pancakes")
+
+
+def middle(task: Task) -> tuple[State, State, int]:
+    """Two states in the middle of a task's plan, or its first where there is none."""
+    world = World(task)
+    state, name = world.initial, task.name.rpartition("/")[2]
+    files = (
+        [task.folder / f"{name}{seats}.plan" for seats in (f"@{task.seats}", "")]
+        if task.folder
+        else []
+    )
+    plan = next((f for f in files if f.is_file()), None)
+    if plan is None:
+        return state, state, 0
+    steps = list(read_plan(plan.read_text(encoding="utf-8"), world))
+    before = state
+    for joint in steps[: len(steps) * 2 // 3]:
+        before, state = state, state.step(list(joint)).state
+    return before, state, len(steps) * 2 // 3
+
+
+def scene(name: str) -> pygame.Surface:
+    """A window in the middle of a task, with a few words."""
+    before, state, step = middle(load_task(name))
+    players = state.world.players
+    view = View(
+        state.world, state, before, step, 100, "real time", 0.6,
+        tuple(SeatView(player, player.title(), actions=step) for player in players), players[0],
+        (Bubble(players[-1], "I am here.", "chat"),), (("Ada", "Hello."),), step_seconds=0.2,
+    )  # fmt: skip
+    surface = pygame.Surface(SIZE)
+    Painter().paint(surface, view)
+    return surface
+
+
+def _sheet(name: str) -> pygame.Surface:
+    return sheet(load_task(name), SIDE, 0)
+
+
+PICTURES: dict[str, Callable[[], pygame.Surface]] = {
+    **{f"sheet-{name.replace('/', '-')}": partial(_sheet, name) for name in SHEETS},
+    **{
+        name.replace("/", "-"): partial(scene, name)
+        for name in task_names()
+        if not name.startswith("generated/")
+    },
+}
+
+
+def difference(one: pygame.Surface, other: pygame.Surface) -> float:
+    """How far the mean colours of the tiles are apart where they are farthest; 255 for another
+    size."""
+    if one.get_size() != other.get_size():
+        return 255.0
+    means = []
+    for surface in (one, other):
+        pixels = pygame.surfarray.array3d(surface).astype(np.float64)
+        width, height = (side - side % TILE for side in surface.get_size())
+        tiles = pixels[:width, :height].reshape(width // TILE, TILE, height // TILE, TILE, 3)
+        means.append(tiles.mean(axis=(1, 3)))
+    return float(np.abs(means[0] - means[1]).max())
+
+
+def main() -> None:
+    """Draw all of them anew."""
+    GOLDEN.mkdir(exist_ok=True)
+    for old in GOLDEN.glob("*.jpg"):
+        old.unlink()
+    for name, draw in PICTURES.items():
+        pygame.image.save(draw(), GOLDEN / f"{name}.jpg")
+    print(f"{len(PICTURES)} pictures in {GOLDEN.name}")
+
+
+if __name__ == "__main__":
+    main()

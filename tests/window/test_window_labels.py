@@ -1,0 +1,97 @@
+"""The words of a window never cover each other, a station in use or what is held."""
+
+from __future__ import annotations
+
+import itertools
+
+import pygame
+import pytest
+
+from robotouille import World
+from robotouille_client.window.drawing import painter as painting
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.pictures import theme
+from robotouille_client.window.pictures.badges import seat_fill, seat_ink
+from robotouille_client.window.pictures.colour_vision import contrast
+from robotouille_client.window.view import Bubble, SeatView, View
+
+SIZES = [(320, 240), (640, 360), (1280, 720), (2560, 1440)]
+NAMES = ("Ada", "A name of forty wide characters WWWWWWWWWW", "厨房", "Björn")
+
+
+def crowded(steps: int) -> View:
+    """Everybody has a name, a reason or something to say."""
+    world = World("multi_agent/10@4")
+    previous = state = world.initial
+    for step in range(steps):
+        previous = state
+        did = {p: a[(step * 5 + i) % len(a)] for i, p in enumerate(world.players)
+               if (a := state.actions(p))}  # fmt: skip
+        state = state.step(did).state
+    seats = tuple(SeatView(p, NAMES[i]) for i, p in enumerate(world.players))
+    bubbles = (
+        Bubble("robot1", "Needs: table2 has a free surface."),
+        Bubble("robot2", "I need the sink, and then the pot that is on the stove", "chat"),
+        Bubble("robot4", "Coming!", "chat"),
+    )
+    return View(world, state, previous, steps, 80, "", 0.5, seats, "robot1", bubbles)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("steps", [0, 9, 23])
+def test_no_words_overlap(size: tuple[int, int], steps: int, monkeypatch) -> None:
+    seen: dict[str, list[pygame.Rect]] = {}
+    place_all = painting.Labels.draw
+
+    def watched(self, *arguments, **obstacles) -> None:
+        seen.update(obstacles)
+        place_all(self, *arguments, **obstacles)
+        seen["words"] = list(self.places().values())
+
+    monkeypatch.setattr(painting.Labels, "draw", watched)
+    view, painter, surface = crowded(steps), Painter(), pygame.Surface(size)
+    layout = painter.layout(size, view.world)
+    overlay = UiOverlay(layout.kitchen.center, ("Pick up lettuce1 at table2",), "[E] Cut")
+    painter.paint(surface, view, overlay)
+    words = seen["words"]
+    assert len(words) >= (5 if size[0] > 400 else 3)
+    for one, other in itertools.combinations(words, 2):
+        assert not one.colliderect(other)
+    for area in words:
+        assert area.collidelist(seen["blocked"]) < 0
+        assert area.right <= layout.panel.left and surface.get_rect().contains(area)
+
+
+def test_letters_grow_with_the_window() -> None:
+    painter, world = Painter(), World("multi_agent/10@4")
+    small, large = (painter.layout(size, world) for size in SIZES[2:])
+    assert large.text == 2 * small.text
+    assert abs(large.panel.width - 2 * small.panel.width) <= 2
+    bigger = Painter(text_scale=1.5).layout(SIZES[2], world)
+    assert bigger.text == round(1.5 * small.text)
+    assert painter.layout((320, 240), world).text >= 11
+
+
+PAIRS = {
+    "text": (theme.TEXT, theme.PANEL), "text on a card": (theme.TEXT, theme.CARD),
+    "faint": (theme.FAINT, theme.PANEL), "faint on a card": (theme.FAINT, theme.CARD),
+    "accent": (theme.ACCENT, theme.PANEL), "accent on a card": (theme.ACCENT, theme.CARD),
+    "done": (theme.GOOD, theme.CARD), "rejected": (theme.BAD, theme.CARD),
+    "ticket": (theme.INK, theme.PAPER), "code": (theme.INK, theme.ACCENT),
+    "prompt": (theme.TEXT, theme.INK), "reason": (theme.REASON, theme.PAPER),
+    "somebody away": (theme.PAPER, theme.ABSENT),
+    "no connection": (theme.PAPER, theme.mixed(theme.BAD, theme.INK, 0.6)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
+def test_words_are_read_by_those_who_see_little_contrast(pair) -> None:
+    assert contrast(*pair) >= 4.5
+
+
+@pytest.mark.parametrize("seat", range(len(theme.SEATS)))
+def test_the_names_of_all_seats_are_read(seat: int) -> None:
+    assert contrast(theme.PAPER, seat_fill(seat)) >= 4.5
+    assert contrast(seat_ink(seat), theme.CARD) >= 4.5
+    assert contrast(seat_ink(seat), theme.PANEL) >= 4.5

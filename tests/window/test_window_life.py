@@ -1,0 +1,111 @@
+"""What moves in a step: hands, what they take, what is in use, steam; or nothing, if asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pygame
+import pytest
+
+from robotouille import State, World, load_task
+from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.domain.rendering.art import Effect
+from robotouille.planning.plan import read_plan
+from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.view import View
+
+SIZE = (640, 400)
+TASK, FILE = "asynchronous/04", "04_tomato_burger_and_fries.plan"
+
+
+@pytest.fixture(scope="module")
+def course() -> list[State]:
+    world = World(load_task(TASK))
+    states = [world.initial]
+    for joint in read_plan((load_task(TASK).folder / FILE).read_text(), world):
+        states.append(states[-1].step(list(joint)).state)
+    return states
+
+
+def lived(course: list[State], step: int) -> Life:
+    painter = Painter()
+    before, now = (Moment(s, painter.stage(s)) for s in course[step - 1 : step + 1])
+    return life(rendering_of(now.state.world.task), now, before)
+
+
+def pictures(course: list[State], step: int, painter: Painter) -> set[bytes]:
+    shown = View(course[step].world, course[step], course[step - 1], step)
+    found = set()
+    for phase in (0.2, 0.45, 0.7):
+        surface = pygame.Surface(SIZE)
+        painter.paint(surface, replace(shown, phase=phase))
+        found.add(pygame.image.tobytes(surface, "RGB"))
+    return found
+
+
+@pytest.mark.parametrize(("step", "thing"), [(2, "bottombun1"), (8, "patty1"), (19, "tomato1")])
+def test_what_is_taken_put_or_stacked_travels(course, step: int, thing: str) -> None:
+    assert lived(course, step).travels == {thing}
+    assert len(pictures(course, step, Painter())) == 3
+    assert not lived(course, 10).travels, "a walk takes what is held along"
+
+
+def test_who_does_something_again_and_again_works(course) -> None:
+    assert [bool(lived(course, step).working) for step in (13, 14, 15, 16, 17)] == [
+        False, True, True, True, False,
+    ]  # fmt: skip
+    assert lived(course, 15).working == {"robot1"}
+
+
+def effects(course: list[State], step: int) -> list[tuple[str, str]]:
+    return [(e.effect.asset, e.source) for e in lived(course, step).emissions]
+
+
+def test_effects_leave_what_something_is_done_to(course) -> None:
+    assert effects(course, 8) == []
+    assert effects(course, 10) == [("effect_sizzle.svg", "patty1")]
+    assert effects(course, 15) == [("effect_crumb.svg", "tomato1")]
+    assert effects(course, len(course) - 1) == [("effect_star.svg", "robot1")]
+
+
+@pytest.mark.parametrize(("station", "begins"), [("stove1", 9), ("fryer1", 34)])
+def test_a_station_is_on_only_while_it_is_in_use(course, station: str, begins: int) -> None:
+    painter = Painter()
+    looks = [painter.stage(state).stations[station].asset for state in course]
+    off, on = f"{station[:-1]}.svg", f"{station[:-1]}_on.svg"
+    assert set(looks[:begins]) == {off}
+    assert looks[begins] == on
+    assert looks[-1] == off
+
+
+def test_hot_soup_steams(course) -> None:
+    world = World(load_task("multi_agent/07", seats=4))
+    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@4.plan").read_text()
+    state = world.initial
+    for joint in read_plan(text, world):
+        state = state.step(list(joint)).state
+        stage = Painter().stage(state)
+        pot = next(p for pile in stage.piles.values() for p in pile if p.name == "pot1")
+        hot = pot.appearance.asset in ("pot_boiling.svg", "pot_soup.svg")
+        assert pot.appearance.effects == (("steam",) if hot else ())
+
+
+def test_who_wants_no_movement_sees_only_that_from_place_to_place(course) -> None:
+    still = Painter(reduced_motion=True)
+    for step, count in ((15, 1), (2, 3)):
+        shown = View(course[step].world, course[step], course[step - 1], step)
+        frozen = replace(shown, previous=None)
+        assert len(pictures(course, step, still)) >= count
+        assert still.seen(frozen).phase == 1.0
+    lively = Painter()
+    hot = View(course[10].world, course[10], course[10], 11, phase=0.55, step_seconds=0.2)
+    assert lively.seen(hot).phase == 0.5, "ten pictures a second for sparks alone"
+    assert still.seen(hot).phase == 1.0
+
+
+def test_an_effect_that_is_not_there_is_named_with_the_nearest() -> None:
+    file = {"effects": {"steam": {"asset": "puff.svg"}}, "during": {"boil": "stem"}}
+    with pytest.raises(ValueError, match=r"during.boil: there is no effect 'stem'.*'steam'"):
+        RenderingFile.model_validate(file)
+    assert Effect(asset="puff.svg").count == 3

@@ -1,0 +1,124 @@
+"""Seats are told apart without colour: by their badges and their hats; and by any eye by colour."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pygame
+import pytest
+
+from robotouille import World, load_task
+from robotouille.domain.rendering import rendering_of
+from robotouille.planning.plan import read_plan
+from robotouille_client.window.drawing.kitchen.spots import hands
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.badges import SHAPES, badge
+from robotouille_client.window.pictures.colour_vision import DICHROMACIES, linear, simulated
+from robotouille_client.window.pictures.sprites import Sprites
+from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.pictures.theme import SEATS, Colour
+from robotouille_client.window.view import View
+
+PLAN = "07_onion_potato_tomato_soup@4.plan"
+HAT = 0.32
+"""The part of a robot's picture, from the top, that its hat takes."""
+
+
+def lab(colour: Colour) -> tuple[float, float, float]:
+    """A colour in CIELAB (D65)."""
+    red, green, blue = (linear(value) for value in colour)
+    x = (0.4124 * red + 0.3576 * green + 0.1805 * blue) / 0.95047
+    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    z = (0.0193 * red + 0.1192 * green + 0.9505 * blue) / 1.08883
+    x, y, z = (t ** (1 / 3) if t > 0.008856 else 7.787 * t + 16 / 116 for t in (x, y, z))
+    return 116 * y - 16, 500 * (x - y), 200 * (y - z)
+
+
+@pytest.mark.parametrize("eye", [None, *DICHROMACIES])
+def test_every_eye_tells_the_colours_of_seats_apart(eye: str | None) -> None:
+    def seen(colour: Colour) -> tuple[float, float, float]:
+        return lab(simulated(colour, eye) if eye else colour)
+
+    for (i, one), (j, other) in itertools.combinations(enumerate(SEATS), 2):
+        least = 30 if max(i, j) < 4 else 20
+        assert math.dist(seen(one), seen(other)) > least, (i, j, eye)
+
+
+def outline(picture: pygame.Surface) -> list[bool]:
+    width, height = picture.get_size()
+    return [picture.get_at((x, y)).a > 128 for y in range(height) for x in range(width)]
+
+
+def difference(one: pygame.Surface, other: pygame.Surface) -> float:
+    """The share of pixels that one outline has and the other has not."""
+    pairs = list(zip(outline(one), outline(other), strict=True))
+    return sum(a != b for a, b in pairs) / sum(a or b for a, b in pairs)
+
+
+def test_no_two_badges_have_the_same_shape() -> None:
+    shapes = [badge(seat, 32, (0, 0, 0)) for seat in range(len(SHAPES))]
+    assert len(shapes) >= len(SEATS)
+    for one, other in itertools.combinations(shapes, 2):
+        assert difference(one, other) > 0.1
+
+
+@pytest.mark.parametrize("side", ["front", "back", "left", "right"])
+def test_no_two_robots_wear_the_same_hat(side: str) -> None:
+    world = World("multi_agent/07")
+    art = rendering_of(world.task)
+    resolver = AppearanceResolver(world.task.domain, art)
+    sprites = Sprites(art.folders(world.task.folder), Typesetter())
+    size = 96
+    hats = []
+    for seat in range(4):
+        picture = sprites.of(resolver.player("robot", seat, side), size)
+        hats.append(picture.subsurface((0, 0, size, round(HAT * size))))
+    for hat in hats:
+        rows = [any(hat.get_at((x, y)).a > 128 for x in range(size)) for y in range(hat.height)]
+        assert sum(rows) >= size / 5
+    for one, other in itertools.combinations(hats, 2):
+        assert difference(one, other) > 0.15
+
+
+def test_what_is_held_is_seen_from_behind() -> None:
+    """It is drawn over the hat."""
+    world = World(load_task("multi_agent/07", seats=4))
+    folder = load_task("multi_agent/07").folder
+    state = world.initial
+    for joint in list(read_plan((folder / PLAN).read_text(), world))[:20]:
+        state = state.step(list(joint)).state
+    painter, size = Painter(), (1280, 720)
+    stage, layout = painter.stage(state), painter.layout(size, world)
+    pose = painter._poses(View(world, state))["robot1"]
+    assert pose.facing == "back"
+    (pot,) = stage.piles["robot1"]
+    spot = hands(layout, pose)
+    surface = pygame.Surface(size)
+    painter.paint(surface, View(world, state, step=20))
+    sprite = painter._sprites.of(pot.appearance, round(pot.scale * spot.tile))
+    drawn = surface.get_at((round(spot.x), round(spot.y)))
+    middle = sprite.get_at((sprite.get_width() // 2, sprite.get_height() // 2))
+    assert math.dist(drawn[:3], middle[:3]) < 40
+
+
+def test_players_walk_on_their_feet(play) -> None:
+    world = World("multi_agent/07")
+    first, second = play(world, f"move {free_station(world)}")
+    painter, pictures = Painter(), set()
+    for phase in (0.1, 0.3, 0.5):
+        surface = pygame.Surface((640, 400))
+        painter.paint(surface, View(world, second, first, 1, phase=phase))
+        pictures.add(pygame.image.tobytes(surface, "RGB"))
+    assert len(pictures) == 3
+
+
+def free_station(world: World) -> str:
+    moves = (a for a in world.initial.actions("robot1") if a.name == "move")
+    action = next(iter(moves))
+    return next(n for n in action.arguments if n not in ("robot1", at(world)))
+
+
+def at(world: World) -> str | None:
+    return Painter().stage(world.initial).placed["robot1"].at

@@ -1,0 +1,122 @@
+"""The goal as pictures: from any domain's terms, ticked off as they come to hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pygame
+import pytest
+from tests.support.samples import first_quickly
+
+from robotouille import World, load_task, task_names
+from robotouille.domain.rendering import rendering_of
+from robotouille.domain.schema import GoalTerm
+from robotouille.planning.plan import read_plan
+from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.ui_overlay import UiOverlay
+from robotouille_client.window.pictures.appearance import AppearanceResolver
+from robotouille_client.window.pictures.dishes import Dish, dishes
+from robotouille_client.window.view import View
+
+SIZE = (1280, 720)
+
+
+def drawn(name: str) -> tuple[Dish, ...]:
+    world = World(name)
+    found = dishes(world, AppearanceResolver(world.task.domain, rendering_of(world.task)))
+    assert found is not None
+    return found
+
+
+def pictures(dish: Dish) -> list[str]:
+    return [layer.appearance.asset or layer.words for layer in dish.layers]
+
+
+@pytest.mark.parametrize(
+    ("task", "columns"),
+    [
+        (
+            "multi_agent/06",
+            [["bread.svg", "lettuce_cut.svg", "chicken_cooked.svg", "lettuce_cut.svg",
+              "chicken_cooked.svg", "bread.svg", "table.svg"]],
+        ),
+        (
+            "multi_agent/07",
+            [["tomato_cut.svg", "potato.svg", "onion_cut.svg", "bowl_soup.svg", "table.svg"]],
+        ),
+        (
+            "asynchronous/04",
+            [["topbun.svg", "tomato_cut.svg", "patty_cooked.svg", "bottombun.svg", "table.svg"],
+             ["potato_fried.svg", "table.svg"]],
+        ),
+        ("workshop/01", [["bolt", "painted gear", "box"], ["bin"]]),
+        ("examples/pancakes", [["pancake_syrup.svg", "pancake.svg", "table.svg"]]),
+    ],
+)  # fmt: skip
+def test_dishes_are_read_from_the_top_down(task: str, columns: list[list[str]]) -> None:
+    assert [pictures(dish) for dish in drawn(task)] == columns
+
+
+@pytest.mark.parametrize("name", first_quickly(task_names(), 10))
+def test_every_condition_is_on_the_ticket_once(name: str) -> None:
+    numbers = [n for dish in drawn(name) for layer in dish.layers for n in layer.terms]
+    assert sorted(numbers) == list(range(len(World(name).goal.terms)))
+
+
+def test_layers_are_ticked_off_until_the_goal_is_reached() -> None:
+    world = World(load_task("multi_agent/07", seats=4))
+    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@4.plan").read_text()
+    state, ticked = world.initial, []
+    (dish,) = drawn("multi_agent/07")
+    for joint in read_plan(text, world):
+        state = state.step(list(joint)).state
+        holding = world.goal.holding(state.facts)
+        ticked.append(sum(all(holding[n] for n in layer.terms) for layer in dish.layers))
+    assert state.goal_reached
+    assert ticked[-1] == len(dish.layers)
+    assert len(set(ticked)) >= 3
+
+
+def test_a_goal_that_cannot_be_drawn_is_told_in_words() -> None:
+    world = World("synchronous/01")
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    world.goal.terms = (GoalTerm(predicate="nothing", args=("robot",), ids=(1,)),)
+    assert dishes(world, resolver) is None, "a goal about a player"
+    world.goal.terms = ()
+    assert dishes(world, resolver) is None
+
+
+def shown(view: View, pointer: tuple[int, int] | None = None) -> bytes:
+    surface = pygame.Surface(SIZE)
+    Painter().paint(surface, view, UiOverlay(pointer=pointer))
+    return pygame.image.tobytes(surface, "RGB")
+
+
+def test_the_goal_in_words_is_told_where_the_mouse_is_on_the_ticket() -> None:
+    world = World("multi_agent/07")
+    view = View(world, world.initial)
+    place = Painter().layout(SIZE, world)
+    on_the_ticket = (place.panel.left + 60, 120)
+    assert shown(view, on_the_ticket) != shown(view) == shown(view, (5, 5))
+
+
+def test_seconds_are_left_where_a_clock_says_how_long_a_step_takes() -> None:
+    world = World("multi_agent/07")
+    view = View(world, world.initial, step=20, max_steps=80)
+    timed = replace(view, step_seconds=0.2)
+    assert shown(timed) != shown(view)
+    assert shown(timed) != shown(replace(timed, step_seconds=0.5))
+
+
+def test_hovering_lists_what_is_in_a_pot_or_stack() -> None:
+    world = World(load_task("multi_agent/07", seats=4))
+    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@4.plan").read_text()
+    state = world.initial
+    for joint in list(read_plan(text, world))[:15]:
+        state = state.step(list(joint)).state
+    painter = Painter()
+    stage = painter.stage(state)
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    words = [words for _, words in resolver.listing(stage, "stove1")]
+    assert words[0] == "pot"
+    assert {"cut onion", "potato"} < set(words)
