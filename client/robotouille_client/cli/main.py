@@ -48,7 +48,7 @@ class _Commands(LazyGroup):
         ),
         "data": LazyCommand(
             "robotouille_data.cli.data:data",
-            "A catalogue of recordings: index, watch, query.",
+            "A catalogue of recordings: index, watch, query, report, export.",
         ),
         "benchmark": LazyCommand(
             "robotouille_evaluation.cli.benchmark:benchmark",

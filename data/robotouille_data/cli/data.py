@@ -18,7 +18,7 @@ from robotouille_data.cli.report import report
 __all__ = ["data"]
 
 data = typer.Typer(
-    no_args_is_help=True, help="A catalogue of recordings: index, watch, query, export."
+    no_args_is_help=True, help="A catalogue of recordings: index, watch, query, report, export."
 )
 data.command()(report)
 data.command()(export)
