@@ -17,6 +17,7 @@ import argparse
 import hashlib
 import json
 import os
+import secrets
 import shutil
 import subprocess
 import sys
@@ -108,9 +109,9 @@ def save(backup: Path, places: Places, told: Callable[[int], None] = lambda coun
             raise BackupError(f"there is no folder {folder}; name it with --recordings or --state")
     if backup.exists():
         raise BackupError(f"{backup} is there already, and stays; take another name")
-    new = backup.with_name(f".{backup.name}.new")
+    new = backup.with_name(f".{backup.name}.{secrets.token_hex(4)}.new")
     try:
-        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(descriptor, "wb") as file:
             with tarfile.open(fileobj=file, mode="w") as tar:
                 count = _write(_Archive(tar), places, backup.parent, told)
@@ -188,7 +189,7 @@ def restore(backup: Path, places: Places, told: Callable[[int], None] = lambda c
             for count, name in enumerate(_wanted(manifest)):
                 _extract(tar, name, places)
                 told(count)
-    except (tarfile.TarError, ValueError, KeyError) as error:
+    except (tarfile.TarError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise BackupError(f"{backup} is no backup, or is damaged: {error}") from None
     except OSError as error:
         raise BackupError(f"{error.filename or backup}: {error.strerror}") from None
@@ -199,12 +200,18 @@ def _checked(tar: tarfile.TarFile) -> Mapping[str, Any]:
     """What is in a backup, after a look at every byte of it."""
     manifest: dict[str, Any] = json.loads(_content(tar, MANIFEST).read())["files"]
     for name, known in manifest.items():
-        parts = PurePosixPath(name).parts
-        if ".." in parts or (parts[0] not in ("recordings", "state") and name != DUMP):
-            raise BackupError(f"{name}: has no place")
+        if name != DUMP and not _has_place(name):
+            raise BackupError(f"{name!r}: has no place")
         if _digest(_content(tar, name)) != known["sha256"]:
             raise BackupError(f"{name} is damaged")
     return manifest
+
+
+def _has_place(name: str) -> bool:
+    """Whether it is the name of a file below one of the two folders, written as `save` does."""
+    path = PurePosixPath(name)
+    plain = str(path) == name and ".." not in path.parts and "\0" not in name
+    return plain and len(path.parts) > 1 and path.parts[0] in ("recordings", "state")
 
 
 def _wanted(manifest: Mapping[str, Any]) -> Iterator[str]:

@@ -16,6 +16,7 @@ from itertools import chain
 from pathlib import Path
 
 from sqlalchemy.engine import URL, Engine, make_url
+from sqlalchemy.exc import DataError, IntegrityError
 
 from robotouille.errors import RecordingError
 from robotouille_data.database import telling, writing
@@ -44,6 +45,8 @@ FILES_AT_ONCE = 50
 MAX_BYTES = 4 * 1024 * 1024
 """Bytes of files in one transaction, unless it is a single one."""
 MAX_FAULT = 500
+UNFIT = (RecordingError, DataError, IntegrityError, OverflowError, UnicodeError)
+"""What a recording is to blame for, if it is what cannot be written."""
 
 Progress = Callable[[int, int], None]
 """Is told how many files are done, and how many there are to do."""
@@ -92,7 +95,9 @@ def index(
     roots = [str(folder.absolute()) for folder in folders]
     for root in roots:
         for path, stamp in _recordings(root):
-            if path.endswith(UNFINISHED) and not unfinished:
+            if not _is_text(path):
+                report.faults[path] = "its name is not UTF-8, and no database takes it"
+            elif path.endswith(UNFINISHED) and not unfinished:
                 report.unfinished += 1
             else:
                 found[path] = stamp
@@ -130,6 +135,14 @@ def _recordings(root: str) -> Iterator[File]:
                 continue
             if stat.S_ISREG(status.st_mode):
                 yield str(path), Stamp(status.st_size, status.st_mtime_ns)
+
+
+def _is_text(path: str) -> bool:
+    try:
+        path.encode()
+    except UnicodeEncodeError:  # Bytes of its name are kept as halves of surrogate pairs.
+        return False
+    return True
 
 
 def _prepare(
@@ -211,7 +224,7 @@ def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str
         try:
             with engine.begin() as connection:
                 store(connection, read)
-        except RecordingError:  # A long one is damaged far behind: which one, is seen one by one.
+        except UNFIT:  # Maybe a long one is damaged far behind: which one, is seen one by one.
             for each in read:
                 _store_alone(engine, each, faults, steps_to_go)
     return faults | {each.path: each.fault for each in read if each.fault}
@@ -224,7 +237,7 @@ def _store_alone(engine: Engine, file: ReadFile, faults: dict[str, str], steps_t
     try:
         with engine.begin() as connection:
             store(connection, [again])
-    except RecordingError as error:
+    except UNFIT as error:
         faults[file.path] = _fault(error)
         broken = ReadFile(file.path, file.stamp, again.digest, faults[file.path])
         with engine.begin() as connection:
@@ -252,5 +265,6 @@ def _read(path: str, stamp: Stamp, faults: dict[str, str], steps_to_go: bool) ->
     return ReadFile(path, stamp, digest, parts=chain(beginning, parts))
 
 
-def _fault(error: RecordingError) -> str:
-    return str(error).replace("\0", "\N{REPLACEMENT CHARACTER}")[:MAX_FAULT]
+def _fault(error: Exception) -> str:
+    why = error.orig if isinstance(error, DataError | IntegrityError) else error
+    return str(why).replace("\0", "\N{REPLACEMENT CHARACTER}")[:MAX_FAULT]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import resource
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,14 @@ import sqlalchemy as sa
 from robotouille.planning.search_result import Limits
 from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.replay import read_recording
-from robotouille.replay.container import MAX_FILE, compress
+from robotouille.replay.container import MAGIC, MAX_FILE, compress, pack_frame, read_frames
 from robotouille_data import indexing
 from robotouille_data.answers.query import asking
 from robotouille_data.database import database_url, insert, writing
 from robotouille_data.errors import CatalogueError, UnavailableError
 from robotouille_data.indexing import Report, index
 from robotouille_data.recordings import reading
+from robotouille_data.recordings.course import Course
 from robotouille_data.schema import LABELS, METADATA
 from tests.support.postgresql import PostgreSQL
 from tests.support.random_play import random_stream, write_recordings
@@ -133,6 +136,43 @@ def test_damage_far_behind_leaves_no_row(
     assert ask(database, "SELECT count(*) FROM episodes") == [(6,)]
     assert ask(database, "SELECT count(DISTINCT episode_id) FROM steps") == [(6,)]
     assert indexed(database, folder, unfinished=True).unchanged == 7
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), 2**64 - 1, -1.5])
+def test_a_number_that_no_table_takes_spoils_its_own_recording_alone(
+    database: str, folder: Path, seconds: float
+) -> None:
+    frames = list(read_frames(random_stream(7)))
+    frames[-1]["outcome"]["seconds"] = seconds
+    strange = folder / "strange.rbt.part"
+    strange.write_bytes(MAGIC + b"".join(map(pack_frame, frames)))
+    report = indexed(database, folder, unfinished=True)
+    assert report.indexed + len(report.faults) == 7
+    assert ask(database, "SELECT count(*) FROM episodes") == [(report.indexed,)]
+    assert indexed(database, folder, unfinished=True).unchanged == 7
+
+
+def test_what_a_database_refuses_spoils_its_own_recording_alone(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Unchecked(Course):
+        def measures(self, left: Any = ()) -> tuple[Any, ...]:
+            row = super().measures()
+            return row if self._header["episode"] != "random3" else (*row[:2], 2**64, *row[3:])
+
+    monkeypatch.setattr(reading, "Course", Unchecked)
+    report = indexed(str(tmp_path / "c.sqlite"), folder)
+    assert report.indexed == 5
+    assert list(report.faults) == [str(folder / "random3.rbt")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are text elsewhere")
+def test_a_file_whose_name_is_no_text_is_told(database: str, folder: Path) -> None:
+    strange = os.fsdecode(os.fsencode(folder) + b"/\xff.rbt")
+    Path(strange).write_bytes((folder / "random0.rbt").read_bytes())
+    assert indexed(database, folder) == Report(
+        indexed=6, faults={strange: "its name is not UTF-8, and no database takes it"}
+    )
 
 
 def test_a_file_of_a_gibibyte_is_not_read(folder: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -160,14 +161,14 @@ class Course:
             _clean(header["task"]["timing"]),
             _bounded(header["seed"]),
             _clean(rules["clock"]),
-            float(rules["step_rate"]) if real_time and "step_rate" in rules else None,
+            _finite(rules["step_rate"]) if real_time and "step_rate" in rules else None,
             _bounded(rules["max_steps"], INT32),
             _clean(str(rules.get("absence", ""))),
             len(self._seats),
             None if end is None else _clean(end["reason"]),
             None if end is None else _clean(end.get("detail", "")),
             self._step,
-            self._time / 1000 if end is None else end["seconds"],
+            self._time / 1000 if end is None else _finite(end["seconds"]),
             _clean(header.get("code", "")),
             _clean(header.get("owner", "")),
         )
@@ -226,6 +227,13 @@ def _bounded(number: int, limit: int = INT64) -> int:
     if not -limit <= number <= limit:
         raise RecordingError(f"a number beyond all bounds: {number}")
     return number
+
+
+def _finite(number: float) -> float:
+    """A number that both databases hold alike."""
+    if not math.isfinite(found := float(number)):
+        raise RecordingError(f"a number beyond all bounds: {found}")
+    return found
 
 
 def _clean(text: str) -> str:
