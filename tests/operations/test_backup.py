@@ -130,7 +130,20 @@ def test_a_damaged_one_changes_nothing(folder: Path) -> None:
             empty.rmdir()
 
 
-@pytest.mark.parametrize("name", ["recordings/../../x", "elsewhere/x", "/x"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "recordings/../../x",
+        "elsewhere/x",
+        "/x",
+        "",
+        "recordings",
+        "recordings//tmp/x",
+        "./state/x",
+        "state/./x",
+        "state/x\0",
+    ],
+)
 def test_a_file_that_would_lie_elsewhere_is_refused(tmp_path: Path, name: str) -> None:
     backup = tmp_path / "b.tar"
     digest = "2d711642b726b04401627ca9fbac32f5c8530fb1903cc4db02258717921a4881"
@@ -143,6 +156,27 @@ def test_a_file_that_would_lie_elsewhere_is_refused(tmp_path: Path, name: str) -
     with pytest.raises(lab.BackupError, match=r"has no place|is damaged"):
         lab.restore(backup, places(tmp_path / "empty"))
     assert not (tmp_path / "empty").exists()
+
+
+@pytest.mark.parametrize("manifest", ["[]", "1", '{"files": 1}', '{"files": {"state/x": 1}}', ""])
+def test_another_archive_is_told(tmp_path: Path, manifest: str) -> None:
+    backup = tmp_path / "b.tar"
+    with tarfile.open(backup, "w") as tar:
+        for name in ("state/x", "manifest.json"):
+            entry = tarfile.TarInfo(name)
+            entry.size = len(manifest)
+            tar.addfile(entry, io.BytesIO(manifest.encode()))
+    with pytest.raises(lab.BackupError, match="is no backup"):
+        lab.restore(backup, places(tmp_path / "empty"))
+
+
+def test_a_file_that_lies_in_wait_does_not_get_the_keys(folder: Path) -> None:
+    """What others may read, or a link, of the name under which it is written."""
+    waiting = folder / ".b.tar.new"
+    waiting.symlink_to(folder / "elsewhere")
+    lab.save(folder / "b.tar", places(folder))
+    assert not (folder / "elsewhere").exists()
+    assert [path.name for path in folder.glob(".*")] == [waiting.name]
 
 
 @pytest.mark.process
