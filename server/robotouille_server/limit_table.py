@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from robotouille.domain.files import MAX_NESTING
 from robotouille.domain.pictures import MAX_PICTURE_BYTES, MAX_SIDE
-from robotouille.domain.pictures.svg import MAX_SHAPES
+from robotouille.domain.pictures.svg import MAX_OUTLINES, MAX_SHAPES
 from robotouille.episode.quota import (
     MAX_AUDIENCE_BYTES,
     MAX_SEAT_BYTES,
@@ -301,7 +301,7 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               value=f"{MAX_FILES:,}"),
         Limit("a picture of an own task", "the server does not start",
               value=f"{MAX_PICTURE_BYTES // 1024} KiB, {MAX_SIDE:,} pixels a side or "
-              f"{MAX_SHAPES:,} elements"),
+              f"{MAX_SHAPES:,} elements, with outlines of {MAX_OUTLINES // 1024} KiB"),
         Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
         Limit(
             "times a seat is taken or come back to",

@@ -57,6 +57,7 @@ def test_of_a_picture_only_what_is_drawn_is_kept() -> None:
         ('<!DOCTYPE svg SYSTEM "file:///etc/passwd"><svg/>', "document type"),
         (OPEN + "<g>" * 40 + "</g>" * 40 + "</svg>", "nested deeper"),
         (OPEN + "<g/>" * MAX_SHAPES + "</svg>", "more than 2,000 elements"),
+        (OPEN + f'<path d="{"L0 0" * 5000}"/><path d="{"L0 0" * 5000}"/></svg>', "outlines"),
         (OPEN + " " * MAX_PICTURE_BYTES + "</svg>", "at most"),
     ],
 )
@@ -82,6 +83,15 @@ def test_of_a_vector_picture_only_shapes_and_paint_are_kept() -> None:
         '</defs><g fill="url(#a)"><path d="M0 0&lt;"></path></g></svg>'
     )
     assert plain_svg(kept.encode()).decode() == kept
+
+
+def test_a_line_of_tiny_dashes_is_drawn_whole() -> None:
+    """It would have ten thousand million of them."""
+    style = 'style="stroke: blue; stroke-dasharray : .0001;fill:none"'
+    text = f'{OPEN}<path stroke-dasharray=".0001" {style} d="M0 0 L1e6 1e6"/></svg>'
+    kept = plain_svg(text.encode()).decode()
+    assert "dash" not in kept
+    assert 'style="stroke: blue;fill:none"' in kept
 
 
 @given(st.text(alphabet='<>/ ="svgrect&;:#()urlx\n', max_size=60))

@@ -11,10 +11,12 @@ from xml.sax.saxutils import quoteattr
 
 from robotouille.domain.pictures.png import MAX_PICTURE_BYTES, PictureError
 
-__all__ = ["MAX_SHAPES", "plain_svg"]
+__all__ = ["MAX_OUTLINES", "MAX_SHAPES", "plain_svg"]
 
 MAX_SHAPES = 2_000
 """Elements: what is drawn from a file takes as long as there are."""
+MAX_OUTLINES = 32 * 1024
+"""Letters of all paths and points together: with more of them a picture takes seconds to draw."""
 MAX_DEPTH = 32
 NAMESPACE = "http://www.w3.org/2000/svg"
 BETWEEN = " "
@@ -28,10 +30,11 @@ ATTRIBUTES = frozenset({
     "viewBox", "preserveAspectRatio", "width", "height", "x", "y", "x1", "y1", "x2", "y2", "cx",
     "cy", "r", "rx", "ry", "fx", "fy", "d", "points", "transform", "id", "offset", "opacity",
     "fill", "fill-opacity", "fill-rule", "stroke", "stroke-width", "stroke-opacity",
-    "stroke-linejoin", "stroke-linecap", "stroke-miterlimit", "stroke-dasharray",
-    "stroke-dashoffset", "stop-color", "stop-opacity", "gradientUnits", "gradientTransform",
-    "spreadMethod", "style", "display",
+    "stroke-linejoin", "stroke-linecap", "stroke-miterlimit", "stop-color", "stop-opacity",
+    "gradientUnits", "gradientTransform", "spreadMethod", "style", "display",
 })  # fmt: skip
+"""No dashes: a long line of tiny ones is never drawn to its end."""
+OUTLINES = ("d", "points")
 
 
 def plain_svg(content: bytes) -> bytes:
@@ -39,7 +42,7 @@ def plain_svg(content: bytes) -> bytes:
 
     Raises:
         PictureError: It is no SVG, is too long, declares a document type (which may define
-            entities), is nested too deep or has too many shapes.
+            entities), is nested too deep or has too many shapes or too long outlines.
     """
     if len(content) > MAX_PICTURE_BYTES:
         raise PictureError(f"has {len(content):,} bytes; at most {MAX_PICTURE_BYTES:,} are taken")
@@ -62,7 +65,7 @@ class _Reading:
         self.parser.StartElementHandler = self._begin
         self.parser.EndElementHandler = self._end
         self.parser.StartDoctypeDeclHandler = self._doctype
-        self._depth = self._shapes = 0
+        self._depth = self._shapes = self._outlines = 0
         self._left_out = 0
         """How deep one is in an element that is left out."""
 
@@ -76,6 +79,9 @@ class _Reading:
             raise PictureError(f"is nested deeper than {MAX_DEPTH} elements")
         if self._shapes > MAX_SHAPES:
             raise PictureError(f"has more than {MAX_SHAPES:,} elements")
+        self._outlines += sum(len(attributes.get(key, "")) for key in OUTLINES)
+        if self._outlines > MAX_OUTLINES:
+            raise PictureError(f"has outlines of more than {MAX_OUTLINES:,} letters")
         namespace, _, shape = name.rpartition(BETWEEN)
         kept = namespace in ("", NAMESPACE) and shape in SHAPES and (shape == "svg") == self._first
         if self._left_out or not kept:
@@ -83,7 +89,7 @@ class _Reading:
             return
         space = f' xmlns="{NAMESPACE}"' if self._first else ""
         pairs = (
-            f" {key}={quoteattr(value)}"
+            f" {key}={quoteattr(_plain_style(value) if key == 'style' else value)}"
             for key, value in attributes.items()
             if key in ATTRIBUTES and _is_local(value)
         )
@@ -99,6 +105,12 @@ class _Reading:
             self._left_out -= 1
         else:
             self.written.append(f"</{name.rpartition(BETWEEN)[2]}>")
+
+
+def _plain_style(value: str) -> str:
+    """The declarations of a `style` that are attributes, too."""
+    kept = (each for each in value.split(";") if each.partition(":")[0].strip() in ATTRIBUTES)
+    return ";".join(kept)
 
 
 def _is_local(value: str) -> bool:
