@@ -12,7 +12,7 @@ from sqlalchemy.engine import Connection
 from robotouille_data.answers.selection import in_pieces
 from robotouille_data.schema import EVENTS
 
-__all__ = ["Person", "Sitting", "sittings"]
+__all__ = ["Person", "Sitting", "sittings", "spectators_heard"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,3 +50,12 @@ def sittings(connection: Connection, ids: Sequence[int]) -> Iterator[Sitting]:
             told = json.loads(details)
             person = Person.of(name, told.get("participant", ""))
             yield Sitting(episode_id, name, told["kind"], person)
+
+
+def spectators_heard(connection: Connection, ids: Sequence[int]) -> Iterator[tuple[int, str]]:
+    """The episodes in which somebody without a seat has said something, and their names."""
+    said = (EVENTS.c.kind == "said") & EVENTS.c.seat.is_(None) & (EVENTS.c.name != "")
+    query = sa.select(EVENTS.c.episode_id, EVENTS.c.name).where(said).distinct()
+    for piece in in_pieces(ids):
+        for episode_id, name in connection.execute(query.where(EVENTS.c.episode_id.in_(piece))):
+            yield episode_id, name

@@ -9,8 +9,9 @@ from collections.abc import Hashable, Mapping, Sequence
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille.protocol.participant_names import likeness
 from robotouille_data.answers.selection import in_pieces
-from robotouille_data.exports.people import sittings
+from robotouille_data.exports.people import sittings, spectators_heard
 from robotouille_data.schema import LABELS
 
 __all__ = ["groups", "split"]
@@ -19,10 +20,7 @@ __all__ = ["groups", "split"]
 def groups(connection: Connection, ids: Sequence[int], label: str) -> list[tuple[int, ...]]:
     """Episodes that belong together: they share a human participant, or the value of a label, or
     both do so with a third one."""
-    links: dict[Hashable, list[int]] = defaultdict(list)
-    for sitting in sittings(connection, ids):
-        if sitting.kind == "human":
-            links[sitting.person].append(sitting.episode_id)
+    links = _shared_people(connection, ids)
     query = sa.select(LABELS.c.episode_id, LABELS.c.value).where(LABELS.c.name == label)
     for piece in in_pieces(ids):
         for episode_id, value in connection.execute(query.where(LABELS.c.episode_id.in_(piece))):
@@ -36,6 +34,32 @@ def groups(connection: Connection, ids: Sequence[int], label: str) -> list[tuple
     for number in sorted(ids):
         found[_root(parents, number)].append(number)
     return [tuple(members) for members in found.values()]
+
+
+def _shared_people(
+    connection: Connection, ids: Sequence[int]
+) -> defaultdict[Hashable, list[int]]:
+    """The episodes of each human participant.
+
+    Who played, or said something as a spectator, without a pseudonym may be anybody of the same
+    name, with a pseudonym or without. Who has never played is no participant.
+    """
+    links: defaultdict[Hashable, list[int]] = defaultdict(list)
+    known: dict[str, list[int]] = defaultdict(list)
+    unknown: dict[str, list[int]] = defaultdict(list)
+    for sitting in sittings(connection, ids):
+        if sitting.kind == "human":
+            by_name = known if sitting.person.by_pseudonym else unknown
+            by_name[likeness(sitting.name)].append(sitting.episode_id)
+            if sitting.person.by_pseudonym:
+                links[sitting.person].append(sitting.episode_id)
+    played = known.keys() | unknown.keys()
+    for episode_id, name in spectators_heard(connection, ids):
+        if likeness(name) in played:
+            unknown[likeness(name)].append(episode_id)
+    for like, episodes in unknown.items():
+        links["name", like] = episodes + known.get(like, [])
+    return links
 
 
 def _root(parents: dict[int, int], number: int) -> int:

@@ -60,7 +60,8 @@ class Commands:
         self._now = now
         self._service = AdminService(server, now)
         self._budget = TokenBucket(COMMANDS_A_SECOND, now(), COMMANDS_BURST)
-        self._answered: OrderedDict[tuple[str, str], Answer] = OrderedDict()
+        self._answered: OrderedDict[tuple[str, ...], Answer] = OrderedDict()
+        self._one_at_a_time = asyncio.Lock()
 
     async def answer(self, received: Received) -> Outgoing:
         """Carry out a command, unless it came before; what to answer, and where."""
@@ -78,7 +79,9 @@ class Commands:
             command = validated(plain, models.commands)
             self._budget.owe(self._now(), COSTS.get(type(command), 1) - 1)
             grant = self._server.tokens.check_role(command.token)
-            return await self._once(command, grant)
+            # One that comes again over another connection waits for what became of the first.
+            async with self._one_at_a_time:
+                return await self._once(command, grant)
         except ProtocolError as error:
             return _refusal(ref, error.code, error.message, error.field)
         except Exception:
@@ -86,7 +89,8 @@ class Commands:
             return _refusal(ref, "server/internal", "the server failed to handle this")
 
     async def _once(self, command: models.Command, grant: RoleGrant) -> Answer:
-        key = grant.subject, command.ref
+        # Answers have codes and tokens in them: they are for whoever has this very token.
+        key = grant.subject, grant.role, grant.episode, grant.token_id, command.ref
         if key in self._answered:
             return self._answered[key]
         answer = await self._carried_out(command, grant)

@@ -26,6 +26,8 @@ KEEPALIVE_SECONDS = 15
 """After one and a half times that the broker takes the server for gone."""
 MAX_PACKET_BYTES = 2 * 1024 * 1024
 """The broker is told to deliver nothing larger."""
+MAX_CORRELATION = 256
+"""Bytes that go back with an answer; longer ones do not."""
 MAX_RECEIVED = 100
 """Commands that wait; more are dropped."""
 CLOSE_TURNS = 10
@@ -168,11 +170,12 @@ class MqttConnection:
         with _failures():
             message = await anext(self._messages)
         content = message.payload
+        correlation = getattr(message.properties, "CorrelationData", None)
         return Received(
             content if isinstance(content, bytes) else b"",
             message.retain,
             getattr(message.properties, "ResponseTopic", ""),
-            getattr(message.properties, "CorrelationData", None),
+            correlation if len(correlation or b"") <= MAX_CORRELATION else None,
         )
 
 

@@ -31,6 +31,9 @@ STEP_MESSAGES_A_SECOND = 100
 """One costs about as much as a whole step of a game: where more episodes are watched, each message
 has more steps."""
 MAX_STEPS_A_MESSAGE = 100
+MAX_UNANSWERED = 100
+"""Messages that wait for the broker while commands are still taken: answers, which may be long,
+must not drive out what is told of episodes."""
 MESSAGES_AT_ONCE = 16
 """That are on their way before the broker has said that it has the first."""
 FIRST_PAUSE, MAX_PAUSE = 0.5, 30.0
@@ -162,6 +165,8 @@ class BrokerLink:
 
     async def _receive(self, connection: Connection) -> None:
         while True:
+            while self._outbox.messages > MAX_UNANSWERED:
+                await asyncio.sleep(LOOK_SECONDS)
             received = await connection.receive()
             if received.retained:  # A stale one must not be carried out once more.
                 continue

@@ -60,6 +60,11 @@ class Outbox:
     def __len__(self) -> int:
         return len(self._messages) + len(self._steps)
 
+    @property
+    def messages(self) -> int:
+        """How many messages wait."""
+        return len(self._messages)
+
     def add(self, message: Outgoing) -> None:
         """One more message."""
         if len(self._messages) >= MAX_MESSAGES:
@@ -101,7 +106,7 @@ class Outbox:
         """How many of an episode's steps were dropped since this was last asked."""
         return self._dropped.pop(episode, 0)
 
-    def forget(self, unwatched: set[str]) -> None:
-        """Nobody wants to know any more of these episodes."""
-        for episode in unwatched:
-            self._dropped.pop(episode, None)
+    def forget_all_but(self, watched: set[str]) -> None:
+        """Nobody wants to know any more of all other episodes."""
+        for episode in self._dropped.keys() - watched:
+            del self._dropped[episode]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 
 import pytest
 
@@ -10,8 +11,15 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import polars as pl
+import sqlalchemy as sa
 
-from robotouille_data.exports.splitting import split
+from robotouille.replay.container import MAGIC, compress, pack_frame, read_frames
+from robotouille_data.answers.query import reading
+from robotouille_data.database import database_url
+from robotouille_data.exports.splitting import groups, split
+from robotouille_data.indexing import index
+from robotouille_data.schema import EPISODES
+from tests.support.random_play import random_stream
 from tests.support.studies import PAIRS, ROUNDS, Write, manifest
 
 SHARES = {"train": 0.5, "test": 0.5}
@@ -52,3 +60,37 @@ def test_nobody_is_in_both_parts(write: Write, label: str) -> None:
 def test_a_label_holds_episodes_together_that_share_nobody(write: Write) -> None:
     folder = write(split=SHARES, split_by="consent")
     assert manifest(folder)["split"]["episodes"] == {"train": 6, "test": 2}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "heard", "together"),
+    [
+        (("Ada", ""), ("ADA", ""), "", True),
+        (("Jos\u00e9", ""), ("JOSE\u0301", ""), "", True),
+        (("Ada", "x1"), ("ada", ""), "", True),
+        (("Ada", "x1"), ("Ada", "x2"), "", False),
+        (("Ada", "x1"), ("Eve", "x1"), "", True),
+        (("Ada", "x1"), ("Bob", "x2"), "ada", True),
+        (("Ada", ""), ("Bob", ""), "Ada", True),
+        (("Ada", ""), ("Bob", ""), "Eve", False),
+    ],
+)
+def test_whoever_may_be_the_same_is_in_one_part(
+    tmp_path: Path, first: tuple[str, str], second: tuple[str, str], heard: str, together: bool
+) -> None:
+    """By name in other letters, without a token once, or as a spectator who said something."""
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for number, person in enumerate((first, second)):
+        people = [person, (f"Other{number}", f"o{number}")]
+        frames = list(read_frames(random_stream(number, people=people)))
+        if heard and number:
+            note = {"note": "said", "t": 0, "name": heard, "player": "", "text": "well done"}
+            frames.insert(-1, {"kind": "notes", "notes": [note]})
+        stream = MAGIC + b"".join(map(pack_frame, frames))
+        (folder / f"{number}.rbt").write_bytes(compress(stream))
+    url = database_url(None, folder)
+    assert index(url, [folder]).faults == {}
+    with reading(url) as connection:
+        ids = list(connection.scalars(sa.select(EPISODES.c.id)))
+        assert len(groups(connection, ids, "pair")) == (1 if together else 2)
