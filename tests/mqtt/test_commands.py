@@ -14,8 +14,11 @@ from robotouille_client import Announced, connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.mqtt import commands as module
+from robotouille_server.mqtt.connection import Received
 from robotouille_server.mqtt.models import COMMANDS, Answer
-from robotouille_server.mqtt.watches import MAX_WATCHES
+from robotouille_server.mqtt.outbox import MAX_MESSAGES
+from robotouille_server.mqtt.topics import Topics
+from robotouille_server.mqtt.watches import MAX_WATCHES, Watches
 from tests.support.brokers import FakeBroker, role_token, told
 from tests.support.operator import table
 from tests.support.virtual_time import run
@@ -226,6 +229,57 @@ def test_a_command_that_comes_twice_is_carried_out_once(tmp_path: Path) -> None:
             assert other.opened[0].episode != first.opened[0].episode
             assert await lab.refused("pause", ref="p", episode="x") == "episode/unknown"
             assert (await lab.ask("pause", ref="p", episode=first.opened[0].code)).ok
+
+    run(main())
+
+
+def test_codes_are_told_again_to_the_same_token_alone(tmp_path: Path) -> None:
+    """One of the same subject may be for another role, or for one episode."""
+
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            lab = Lab(server, broker, Role.HOST)
+            opened = await lab.ask("open", ref="once", create={"tokens": True})
+            lab.token = role_token(server, Role.HOST, episode=opened.opened[0].episode)
+            assert await lab.refused("open", ref="once") == "auth/episode"
+            lab.token = role_token(server, Role.PLAYER)
+            answer = await lab.ask("open", ref="once")
+            assert answer.error is not None
+            assert (answer.error.code, answer.opened) == ("auth/role", [])
+
+    run(main())
+
+
+def test_a_command_comes_again_while_the_first_is_carried_out(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, _):
+            topics = Topics("lab")
+            commands = module.Commands(
+                server, Watches(server.lobby.rooms.values), topics, asyncio.get_running_loop().time
+            )
+            command = {"type": "open", "count": 20, "ref": "a", "token": role_token(server)}
+            received = Received(json.dumps(command).encode())
+            first, again = await asyncio.gather(*(commands.answer(received) for _ in range(2)))
+            assert first == again
+            assert len(server.lobby.rooms) == 20
+
+    run(main())
+
+
+def test_a_flood_of_commands_does_not_drive_out_what_is_told_of_episodes(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with told(tmp_path) as (server, broker):
+            await asyncio.sleep(1)
+            broker.stalled = True
+            async with connect(server.url, name="host") as host:
+                await host.create("synchronous/01")
+                for _ in range(3 * MAX_MESSAGES):
+                    broker.command(b"{}")
+                await asyncio.sleep(120)
+                broker.stalled = False
+                await asyncio.sleep(120)
+            assert [each["event"] for each in broker.on("life")] == ["opened"]
+            assert server.metrics.mqtt_dropped_messages == 0
 
     run(main())
 

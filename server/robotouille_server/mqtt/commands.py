@@ -60,7 +60,7 @@ class Commands:
         self._now = now
         self._service = AdminService(server, now)
         self._budget = TokenBucket(COMMANDS_A_SECOND, now(), COMMANDS_BURST)
-        self._answered: OrderedDict[tuple[str, ...], Answer] = OrderedDict()
+        self._answered: OrderedDict[tuple[RoleGrant, str], Answer] = OrderedDict()
         self._one_at_a_time = asyncio.Lock()
 
     async def answer(self, received: Received) -> Outgoing:
@@ -90,7 +90,7 @@ class Commands:
 
     async def _once(self, command: models.Command, grant: RoleGrant) -> Answer:
         # Answers have codes and tokens in them: they are for whoever has this very token.
-        key = grant.subject, grant.role, grant.episode, grant.token_id, command.ref
+        key = grant, command.ref
         if key in self._answered:
             return self._answered[key]
         answer = await self._carried_out(command, grant)

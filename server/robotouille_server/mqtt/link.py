@@ -185,9 +185,10 @@ class BrokerLink:
             await self._send_messages(connection)
             now = self._loop.time()
             if now >= self._steps_due:
-                self._outbox.forget(self._watches.expire(now))
+                self._watches.expire(now)
                 self._steps_due = now + steps_interval(len(self._watches.episodes))
                 await self._send_steps(connection)
+                self._outbox.forget_all_but(self._watches.episodes)
             await asyncio.sleep(LOOK_SECONDS)
 
     async def _send_messages(self, connection: Connection) -> None:

@@ -69,15 +69,13 @@ class Watches:
         self._look()
         return len(ended)
 
-    def expire(self, now: float) -> set[str]:
-        """End what is over; the episodes that are not watched any more."""
+    def expire(self, now: float) -> None:
+        """End what is over."""
         over = [key for key, (_, until) in self._watches.items() if until <= now]
         for key in over:
             del self._watches[key]
-        before = self.episodes
         if over:
             self._look()
-        return before - self.episodes
 
     def opened(self, room: Room) -> None:
         """There is a new room."""
