@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from robotouille_client import Announced, connect
 from robotouille_server import Server
 from robotouille_server.auth import Role
+from robotouille_server.auth.revocation import REVOKED_FILE, revoke
 from robotouille_server.mqtt import commands as module
 from robotouille_server.mqtt.connection import Received
 from robotouille_server.mqtt.models import COMMANDS, Answer
@@ -155,7 +157,10 @@ def test_a_host_watches_and_closes_its_own_alone(tmp_path: Path) -> None:
 
 def test_a_token_for_one_episode_is_for_that(tmp_path: Path) -> None:
     async def main() -> None:
-        async with told(tmp_path) as (server, broker), table(server) as play:
+        loop = asyncio.get_running_loop()
+        began = time.time() - loop.time()
+        clock = {"wall": lambda: began + loop.time()}
+        async with told(tmp_path, **clock) as (server, broker), table(server) as play:
             lab = Lab(server, broker)
             lab.token = role_token(server, episode=play.episode)
             other = server.lobby.create(module.messages.Create())
@@ -337,6 +342,30 @@ def test_what_was_opened_before_a_limit_is_answered_with_it(tmp_path: Path) -> N
             assert len(answer.opened) == 2
             assert answer.error is not None
             assert answer.error.code == "rate/episodes"
+
+    run(main())
+
+
+@pytest.mark.parametrize("ends", ["expired", "revoked"])
+def test_a_watch_ends_with_its_token(tmp_path: Path, ends: str) -> None:
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        began = time.time() - loop.time()
+        clock = {"wall": lambda: began + loop.time()}
+        async with told(tmp_path, **clock) as (server, broker), table(server) as play:
+            lab = Lab(server, broker)
+            lab.token = role_token(server, seconds=20 if ends == "expired" else 3600)
+            assert (await lab.ask("watch")).ok
+            await play.until(lambda game: game.step >= 5)
+            assert broker.on("steps")
+            if ends == "revoked":
+                grant = server.tokens.check_role(lab.token)
+                path = server.settings.state_folder / REVOKED_FILE
+                revoke(path, [grant.token_id], grant.expires, 0.0)
+            await asyncio.sleep(25)
+            before = len(broker.on("steps"))
+            await asyncio.sleep(10)
+            assert len(broker.on("steps")) == before
 
     run(main())
 

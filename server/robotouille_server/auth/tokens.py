@@ -140,7 +140,7 @@ class Tokens:
         self, keyring: Keyring, wall: Callable[[], float], revoked: Container[str] = ()
     ) -> None:
         self._keyring = keyring
-        self._revoked = revoked
+        self.revoked = revoked
         self._wall = wall
         self._jwt = jwt.PyJWT(
             options={
@@ -263,7 +263,7 @@ class Tokens:
     # Both
 
     def _check_revoked(self, token_id: str, field: str) -> None:
-        if token_id and token_id in self._revoked:
+        if token_id and token_id in self.revoked:
             text = "the operator has revoked this token; ask for a new one"
             raise ProtocolError("auth/revoked", text, field)
 

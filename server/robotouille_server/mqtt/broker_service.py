@@ -47,7 +47,7 @@ async def on_broker(
         connect = broker(address, topics.server, will)
         get_logger().info("broker", url=str(address), name=topics.server)
     outbox = Outbox(server.metrics)
-    watches = Watches(server.lobby.rooms.values)
+    watches = Watches(server.lobby.rooms.values, server.tokens.revoked)
     now = asyncio.get_running_loop().time
     link = BrokerLink(
         outbox,

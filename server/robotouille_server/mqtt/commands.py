@@ -134,17 +134,18 @@ class Commands:
             if grant.episode:
                 text = "your token is for one episode; name it"
                 raise ProtocolError("auth/episode", text, "episode")
-            return Watched(grant.subject, owner, labels=command.labels)
+            return Watched(grant.subject, owner, labels=command.labels, token=grant.token_id)
         room = self._server.lobby.find(command.episode)
         check_scope(grant.episode, room.id, room.code)
         if owner not in (None, room.owner):
             text = "you have not opened this episode; its host or an operator can watch it"
             raise ProtocolError("auth/episode", text, "episode")
-        return Watched(grant.subject, owner, episode=room.id)
+        return Watched(grant.subject, owner, episode=room.id, token=grant.token_id)
 
     async def _watch(self, command: models.Watch, grant: RoleGrant) -> Answer:
         watched = self._watched(command, grant)
-        self._watches.add(watched, self._now() + command.seconds)
+        left = grant.expires - self._server.wall()
+        self._watches.add(watched, self._now() + min(command.seconds, left))
         self._note("watch", grant, watched.episode, **_labels(watched.labels))
         return Answer(ref=command.ref, ok=True, done=f"watched for {command.seconds:g} s")
 

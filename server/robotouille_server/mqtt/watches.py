@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Container, Mapping
 from dataclasses import dataclass, field
 
 from robotouille.errors import ProtocolError
@@ -17,12 +17,14 @@ MAX_WATCHES = 100
 @dataclass(frozen=True, slots=True)
 class Watched:
     """What somebody watches: an episode, or all with these labels. `owner`: only those that this
-    subject has opened; None: whoever has."""
+    subject has opened; None: whoever has. `token` is the id of that with which it was asked for:
+    a watch ends with it."""
 
     subject: str
     owner: str | None
     episode: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
+    token: str = ""
 
     def matches(self, room: Room) -> bool:
         """Whether a room is one of those."""
@@ -41,10 +43,14 @@ class Watches:
 
     Args:
         rooms: All that there are.
+        revoked: The ids of tokens that are worth nothing any more.
     """
 
-    def __init__(self, rooms: Callable[[], Collection[Room]]) -> None:
+    def __init__(
+        self, rooms: Callable[[], Collection[Room]], revoked: Container[str] = ()
+    ) -> None:
         self.episodes: set[str] = set()
+        self._revoked = revoked
         self._rooms = rooms
         self._watches: dict[object, tuple[Watched, float]] = {}
 
@@ -71,7 +77,11 @@ class Watches:
 
     def expire(self, now: float) -> None:
         """End what is over."""
-        over = [key for key, (_, until) in self._watches.items() if until <= now]
+        over = [
+            key
+            for key, (watched, until) in self._watches.items()
+            if until <= now or watched.token in self._revoked
+        ]
         for key in over:
             del self._watches[key]
         if over:
