@@ -62,8 +62,8 @@ def database_url(database: str | None, folder: Path) -> URL:
 
 
 def where(url: URL) -> str:
-    """A database as messages call it, without its password."""
-    return url.database or "memory" if url.drivername == "sqlite" else str(url)
+    """A database as messages call it, without its password, also where that is an option."""
+    return url.database or "memory" if url.drivername == "sqlite" else str(url.set(query={}))
 
 
 @contextmanager

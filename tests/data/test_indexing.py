@@ -233,6 +233,9 @@ def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path)
     with pytest.raises(UnavailableError) as told:
         indexed(gone, folder)
     assert "secret" not in str(told.value)
+    with pytest.raises(UnavailableError) as told:
+        indexed("postgresql:///x?host=/nowhere&user=nobody&password=secret", folder)
+    assert "secret" not in str(told.value)
 
 
 @pytest.mark.process

@@ -12,8 +12,14 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
-from robotouille_data.answers.query import asking
-from robotouille_data.answers.saving import save_csv, save_json, save_parquet, table_lines
+from robotouille_data.answers.query import Answer, asking
+from robotouille_data.answers.saving import (
+    save_csv,
+    save_json,
+    save_parquet,
+    table_lines,
+    whole_file,
+)
 from robotouille_data.database import database_url, insert, writing
 from robotouille_data.errors import CatalogueError, UnavailableError
 from robotouille_data.schema import LABELS
@@ -175,3 +181,19 @@ def test_a_file_that_cannot_be_written_is_as_before(filled: str, tmp_path: Path)
         pytest.raises(FileNotFoundError),
     ):
         save_csv(answer, tmp_path / "nowhere" / "a.csv")
+
+
+def test_what_lies_beside_a_file_stays(tmp_path: Path) -> None:
+    mine = tmp_path / "a.csv.tmp"
+    mine.write_text("mine")
+    with whole_file(tmp_path / "a.csv") as file:
+        file.write("x")
+    assert mine.read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"a.csv", "a.csv.tmp"}
+
+
+def test_endless_numbers_are_null_in_json(tmp_path: Path) -> None:
+    answer = Answer(("a", "b", "c"), iter([(float("inf"), float("nan"), 1.5)]))
+    assert save_json(answer, tmp_path / "a.json") == 1
+    (row,) = json.loads((tmp_path / "a.json").read_text())
+    assert row == {"a": None, "b": None, "c": 1.5}

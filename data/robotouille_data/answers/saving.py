@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from decimal import Decimal
 from itertools import islice
+from math import isfinite
 from pathlib import Path
 from typing import IO, Any
 
@@ -54,13 +56,16 @@ def save_csv(answer: Answer, path: Path) -> int:
 
 
 def save_json(answer: Answer, path: Path) -> int:
-    """Write a list of objects, one a line; how many there are. OSError as in `save_csv`."""
+    """Write a list of objects, one a line; how many there are. OSError as in `save_csv`.
+
+    Numbers that are none, or endless, are null: JSON has no others.
+    """
     count = 0
     with whole_file(path) as file:
         file.write("[")
         for count, row in enumerate(answer.rows, 1):
             file.write(",\n" if count > 1 else "\n")
-            named = dict(zip(answer.columns, row, strict=True))
+            named = dict(zip(answer.columns, map(_finite, row), strict=True))
             json.dump(named, file, ensure_ascii=False, default=_number)
         file.write("\n]\n")
     return count
@@ -87,14 +92,14 @@ def save_parquet(answer: Answer, path: Path) -> int:
 @contextmanager
 def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
     """A file of text or bytes that is whole, or as it was before; an OSError has its name."""
-    temporary = path.with_name(f"{path.name}.tmp")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
     try:
-        kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
-        with temporary.open("w" if text else "wb", **kind) as file:
+        with temporary.open("x" if text else "xb", **kind) as file:
             yield file
         temporary.replace(path)
     except OSError as error:
-        error.filename = error.filename or str(path)
+        error.filename = str(path)
         raise
     finally:
         temporary.unlink(missing_ok=True)
@@ -107,6 +112,10 @@ def _shown(value: Any) -> str:
 
 def _plain(value: Any) -> Any:
     return float(value) if isinstance(value, Decimal) else value
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _number(value: Any) -> Any:

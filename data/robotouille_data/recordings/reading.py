@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -27,9 +28,11 @@ def read_content(path: Path) -> bytes:
     """The bytes of a file.
 
     Raises:
-        RecordingError: It is larger than a recording may be.
+        RecordingError: It is larger than a recording may be, or no file: a pipe may never end.
         OSError: It cannot be read now.
     """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise RecordingError("is no file")
     with path.open("rb") as file:
         content = file.read(MAX_FILE + 1)
     if len(content) > MAX_FILE:

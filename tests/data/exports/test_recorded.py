@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 import numpy as np
+import sqlalchemy as sa
 from sqlalchemy.engine import URL
 
 from robotouille import World, load_task
@@ -21,12 +23,13 @@ from robotouille.episode import Episode, Rules
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame, plain
 from robotouille.replay.recorder import Recorder, header
-from robotouille_data.database import database_url
+from robotouille_data.database import database_url, writing
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.exporting import export
 from robotouille_data.exports.request import ExportFormat, Request
 from robotouille_data.indexing import index
 from robotouille_data.recordings.reading import content_digest, episode_id
+from robotouille_data.schema import RECORDINGS
 from tests.support.studies import Write, manifest, write_study
 
 
@@ -237,6 +240,27 @@ def test_what_comes_out_otherwise_is_told(own_study: Path, tmp_path: Path) -> No
     index(database_url(None, own_study), [own_study])
     found = export(database_url(None, own_study), tmp_path / "out", Request((ExportFormat.ARRAYS,)))
     assert list(found.faults.values()) == ["step 10 comes out otherwise by this version's rules"]
+
+
+@pytest.mark.parametrize("elsewhere", ["pipe", "/dev/zero", "other"])
+def test_a_catalogue_that_leads_elsewhere_is_told(
+    own_study: Path, tmp_path: Path, elsewhere: str
+) -> None:
+    """A pipe never ends; another recording is not the one that was indexed."""
+    os.mkfifo(tmp_path / "pipe")
+    shutil.copy(own_study / "random2.rbt", tmp_path / "other")
+    url = database_url(None, own_study)
+    index(url, [own_study])
+    with writing(url).begin() as connection:
+        its = RECORDINGS.c.path
+        where = its == str(own_study / "random1.rbt")
+        connection.execute(sa.update(RECORDINGS).where(where).values(path=str(tmp_path / elsewhere)))
+    found = export(url, tmp_path / "out", Request((ExportFormat.CHAT,)))
+    (fault,) = found.faults.values()
+    assert fault in (
+        "its recording cannot be read: is no file",
+        "its recording was changed since it was indexed",
+    )
 
 
 def test_nothing_is_written_where_all_is_gone(own_study: Path, tmp_path: Path) -> None:

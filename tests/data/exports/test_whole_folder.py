@@ -45,6 +45,28 @@ def test_nothing_half_stays(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_one_that_fails_leaves_another_alone(tmp_path: Path) -> None:
+    """Also from two containers, in which processes have the same numbers."""
+    with whole_folder(tmp_path / "out") as draft:
+        (draft / "x").write_text("x")
+        with pytest.raises(RuntimeError), whole_folder(tmp_path / "out"):
+            raise RuntimeError
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out/x").exists()
+
+
+def test_of_two_at_once_the_first_to_be_whole_is_there(tmp_path: Path) -> None:
+    with (
+        pytest.raises(CatalogueError, match="cannot be written"),
+        whole_folder(tmp_path / "out") as late,
+    ):
+        (late / "x").write_text("late")
+        with whole_folder(tmp_path / "out") as early:
+            (early / "x").write_text("early")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert (tmp_path / "out/x").read_text() == "early"
+
+
 def test_what_is_there_stays(tmp_path: Path) -> None:
     full, file, link = tmp_path / "full", tmp_path / "file", tmp_path / "link"
     full.mkdir()

@@ -107,6 +107,9 @@ def _recording(number: int, files: list[tuple[str, str]]) -> Recording:
         except OSError as error:
             fault = f"its recording cannot be read: {error.strerror}"
             continue
+        except RecordingError as error:
+            fault = f"its recording cannot be read: {error}"
+            continue
         if content_digest(content) == digest:
             return recording_of(content, f"episode {number}")
         fault = "its recording was changed since it was indexed"
