@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 
 from robotouille import World
 from robotouille.protocol import messages
-from robotouille_client.lsl.outlets import Outlets
+from robotouille_client.lsl.outlets import Outlets, open_outlets
 from robotouille_client.lsl.samples import STEP_CHANNELS, markers, step_sample
 from robotouille_client.lsl.stream import Latency
 from robotouille_client.sansio.game_events import (
@@ -89,3 +90,41 @@ def test_messages_are_under_way_for_half_of_the_shortest_round_trip() -> None:
     assert latency.seconds == 0.0
     latency.trips.extend([0.3, 0.02, 0.05])
     assert latency.seconds == 0.01
+
+
+def test_what_a_server_words_is_text_for_lsl() -> None:
+    """Half of a surrogate pair ended the stream; XML has no control characters."""
+    (marker,) = markers(Over({"reason": "\ud800\x1b"}, ""), 1)
+    marker.encode()
+    assert json.loads(marker)["reason"] == "\ud800\x1b"
+    described: list[str] = []
+
+    class Element:
+        def append_child(self, name: str) -> Element:
+            return self
+
+        def append_child_value(self, name: str, value: str) -> None:
+            described.append(value)
+
+    class Library:
+        IRREGULAR_RATE = cf_double64 = cf_string = 0.0
+
+        @staticmethod
+        def local_clock() -> float:
+            return 0.0
+
+        class StreamInfo:
+            def __init__(self, *about: object) -> None:
+                described.extend(str(each) for each in about)
+
+            def desc(self) -> Element:
+                return Element()
+
+        class StreamOutlet:
+            def __init__(self, info: object) -> None:
+                pass
+
+    library: Any = Library
+    open_outlets(library, "e\ud800\0", "x" * 10_000, "ws://\x1b", [0.0])
+    assert "robotouille-e\ufffd\ufffd-steps" in described
+    assert all(each.isprintable() and len(each) <= 600 for each in described)

@@ -7,11 +7,16 @@ from types import ModuleType
 from typing import Any, Protocol
 
 from robotouille.errors import MissingExtraError, RobotouilleError
+from robotouille.program import printable
 from robotouille.release import RELEASE
 from robotouille_client.lsl.samples import STEP_CHANNELS, Channel, markers, step_sample
 from robotouille_client.sansio.game_events import GameEvent
 
 __all__ = ["Outlet", "Outlets", "load_pylsl", "open_outlets"]
+
+
+MAX_WORDS = 500
+"""Letters of what a stream says of itself: all who look for streams are told."""
 
 
 class Outlet(Protocol):
@@ -75,6 +80,10 @@ def open_outlets(
         offsets: Seconds that messages were under way, as measured before.
     """
 
+    about = {"episode": episode, "task": task, "url": url}
+    # Of what a server words LSL takes text alone, and XML has no control characters.
+    about = {name: printable(value)[:MAX_WORDS] for name, value in about.items()}
+
     def outlet(what: str, kind: str, channels: tuple[Channel, ...], form: Any) -> Any:
         info = pylsl.StreamInfo(
             f"Robotouille {what}",
@@ -82,9 +91,9 @@ def open_outlets(
             len(channels),
             pylsl.IRREGULAR_RATE,
             form,
-            f"robotouille-{episode}-{what}",
+            f"robotouille-{about['episode']}-{what}",
         )
-        _describe(info.desc(), channels, {"episode": episode, "task": task, "url": url}, offsets)
+        _describe(info.desc(), channels, about, offsets)
         return pylsl.StreamOutlet(info)
 
     return Outlets(

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from robotouille.program import printable_json
 from robotouille_client.sansio.game_events import (
     Announced,
     Changed,
@@ -48,7 +49,8 @@ def markers(event: GameEvent, step: int) -> Iterator[str]:
         step: The step that the game is at.
     """
     for row in _rows(event):
-        yield json.dumps({"step": step, **row}, ensure_ascii=False, separators=(",", ":"))
+        text = json.dumps({"step": step, **row}, ensure_ascii=False, separators=(",", ":"))
+        yield printable_json(text)  # LSL takes no half of a surrogate pair.
 
 
 def _rows(event: GameEvent) -> Iterator[dict[str, Any]]:
