@@ -40,6 +40,12 @@ def test_anything_else_is_refused(url: str) -> None:
         address(mqtt=url)
 
 
+@pytest.mark.parametrize("host", ["a..b", "a" * 64, "h h", "\ud800", "a" + "\u3002" * 2])
+def test_what_can_be_no_host_is_refused_at_the_start(host: str) -> None:
+    with pytest.raises(RobotouilleError, match="is no name or address"):
+        address(mqtt=f"mqtt://{host}")
+
+
 def test_a_password_in_the_url_is_refused_with_what_to_do_and_not_repeated() -> None:
     with pytest.raises(RobotouilleError, match="--mqtt-password-file") as refused:
         address(mqtt="mqtt://me:geheim@broker")

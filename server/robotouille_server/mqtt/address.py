@@ -56,6 +56,7 @@ class BrokerAddress:
         extra = parts.path.strip("/") or parts.query or parts.fragment
         if parts.scheme not in PORTS or not host or extra:
             raise RobotouilleError("--mqtt: expected mqtt://[USER@]HOST[:PORT] or mqtts://…")
+        _check_host(host)
         return cls(
             host=host,
             port=port or PORTS[parts.scheme],
@@ -63,6 +64,17 @@ class BrokerAddress:
             password=_password(settings),
             tls=_tls(settings) if parts.scheme == "mqtts" else None,
         )
+
+
+def _check_host(host: str) -> None:
+    """RobotouilleError if it can be no name of a host: else each attempt to reach it would be a
+    fault of ours."""
+    try:
+        encoded = host.encode("idna")
+    except UnicodeError:
+        encoded = b""
+    if not encoded or any(byte <= 0x20 for byte in encoded):
+        raise RobotouilleError(f"--mqtt: {host!r} is no name or address of a host")
 
 
 def _password(settings: ServerSettings) -> str | None:
@@ -92,7 +104,7 @@ def server_name(settings: ServerSettings, worker: WorkerSlot, port: int) -> str:
         RobotouilleError: The name cannot be a level of a topic.
     """
     name = settings.mqtt_name or f"{socket.gethostname()}-{port}"
-    if len(name) > MAX_NAME or not _NAME.fullmatch(name):
+    if len(name) > MAX_NAME or not _NAME.fullmatch(name) or not name.isprintable():
         raise RobotouilleError(
             f"--mqtt-name: {name!r} cannot be a part of a topic: 1 to {MAX_NAME} characters, "
             "no blanks and none of / + #"
