@@ -19,6 +19,8 @@ from robotouille_data.exports.request import TABLES, About, ExportFormat
 __all__ = ["card_text", "check_license", "rewrite_card", "write_card"]
 
 SPDX = re.compile(r"[A-Za-z0-9.+-]{1,64}")
+PLAIN = re.compile(r"[A-Za-z0-9.+-]{1,64}")
+"""What is a version's name, and needs no quotation: recordings say what they want."""
 DTYPES = {
     "biginteger": "int64",
     "integer": "int32",
@@ -203,7 +205,10 @@ def _parts(manifest: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _origin(manifest: Mapping[str, Any]) -> str:
-    versions = ", ".join(f"{name} ({count:,})" for name, count in manifest["recorded_by"].items())
+    versions = ", ".join(
+        f"{name if PLAIN.fullmatch(name) else _quoted(name)} ({count:,})"
+        for name, count in manifest["recorded_by"].items()
+    )
     filters = [
         f"label {_quoted(f'{name}={value}')}" for name, value in manifest["labels_asked"].items()
     ]

@@ -36,9 +36,7 @@ def groups(connection: Connection, ids: Sequence[int], label: str) -> list[tuple
     return [tuple(members) for members in found.values()]
 
 
-def _shared_people(
-    connection: Connection, ids: Sequence[int]
-) -> defaultdict[Hashable, list[int]]:
+def _shared_people(connection: Connection, ids: Sequence[int]) -> defaultdict[Hashable, list[int]]:
     """The episodes of each human participant.
 
     Who played, or said something as a spectator, without a pseudonym may be anybody of the same

@@ -46,9 +46,7 @@ class Watches:
         revoked: The ids of tokens that are worth nothing any more.
     """
 
-    def __init__(
-        self, rooms: Callable[[], Collection[Room]], revoked: Container[str] = ()
-    ) -> None:
+    def __init__(self, rooms: Callable[[], Collection[Room]], revoked: Container[str] = ()) -> None:
         self.episodes: set[str] = set()
         self._revoked = revoked
         self._rooms = rooms

@@ -82,3 +82,12 @@ def test_words_of_others_break_no_line(write: Write) -> None:
     folder = write(labels={"condition": "a"}, query="SELECT id\n---\n, '`| \x1b[2J' FROM episodes")
     card = (folder / "README.md").read_text()
     assert "the query `SELECT id --- , ''/ \ufffd[2J' FROM episodes`" in card
+
+
+def test_a_version_that_a_recording_words_is_quoted(write: Write) -> None:
+    folder = write()
+    told = manifest(folder)
+    told["recorded_by"] = {"1 <script>`|\n---\n# Mine\x1b": 1, "0.1.0+local": 2}
+    (folder / "export.json").write_text(json.dumps(told))
+    card = rewrite_card(folder, {})
+    assert "Recorded by Robotouille `1 <script>'/ --- # Mine\ufffd` (1), 0.1.0+local (2), " in card

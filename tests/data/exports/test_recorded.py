@@ -254,7 +254,9 @@ def test_a_catalogue_that_leads_elsewhere_is_told(
     with writing(url).begin() as connection:
         its = RECORDINGS.c.path
         where = its == str(own_study / "random1.rbt")
-        connection.execute(sa.update(RECORDINGS).where(where).values(path=str(tmp_path / elsewhere)))
+        connection.execute(
+            sa.update(RECORDINGS).where(where).values(path=str(tmp_path / elsewhere))
+        )
     found = export(url, tmp_path / "out", Request((ExportFormat.CHAT,)))
     (fault,) = found.faults.values()
     assert fault in (
