@@ -57,5 +57,5 @@ def spectators_heard(connection: Connection, ids: Sequence[int]) -> Iterator[tup
     said = (EVENTS.c.kind == "said") & EVENTS.c.seat.is_(None) & (EVENTS.c.name != "")
     query = sa.select(EVENTS.c.episode_id, EVENTS.c.name).where(said).distinct()
     for piece in in_pieces(ids):
-        for episode_id, name in connection.execute(query.where(EVENTS.c.episode_id.in_(piece))):
-            yield episode_id, name
+        found = connection.execute(query.where(EVENTS.c.episode_id.in_(piece)))
+        yield from ((episode_id, name) for episode_id, name in found)

@@ -165,8 +165,9 @@ class BrokerLink:
 
     async def _receive(self, connection: Connection) -> None:
         while True:
-            while self._outbox.messages > MAX_UNANSWERED:
+            if self._outbox.messages > MAX_UNANSWERED:
                 await asyncio.sleep(LOOK_SECONDS)
+                continue
             received = await connection.receive()
             if received.retained:  # A stale one must not be carried out once more.
                 continue
