@@ -52,6 +52,7 @@ class Course:
         self._repeats = Repeats(len(header["tables"]["atoms"]))
         self._busy: dict[str, int] = {}
         self._step = self._time = self._number = self._blocking = 0
+        self._begun = False
         self._outcome: Mapping[str, Any] | None = None
 
     def add(self, frame: dict[str, Any]) -> None:
@@ -130,6 +131,7 @@ class Course:
             case "said" if seat:
                 seat.said += 1
             case "started":
+                self._begun = True
                 for each in self._seats.values():
                     each.refused = False
         details = {key: value for key, value in note.items() if key not in OF_THEIR_OWN}
@@ -167,10 +169,17 @@ class Course:
             None if end is None else _clean(end["reason"]),
             None if end is None else _clean(end.get("detail", "")),
             self._step,
-            self._time / 1000 if end is None else end["seconds"],
+            self._seconds(end),
             _clean(header.get("code", "")),
             _clean(header.get("owner", "")),
         )
+
+    def _seconds(self, end: Mapping[str, Any] | None) -> float:
+        """How long it took. Earlier versions recorded when it ended, on the server's clock, where
+        it had never begun."""
+        if end is None:
+            return self._time / 1000
+        return float(end["seconds"]) if self._begun or self._step else 0.0
 
     def seats(self) -> list[Row]:
         """The rows of the seats, in order."""
