@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from robotouille.program import printable, tell
-from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
+from robotouille_client.console.progress import progress_bar
+from robotouille_data.cli.console import DatabaseOption, FolderOption, errors_told
 from robotouille_data.cli.export import card, export
 from robotouille_data.cli.report import report
 
@@ -52,7 +53,7 @@ def index(
         from robotouille_data.indexing import index as index_folders
 
         url = database_url(database, folders[0])
-        with bar("recordings") as progress:
+        with progress_bar("recordings") as progress:
             report = index_folders(
                 url, folders, jobs=jobs, unfinished=unfinished, anew=anew,
                 steps_to_go=steps_to_go, progress=progress,
