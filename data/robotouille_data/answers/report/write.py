@@ -12,6 +12,7 @@ from pathlib import Path
 from sqlalchemy.engine import URL
 
 from robotouille.errors import MissingExtraError
+from robotouille_client.console.pages.page import figure_html, notes_html
 from robotouille_data.answers.query import SECONDS, reading
 from robotouille_data.answers.report import tables
 from robotouille_data.answers.report.facts import Facts, Progress, read_facts
@@ -22,8 +23,6 @@ from robotouille_data.answers.report.html import (
     Page,
     Section,
     chat_html,
-    figure_html,
-    notes_html,
     recordings_html,
     render_page,
     table_html,
