@@ -77,7 +77,8 @@ def page_of(folder: Path, database: str | None = None, **options: Any) -> str:
 def facts_of(folder: Path) -> Facts:
     url = database_url(None, folder)
     with reading(url) as connection:
-        return read_facts(connection, select_episodes(url), "condition", lambda *_: None)
+        selection = select_episodes(connection, url)
+        return read_facts(connection, selection, "condition", lambda *_: None)
 
 
 def text_of(page: str) -> str:
@@ -342,7 +343,8 @@ def test_a_full_disk_leaves_a_catalogue_that_can_be_gone_on_with(tmp_path: Path)
     url = database_url(None, tmp_path)
     report = index(url, [tmp_path])
     assert report.indexed + report.unchanged == 60
-    assert len(select_episodes(url).ids) == 60
+    with reading(url) as connection:
+        assert len(select_episodes(connection, url).ids) == 60
 
 
 # How sure a number is

@@ -14,9 +14,9 @@ from sqlalchemy.engine import URL, Connection
 
 from robotouille.errors import MissingExtraError
 from robotouille_data.answers.query import reading
+from robotouille_data.answers.selection import Selection, select_episodes
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.card import check_license, write_card
-from robotouille_data.exports.filtering import Filtered, filter_episodes, task_slugs
 from robotouille_data.exports.manifest import (
     CODEBOOK,
     MANIFEST,
@@ -29,6 +29,7 @@ from robotouille_data.exports.part import Entry, Part, Written
 from robotouille_data.exports.privacy import Privacy
 from robotouille_data.exports.request import TABLES, ExportFormat, Request
 from robotouille_data.exports.splitting import groups, split
+from robotouille_data.exports.task_slugs import task_slugs
 from robotouille_data.exports.whole_folder import whole_folder
 from robotouille_data.versions import catalogue_version
 
@@ -81,18 +82,25 @@ def export(
     if len([each for each in request.formats if each in TABLES]) > 1:
         raise CatalogueError("tables are exported in one format at a time")
     with reading(url) as connection, whole_folder(folder) as draft:
-        filtered = filter_episodes(connection, url, request)
-        return _write(connection, draft, request, filtered, progress)
+        selection = select_episodes(
+            connection,
+            url,
+            request.query or None,
+            request.labels,
+            request.consent,
+            request.seconds,
+        )
+        return _write(connection, draft, request, selection, progress)
 
 
 def _write(
     connection: Connection,
     folder: Path,
     request: Request,
-    filtered: Filtered,
+    selection: Selection,
     progress: Progress,
 ) -> Exported:
-    ids, done = filtered.ids, 0
+    ids, done = selection.ids, 0
 
     def more(count: int) -> None:
         nonlocal done
@@ -129,13 +137,13 @@ def _write(
         "catalogue": catalogue_version(connection),
         **summary(connection, ids),
         "split": told,
-        "left_out": filtered.left_out,
+        "left_out": selection.left_out,
         "faults": {str(number): fault for number, fault in faults.items()},
         "data": rows,
     }
     _write_words(folder, manifest, codebook_text(codebook, rows))
     counts = {name: len(its) for name, its in parts.items()}
-    return Exported(counts, filtered.left_out, faults)
+    return Exported(counts, selection.left_out, faults)
 
 
 def _write_part(part: Part) -> Iterator[dict[str, Any]]:

@@ -97,7 +97,7 @@ def read_facts(connection: Connection, selection: Selection, by: str, progress: 
     Args:
         by: The label that is compared.
     """
-    facts, done = Facts(by, unknown=selection.unknown), 0
+    facts, done = Facts(by, unknown=selection.left_out.get("unknown", 0)), 0
     broken = RECORDINGS.c.fault != ""
     facts.damaged = connection.scalar(
         sa.select(sa.func.count()).select_from(RECORDINGS).where(broken)

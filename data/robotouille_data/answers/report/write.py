@@ -36,7 +36,6 @@ from robotouille_data.answers.report.time_lines import (
 )
 from robotouille_data.answers.saving import whole_file
 from robotouille_data.answers.selection import select_episodes
-from robotouille_data.errors import CatalogueError
 
 __all__ = ["BY", "write_report"]
 
@@ -75,10 +74,8 @@ def write_report(
     """
     if not all(map(find_spec, ("matplotlib", "numpy"))):
         raise MissingExtraError("a report", "data")
-    selection = select_episodes(url, query, labels, seconds)
-    if not selection.ids:
-        raise CatalogueError("no episode of the catalogue is asked for")
     with reading(url) as connection:
+        selection = select_episodes(connection, url, query, labels, seconds=seconds)
         facts = read_facts(connection, selection, by, progress)
         groups = grouped(facts)
         courses = []
