@@ -29,7 +29,7 @@ from robotouille_data.answers.report.grouping import grouped, in_order
 from robotouille_data.answers.report.intervals import median_interval, share_interval
 from robotouille_data.answers.report.write import write_report
 from robotouille_data.answers.selection import select_episodes
-from robotouille_data.database import database_url, insert, writing
+from robotouille_data.database import database_url, insert, writing_engine
 from robotouille_data.errors import CatalogueError
 from robotouille_data.indexing import index
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS
@@ -217,7 +217,7 @@ def test_the_page_asks_for_nothing_and_runs_nothing(page: str) -> None:
 def test_what_others_wrote_is_shown_and_nothing_more(tmp_path: Path) -> None:
     """Labels, names, tasks, reasons and chat are anybody's words."""
     database = str(tmp_path / "c.sqlite")
-    with writing(database_url(database, tmp_path)).begin() as connection:
+    with writing_engine(database_url(database, tmp_path)).begin() as connection:
         migrate(connection)
         fill(connection, 3, text=HOSTILE)
     page = page_of(tmp_path, database, by=HOSTILE, title=HOSTILE, labels={HOSTILE: HOSTILE})
@@ -233,7 +233,7 @@ def test_groups_are_in_the_order_of_people() -> None:
 
 def test_too_many_groups_are_told(tmp_path: Path) -> None:
     database = str(tmp_path / "c.sqlite")
-    with writing(database_url(database, tmp_path)).begin() as connection:
+    with writing_engine(database_url(database, tmp_path)).begin() as connection:
         migrate(connection)
         fill(connection, 40, groups=20)
     page = text_of(page_of(tmp_path, database))
@@ -271,7 +271,7 @@ def fill(connection: sa.Connection, count: int, *, groups: int = 2, text: str = 
 @pytest.mark.slow
 def test_ten_thousand_episodes_make_a_page_of_bounded_size(tmp_path: Path) -> None:
     database, told = str(tmp_path / "c.sqlite"), list[tuple[str, int, int]]()
-    with writing(database_url(database, tmp_path)).begin() as connection:
+    with writing_engine(database_url(database, tmp_path)).begin() as connection:
         migrate(connection)
         fill(connection, 10_000)
     page = page_of(tmp_path, database, progress=lambda *what: told.append(what))

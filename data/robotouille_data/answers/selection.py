@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +13,10 @@ from robotouille_data.answers.query import SECONDS, asking
 from robotouille_data.errors import CatalogueError
 from robotouille_data.schema import EPISODES, LABELS
 
-__all__ = ["Selection", "in_pieces", "select_episodes"]
+__all__ = ["Selection", "select_episodes"]
 
 KEYS = ("episode_id", "id")
 """The columns of a query that can say which episodes are meant, the first that it has."""
-AT_ONCE = 500
-"""Ids in one list of a statement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +66,6 @@ def select_episodes(
         reasons = ", ".join(f"{count} by {name}" for name, count in left_out.items() if count)
         raise CatalogueError(f"no episode is left{f': left out {reasons}' if reasons else ''}")
     return Selection(tuple(sorted(found)), left_out)
-
-
-def in_pieces(ids: Collection[int]) -> Iterator[list[int]]:
-    """So many ids as one statement takes at once."""
-    everything = list(ids)
-    for at in range(0, len(everything), AT_ONCE):
-        yield everything[at : at + AT_ONCE]
 
 
 def _asked(url: URL, query: str, seconds: float) -> set[int]:

@@ -140,16 +140,16 @@ def _bring_up_to_date(folder: Path) -> None:
 
     try:
         with progress_bar("recordings") as progress:
-            report = index(database_url(None, folder), [folder], jobs=JOBS, progress=progress)
+            found = index(database_url(None, folder), [folder], jobs=JOBS, progress=progress)
     except UnavailableError as error:
         if not (folder / DEFAULT_FILE).is_file():
             raise
         tell(printable(f"not brought up to date: {error}"), err=True)
         return
-    for path, fault in report.faults.items():
+    for path, fault in found.faults.items():
         tell(printable(f"{path}: {fault}"), err=True)
-    if report.indexed or report.forgotten:
-        tell(f"indexed {report.indexed}, forgotten {report.forgotten}")
+    if found.indexed or found.forgotten:
+        tell(f"indexed {found.indexed}, forgotten {found.forgotten}")
 
 
 def _shares(text: str) -> dict[str, float]:

@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille.release import VERSION
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.part import Entry
 from robotouille_data.exports.request import Request

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.schema import EPISODES
 
 __all__ = ["task_slugs"]

@@ -11,7 +11,8 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_data.answers.selection import Selection, in_pieces
+from robotouille_data.answers.selection import Selection
+from robotouille_data.database import in_pieces
 from robotouille_data.recordings.seat import ACTIVITIES
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, RECORDINGS, SEATS, STEPS
 

@@ -22,7 +22,7 @@ from robotouille_client.console.pages.page_style import STYLE
 from robotouille_data.answers.report.facts import Episode
 from robotouille_data.answers.report.grouping import Group
 from robotouille_data.answers.report.tables import Table
-from robotouille_data.answers.report.time_lines import MAX_SAID, Course
+from robotouille_data.answers.report.time_lines import MAX_SAID, TimeLine
 
 __all__ = [
     "MAX_LISTED",
@@ -123,23 +123,23 @@ def _fold(title: str, small: str, content: str, state: str = "") -> str:
 # Chat and recordings
 
 
-def chat_html(group: Group, courses: Sequence[Course]) -> str:
+def chat_html(group: Group, time_lines: Sequence[TimeLine]) -> str:
     """What was said in some episodes of a group, each folded but the first; empty where nothing
     was."""
-    talks = [course for course in courses if course.said]
+    talks = [time_line for time_line in time_lines if time_line.said]
     return "".join(_chat(group, talk, "" if place else " open") for place, talk in enumerate(talks))
 
 
-def _chat(group: Group, course: Course, state: str) -> str:
+def _chat(group: Group, time_line: TimeLine, state: str) -> str:
     rows = tuple(
         (f"{each.t / 1000:,.1f} s", each.name or _seat(each.seat), each.text)
-        for each in course.said
+        for each in time_line.said
     )
     table = Table(("when", "who", "what"), rows, frozenset({"who", "what"}))
-    count = f"{course.messages:,} message{'' if course.messages == 1 else 's'}"
-    if course.messages > MAX_SAID:
+    count = f"{time_line.messages:,} message{'' if time_line.messages == 1 else 's'}"
+    if time_line.messages > MAX_SAID:
         count += f", the first {MAX_SAID} of them"
-    return _fold(f"{group.name}: {course.episode.name}", count, table_html(table, "said"), state)
+    return _fold(f"{group.name}: {time_line.episode.name}", count, table_html(table, "said"), state)
 
 
 def _seat(seat: int | None) -> str:

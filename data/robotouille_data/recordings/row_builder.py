@@ -1,4 +1,4 @@
-"""The course of one recording: its frames go in, rows come out."""
+"""One recording as rows: its frames go in, rows come out."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robotouille_data.recordings.repeats import Repeats
 from robotouille_data.recordings.seat import ACTIVITIES, RecordedSeat
 from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, Left
 
-__all__ = ["Course", "Row"]
+__all__ = ["Row", "RowBuilder"]
 
 Row = tuple[Any, ...]
 INT32, INT64 = 2**31 - 1, 2**63 - 1
@@ -26,7 +26,7 @@ OF_THEIR_OWN = frozenset({"note", "t", "player", "name", "text", "action"})
 """The fields of a note that are no `details`."""
 
 
-class Course:
+class RowBuilder:
     """Goes through the frames of one recording, in their order.
 
     `steps` and `events` are the rows so far; whoever takes them may empty the lists.
