@@ -59,7 +59,7 @@ def ask(database: str, query: str) -> list[tuple[Any, ...]]:
 def test_incremental_and_anew_give_the_same_rows(
     database: str, folder: Path, tmp_path: Path
 ) -> None:
-    """Files come, change, are copied and go; then the same from nothing, and by two processes."""
+    """Files come, change, are copied and go; then the same from nothing."""
     other = str(tmp_path / "other.sqlite")
     (folder / "random6.rbt.part").write_bytes(random_stream(6)[:-30])
     assert indexed(database, folder) == Indexed(indexed=6, unfinished=1)
@@ -74,7 +74,7 @@ def test_incremental_and_anew_give_the_same_rows(
     report = indexed(database, folder)
     assert (report.indexed, report.unchanged, report.forgotten) == (5, 2, 2)
     assert list(report.faults) == [str(folder / "random3.rbt")]
-    indexed(other, folder, jobs=2)
+    indexed(other, folder)
     assert dump(database) == dump(other)
     indexed(database, folder, anew=True)
     assert dump(database) == dump(other)
@@ -108,6 +108,33 @@ def test_copies_are_one_episode(database: str, folder: Path) -> None:
     assert {**before, "recordings": after["recordings"]} == after
 
 
+@pytest.mark.slow
+@pytest.mark.process
+def test_two_processes_give_the_same_rows(
+    database: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of files that are good and damaged; what is told, too."""
+    write_recordings(folder / "below", 3, first=7)
+    (folder / "random3.rbt").write_bytes(b"no recording")
+    stream = bytearray(random_stream(10))
+    stream[-10] ^= 1
+    (folder / "below/random10.rbt.part").write_bytes(stream)
+    other, told = str(tmp_path / "other.sqlite"), list[tuple[int, int]]()
+    alone = indexed(other, folder, unfinished=True)
+    monkeypatch.setattr(indexing, "FILES_AT_ONCE", 2)
+    both = indexed(
+        database, folder, unfinished=True, jobs=2, progress=lambda *done: told.append(done)
+    )
+    assert both == alone
+    assert (both.indexed, len(both.faults)) == (8, 2)
+    assert told[0] == (0, 10)
+    assert told[-1] == (10, 10)
+    assert len(told) == 6
+    assert dump(database) == dump(other)
+
+
+@pytest.mark.slow
+@pytest.mark.process
 def test_two_indexers_at_once(database: str, folder: Path, tmp_path: Path) -> None:
     other = str(tmp_path / "other.sqlite")
     indexed(other, folder)
@@ -170,7 +197,7 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
     database = str(tmp_path / "c.sqlite")
     indexed(database, folder)
     before = dump(database)
-    write_recordings(folder, 30, first=100)
+    write_recordings(folder, 10, first=100)
 
     def limited(url: str) -> sa.Engine:
         engine = writing_engine(sa.make_url(url))
@@ -183,7 +210,7 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
         indexed(database, folder)
     assert dump(database) == before
     monkeypatch.undo()
-    assert indexed(database, folder) == Indexed(indexed=30, unchanged=6)
+    assert indexed(database, folder) == Indexed(indexed=10, unchanged=6)
 
 
 def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path) -> None:
@@ -256,7 +283,7 @@ def test_a_label_is_found_among_100_000_episodes(database: str, folder: Path) ->
 def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
     database: str, folder: Path, tmp_path: Path
 ) -> None:
-    """At once, or later; in one process, or two. And they are what is known of the last state."""
+    """At once, or later. And they are what is known of the last state."""
     for number in range(3, 6):
         (folder / f"random{number}.rbt").unlink()
     query = """SELECT e.episode, m.success, m.steps_to_go_least, m.steps_to_go_most, m.out_of_reach
@@ -266,7 +293,7 @@ def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
     assert {row[2:] for row in ask(database, query)} == {(None, None, None)}
     assert indexed(database, folder, steps_to_go=True) == Indexed(indexed=3)
     assert indexed(database, folder, steps_to_go=True) == Indexed(unchanged=3)
-    indexed(other, folder, steps_to_go=True, jobs=2)
+    indexed(other, folder, steps_to_go=True)
     assert dump(database) == dump(other)
     for episode, success, least, most, dead in ask(database, query)[:2]:
         assert not success

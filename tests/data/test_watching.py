@@ -98,9 +98,9 @@ def test_a_folder_that_is_away_is_waited_for(
 def test_a_database_that_is_killed_and_comes_back_lacks_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("psycopg", reason="needs the extra `data`")
     """50 episodes end one after the other; the server is killed behind the 15th, and started again
     behind the 35th."""
+    pytest.importorskip("psycopg", reason="needs the extra `data`")
     folder = tmp_path / "recordings"
     folder.mkdir()
     with postgresql() as server, watched(server.url, folder, monkeypatch) as told:
