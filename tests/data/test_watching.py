@@ -95,16 +95,20 @@ def test_a_folder_that_is_away_is_waited_for(
 @pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.skipif(bool(missing()), reason=missing())
-def test_a_database_that_is_killed_and_comes_back_lacks_nothing(
+def test_a_database_that_is_stopped_killed_and_comes_back_lacks_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """50 episodes end one after the other; the server is killed behind the 15th, and started again
-    behind the 35th."""
+    """50 episodes end one after the other; the server stands still from the 5th to the 10th, is
+    killed behind the 15th, and started again behind the 35th."""
     pytest.importorskip("psycopg", reason="needs the extra `data`")
     folder = tmp_path / "recordings"
     folder.mkdir()
     with postgresql() as server, watched(server.url, folder, monkeypatch) as told:
         for number in range(50):
+            if number == 5:
+                server.send_signal(signal.SIGSTOP)
+            if number == 10:
+                server.send_signal(signal.SIGCONT)
             if number == 15:
                 until_known(told, number)
                 server.kill()
