@@ -19,11 +19,11 @@ from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.card import check_license, write_card
 from robotouille_data.exports.manifest import (
     CODEBOOK,
-    MANIFEST,
     codebook_text,
     file_sums,
     request_row,
     summary,
+    write_manifest,
 )
 from robotouille_data.exports.part import Entry, Part, Written
 from robotouille_data.exports.privacy import Privacy
@@ -192,6 +192,5 @@ def _write_words(folder: Path, manifest: dict[str, Any], codebook: str) -> None:
     `data card` writes anew."""
     (folder / CODEBOOK).write_text(codebook, encoding="utf-8")
     manifest["files"] = file_sums(folder)
-    text = json.dumps(manifest, ensure_ascii=False, indent=1)
-    (folder / MANIFEST).write_text(f"{text}\n", encoding="utf-8")
+    write_manifest(folder, manifest)
     write_card(folder, manifest, json.loads(codebook))

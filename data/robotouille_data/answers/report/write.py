@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sqlalchemy.engine import URL
 
+from robotouille.domain.files import whole_file
 from robotouille.errors import MissingExtraError
 from robotouille_data.answers.query import SECONDS, reading
 from robotouille_data.answers.report.facts import Progress, read_facts
@@ -15,7 +16,6 @@ from robotouille_data.answers.report.grouping import grouped
 from robotouille_data.answers.report.html import Page, render_page
 from robotouille_data.answers.report.sections import Material, cards, notes, sections
 from robotouille_data.answers.report.time_lines import read_time_lines
-from robotouille_data.answers.saving import whole_file
 from robotouille_data.answers.selection import select_episodes
 
 __all__ = ["BY", "write_report"]
