@@ -100,34 +100,13 @@ def _write(
     selection: Selection,
     progress: Progress,
 ) -> Exported:
-    ids, done = selection.ids, 0
-
-    def more(count: int) -> None:
-        nonlocal done
-        done += count
-        progress(done // len(request.formats), len(ids))
-
-    parts, told = _split(connection, request, ids)
-    privacy = Privacy(connection, ids, names=request.names, texts=request.texts)
+    parts, told = _split(connection, request, selection.ids)
     faults, codebook = dict[int, str](), dict[str, Entry]()
-    begun = Part(
-        connection=connection,
-        request=request,
-        format=request.formats[0],
-        privacy=privacy,
-        root=folder,
-        name="",
-        ids=ids,
-        tasks=task_slugs(connection, ids),
-        done=more,
-        faults=faults,
-        codebook=codebook,
-    )
-    more(0)
+    whole = _whole(connection, folder, request, selection.ids, progress, faults, codebook)
     rows = [
         row
         for (name, its), format_ in product(parts.items(), request.formats)
-        for row in _write_part(replace(begun, name=name, ids=its, format=format_))
+        for row in _write_part(replace(whole, name=name, ids=its, format=format_))
     ]
     if not any(row["rows"] for row in rows):
         reasons = "; ".join(sorted(set(faults.values())))
@@ -135,7 +114,7 @@ def _write(
     manifest = {
         **request_row(request),
         "catalogue": catalogue_version(connection),
-        **summary(connection, ids),
+        **summary(connection, selection.ids),
         "split": told,
         "left_out": selection.left_out,
         "faults": {str(number): fault for number, fault in faults.items()},
@@ -144,6 +123,39 @@ def _write(
     _write_words(folder, manifest, codebook_text(codebook, rows))
     counts = {name: len(its) for name, its in parts.items()}
     return Exported(counts, selection.left_out, faults)
+
+
+def _whole(
+    connection: Connection,
+    folder: Path,
+    request: Request,
+    ids: Sequence[int],
+    progress: Progress,
+    faults: dict[int, str],
+    codebook: dict[str, Entry],
+) -> Part:
+    """All episodes as one part, of which the others are made."""
+    done = 0
+
+    def more(count: int) -> None:
+        nonlocal done
+        done += count
+        progress(done // len(request.formats), len(ids))
+
+    more(0)
+    return Part(
+        connection=connection,
+        request=request,
+        format=request.formats[0],
+        privacy=Privacy(connection, ids, names=request.names, texts=request.texts),
+        root=folder,
+        name="",
+        ids=ids,
+        tasks=task_slugs(connection, ids),
+        done=more,
+        faults=faults,
+        codebook=codebook,
+    )
 
 
 def _write_part(part: Part) -> Iterator[dict[str, Any]]:

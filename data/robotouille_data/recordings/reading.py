@@ -12,7 +12,7 @@ from robotouille.errors import RecordingError
 from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
 from robotouille.replay.frame_schema import check_frame
 from robotouille_data.recordings.row_builder import Row, RowBuilder
-from robotouille_data.recordings.steps_left import UNKNOWN, Left, steps_left
+from robotouille_data.recordings.steps_left import UNKNOWN, StepsLeft, steps_left
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
 
 __all__ = ["MAX_ROWS", "TableRows", "content_digest", "episode_id", "read_content", "recorded_rows"]
@@ -96,7 +96,7 @@ def _builders(stream: bytes, number: int, *, closed: bool) -> Iterator[RowBuilde
         raise RecordingError("damaged: the file is closed without an end")
 
 
-def _summary(rows: RowBuilder, left: Left) -> list[TableRows]:
+def _summary(rows: RowBuilder, left: StepsLeft) -> list[TableRows]:
     return [
         (STEPS, rows.steps),
         (EVENTS, rows.events),

@@ -16,7 +16,7 @@ from robotouille_data.recordings.action_words import (
 from robotouille_data.recordings.certified import fewest_steps
 from robotouille_data.recordings.repeats import Repeats
 from robotouille_data.recordings.seat import ACTIVITIES, RecordedSeat
-from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, Left
+from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, StepsLeft
 
 __all__ = ["Row", "RowBuilder"]
 
@@ -207,7 +207,7 @@ class RowBuilder:
         """Whether the goal was reached; None while that is open."""
         return None if self._outcome is None else self._outcome["reason"] == "goal"
 
-    def measures(self, left: Left = UNKNOWN) -> Row:
+    def measures(self, left: StepsLeft = UNKNOWN) -> Row:
         """The row of the team's measures.
 
         Args:
