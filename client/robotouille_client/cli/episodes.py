@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import printable, tell
+from robotouille.program import tell
 from robotouille.protocol import messages
 from robotouille_client.cli.episode_table import (
     TableError,
@@ -22,7 +22,7 @@ from robotouille_client.cli.episode_table import (
     write_table,
 )
 from robotouille_client.client import DEFAULT_URL, Client, connect
-from robotouille_client.console import TokenOption, explain, fail, failing
+from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
 __all__ = ["episodes"]
 
@@ -178,13 +178,7 @@ async def _each(
 
 
 def _labels(pairs: list[str] | None) -> Mapping[str, str]:
-    found = {}
-    for pair in pairs or ():
-        name, equals, value = pair.partition("=")
-        if not (name and equals and value):
-            raise TableError(printable(f"--label {pair!r}: write it as NAME=VALUE"))
-        found[name] = value
-    return found
+    return dict(name_and_value(pair, "--label") for pair in pairs or ())
 
 
 def _with_client(url: str, token: str | None, work: Callable[[Client], Awaitable[T]]) -> T:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from decimal import Decimal
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+from robotouille.domain.files import whole_file
 from robotouille.errors import MissingExtraError
 from robotouille.program import printable
 from robotouille_data.answers.query import Answer
@@ -21,7 +20,6 @@ __all__ = [
     "save_json",
     "save_parquet",
     "table_lines",
-    "whole_file",
 ]
 
 MAX_SHOWN = 1000
@@ -82,22 +80,6 @@ def save_parquet(answer: Answer, path: Path) -> int:
     with whole_file(path, text=False) as file:
         frame.write_parquet(file, compression="zstd")
     return len(rows)
-
-
-@contextmanager
-def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
-    """A file of text or bytes that is whole, or as it was before; an OSError has its name."""
-    temporary = path.with_name(f"{path.name}.tmp")
-    try:
-        kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
-        with temporary.open("w" if text else "wb", **kind) as file:
-            yield file
-        temporary.replace(path)
-    except OSError as error:
-        error.filename = error.filename or str(path)
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _shown(value: Any) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Hashable, Mapping, Sequence
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.exports.people import sittings
 from robotouille_data.schema import LABELS
 

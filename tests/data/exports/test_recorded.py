@@ -27,7 +27,7 @@ from robotouille_data.exports.exporting import export
 from robotouille_data.exports.request import ExportFormat, Request
 from robotouille_data.indexing import index
 from robotouille_data.recordings.reading import content_digest, episode_id
-from tests.support.studies import Write, manifest, write_study
+from tests.support.random_study import Write, manifest, write_random_study
 
 
 @pytest.fixture(scope="session")
@@ -104,6 +104,7 @@ def test_datasets_loads_chat(write: Write, hub: Any) -> None:
 # Arrays
 
 
+@pytest.mark.slow
 def test_arrays_are_what_the_recordings_say(write: Write, recordings: dict[int, Recording]) -> None:
     folder = write("arrays")
     told = manifest(folder)
@@ -200,7 +201,7 @@ def test_the_variable_of_minari_s_folder_is_as_before(
 @pytest.fixture
 def own_study(tmp_path: Path) -> Path:
     folder = tmp_path / "recordings"
-    write_study(folder)
+    write_random_study(folder)
     index(database_url(None, folder), [folder])
     return folder
 

@@ -12,7 +12,7 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 import polars as pl
 
 from robotouille_data.exports.splitting import split
-from tests.support.studies import PAIRS, ROUNDS, Write, manifest
+from tests.support.random_study import PAIRS, ROUNDS, Write, manifest
 
 SHARES = {"train": 0.5, "test": 0.5}
 

@@ -1,4 +1,4 @@
-"""The course of one recording: its frames go in, rows come out."""
+"""One recording as rows: its frames go in, rows come out."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from robotouille_data.recordings.action_words import (
 from robotouille_data.recordings.certified import fewest_steps
 from robotouille_data.recordings.repeats import Repeats
 from robotouille_data.recordings.seat import ACTIVITIES, RecordedSeat
-from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, Left
+from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, StepsLeft
 
-__all__ = ["Course", "Row"]
+__all__ = ["Row", "RowBuilder"]
 
 Row = tuple[Any, ...]
 INT32, INT64 = 2**31 - 1, 2**63 - 1
@@ -26,7 +26,7 @@ OF_THEIR_OWN = frozenset({"note", "t", "player", "name", "text", "action"})
 """The fields of a note that are no `details`."""
 
 
-class Course:
+class RowBuilder:
     """Goes through the frames of one recording, in their order.
 
     `steps` and `events` are the rows so far; whoever takes them may empty the lists.
@@ -216,7 +216,7 @@ class Course:
         """Whether the goal was reached; None while that is open."""
         return None if self._outcome is None else self._outcome["reason"] == "goal"
 
-    def measures(self, left: Left = UNKNOWN) -> Row:
+    def measures(self, left: StepsLeft = UNKNOWN) -> Row:
         """The row of the team's measures.
 
         Args:
