@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from robotouille.errors import ProtocolError, RobotouilleError
-from robotouille.program import tell
+from robotouille.program import printable, tell
 from robotouille.protocol import messages
 from robotouille_client.cli.episode_table import (
     TableError,
@@ -63,6 +63,8 @@ def open_(
     token: TokenOption = None,
 ) -> None:
     """Open an episode for each row of a CSV file; write the rows with their codes."""
+    if out is not None and out.exists():
+        fail(printable(f"{out}: there is such a file, with codes perhaps: name another one"), 2)
     rows, requests = read_requests(table, open_for=seconds(open_for), tokens=tokens)
     opened: list[dict[str, Any]] = []
 
@@ -90,6 +92,7 @@ def open_(
     finally:
         if opened:
             write_table(opened, out, secret=tokens)
+    tell(f"{len(opened)} opened", err=True)
 
 
 @episodes.command("list")
