@@ -91,7 +91,7 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     """Index, ask, and forget."""
     import sqlalchemy as sa
 
-    from robotouille_data.database import database_url, insert, writing
+    from robotouille_data.database import database_url, insert, writing_engine
     from robotouille_data.indexing import index
     from robotouille_data.schema import LABELS
 
@@ -100,7 +100,7 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
     began = time.perf_counter()
     found = index(url, [folder], jobs=jobs)
     seconds = time.perf_counter() - began
-    with writing(url).connect() as connection:
+    with writing_engine(url).connect() as connection:
         rows = connection.exec_driver_sql("SELECT count(*) FROM steps WHERE seat = 0").scalar_one()
         events = connection.exec_driver_sql("SELECT count(*) FROM events").scalar_one()
     steps = int(rows)
@@ -119,7 +119,7 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
         size = (folder / "report.html").stat().st_size
         print(f"a report of {count:,} episodes, {size / 1e6:.1f} MB: "
               f"{time.perf_counter() - began:.1f} s")  # fmt: skip
-    with writing(url).begin() as connection:
+    with writing_engine(url).begin() as connection:
         rows = [
             (number, name, value)
             for number in range(LABELLED)
@@ -129,7 +129,7 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
         connection.exec_driver_sql("ANALYZE labels")
     query = "SELECT episode_id FROM labels WHERE name = 'condition' AND value = 'c7'"
     times = []
-    with writing(url).connect() as connection:
+    with writing_engine(url).connect() as connection:
         for _ in range(ASKED):
             began = time.perf_counter()
             assert len(connection.exec_driver_sql(query).all()) == LABELLED // 500
@@ -138,7 +138,7 @@ def measure(folder: Path, database: str | None, recordings: int, jobs: int) -> N
         f"a label among {LABELLED:,} episodes: {statistics.median(times) * 1000:.2f} ms "
         f"(aim: {LABEL_SECONDS * 1000:.0f} ms)"
     )
-    with writing(url).begin() as connection:
+    with writing_engine(url).begin() as connection:
         connection.execute(sa.delete(LABELS).where(LABELS.c.episode_id < LABELLED))
     for path in folder.glob("*.rbt"):
         path.unlink()

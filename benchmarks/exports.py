@@ -59,10 +59,10 @@ def measure(folder: Path, episodes: int, formats: Sequence[str]) -> None:
 def fill(url: Any, episodes: int) -> None:
     """A catalogue with made-up rows."""
     from robotouille_data import schema
-    from robotouille_data.database import insert, writing
+    from robotouille_data.database import insert, writing_engine
     from robotouille_data.versions import migrate
 
-    with writing(url).begin() as connection:
+    with writing_engine(url).begin() as connection:
         migrate(connection)
         for number in range(episodes):
             insert(connection, schema.EPISODES, [_episode(number)])

@@ -98,7 +98,7 @@ class _Hashing:
 # Saving
 
 
-def save(backup: Path, places: Places, told: Callable[[int], None] = lambda count: None) -> int:
+def save(backup: Path, places: Places, progress: Callable[[int], None] = lambda count: None) -> int:
     """Write a backup, whole or not at all; how many files are in it.
 
     Raises:
@@ -114,7 +114,7 @@ def save(backup: Path, places: Places, told: Callable[[int], None] = lambda coun
         descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(descriptor, "wb") as file:
             with tarfile.open(fileobj=file, mode="w") as tar:
-                count = _write(_Archive(tar), places, backup.parent, told)
+                count = _write(_Archive(tar), places, backup.parent, progress)
             file.flush()
             os.fsync(file.fileno())
         os.link(new, backup)
@@ -125,7 +125,7 @@ def save(backup: Path, places: Places, told: Callable[[int], None] = lambda coun
     return count
 
 
-def _write(archive: _Archive, places: Places, beside: Path, told: Callable[[int], None]) -> int:
+def _write(archive: _Archive, places: Places, beside: Path, progress: Callable[[int], None]) -> int:
     if places.database != "none":
         with tempfile.TemporaryFile(dir=beside) as dump:
             _postgresql(["pg_dump", *DUMPING], places.database, stdout=dump)
@@ -134,7 +134,7 @@ def _write(archive: _Archive, places: Places, beside: Path, told: Callable[[int]
     for name, path in _files(places.state):
         with path.open("rb") as file:
             archive.add(f"state/{name}", file)
-    while _add_recordings(archive, places.recordings, told):
+    while _add_recordings(archive, places.recordings, progress):
         pass  # Some came to their end meanwhile, and have other names now.
     manifest = {"created": int(time.time()), "files": archive.files}
     with tempfile.TemporaryFile() as file:
@@ -145,7 +145,7 @@ def _write(archive: _Archive, places: Places, beside: Path, told: Callable[[int]
     return len(archive.files) - 1
 
 
-def _add_recordings(archive: _Archive, folder: Path, told: Callable[[int], None]) -> bool:
+def _add_recordings(archive: _Archive, folder: Path, progress: Callable[[int], None]) -> bool:
     """Add the recordings that are not there yet; whether one was gone before it was read."""
     gone = False
     for name, path in _files(folder):
@@ -156,7 +156,7 @@ def _add_recordings(archive: _Archive, folder: Path, told: Callable[[int], None]
                 archive.add(f"recordings/{name}", file)
         except FileNotFoundError:
             gone = True
-        told(len(archive.files))
+        progress(len(archive.files))
     return gone
 
 
@@ -170,7 +170,9 @@ def _files(folder: Path) -> Iterator[tuple[str, Path]]:
 # Restoring
 
 
-def restore(backup: Path, places: Places, told: Callable[[int], None] = lambda count: None) -> int:
+def restore(
+    backup: Path, places: Places, progress: Callable[[int], None] = lambda count: None
+) -> int:
     """Put a backup into empty folders and the database; how many files there were.
 
     Everything is checked before anything is written.
@@ -188,7 +190,7 @@ def restore(backup: Path, places: Places, told: Callable[[int], None] = lambda c
                 _restore_database(tar, places.database, backup.parent)
             for count, name in enumerate(_wanted(manifest)):
                 _extract(tar, name, places)
-                told(count)
+                progress(count)
     except (tarfile.TarError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise BackupError(f"{backup} is no backup, or is damaged: {error}") from None
     except OSError as error:
@@ -289,17 +291,17 @@ def _postgresql(
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[int], None]]:
+def _progress_lines() -> Iterator[Callable[[int], None]]:
     """Tells how far it is on a terminal, now and then."""
     last, shown = time.monotonic(), sys.stderr.isatty()
 
-    def told(count: int) -> None:
+    def progress(count: int) -> None:
         nonlocal last
         if shown and time.monotonic() > last + TELL_SECONDS:
             last = time.monotonic()
             print(f"{count} files", file=sys.stderr)
 
-    yield told
+    yield progress
 
 
 def main() -> None:
@@ -313,8 +315,8 @@ def main() -> None:
     given = parser.parse_args()
     places = Places(given.recordings, given.state, given.database)
     try:
-        with _progress() as told:
-            count = {"save": save, "restore": restore}[given.what](given.backup, places, told)
+        with _progress_lines() as progress:
+            count = {"save": save, "restore": restore}[given.what](given.backup, places, progress)
     except BackupError as error:
         sys.exit(str(error))
     print(f"{given.backup}: {count} files {given.what}d")

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy import event, exc
@@ -22,19 +22,23 @@ from robotouille_data.errors import CatalogueError, UnavailableError
 
 __all__ = [
     "DEFAULT_FILE",
+    "database_errors",
     "database_url",
     "driver_errors",
+    "in_pieces",
     "insert",
-    "read_only",
-    "telling",
-    "where",
-    "writing",
+    "read_only_engine",
+    "writing_engine",
 ]
+
+T = TypeVar("T")
 
 DEFAULT_FILE = "catalogue.sqlite"
 LOCK_SECONDS = 60
 """How long one waits for who writes at present."""
 CONNECT_SECONDS = 10
+MAX_VALUES = 500
+"""In one list of a statement."""
 LOCK = 0x526F626F
 """The advisory lock of PostgreSQL that who writes holds."""
 
@@ -61,13 +65,13 @@ def database_url(database: str | None, folder: Path) -> URL:
     raise CatalogueError(f"no catalogue in {url.get_backend_name()}: SQLite and PostgreSQL can be")
 
 
-def where(url: URL) -> str:
+def _shown(url: URL) -> str:
     """A database as messages call it, without its password, also where that is an option."""
     return url.database or "memory" if url.drivername == "sqlite" else str(url.set(query={}))
 
 
 @contextmanager
-def telling(url: URL) -> Iterator[None]:
+def database_errors(url: URL) -> Iterator[None]:
     """Errors of a database become ours.
 
     Raises:
@@ -84,12 +88,12 @@ def telling(url: URL) -> Iterator[None]:
         )
         lost = getattr(error, "connection_invalidated", False)
         kind = UnavailableError if passing or lost else CatalogueError
-        raise kind(f"{where(url)}: {words}") from None
+        raise kind(f"{_shown(url)}: {words}") from None
     except OSError as error:
-        raise UnavailableError(f"{where(url)}: {error.strerror or error}") from None
+        raise UnavailableError(f"{_shown(url)}: {error.strerror or error}") from None
 
 
-def writing(url: URL) -> Engine:
+def writing_engine(url: URL) -> Engine:
     """An engine whose transactions may write; one at a time does."""
     if url.drivername == "sqlite":
         engine = sa.create_engine(url, poolclass=NullPool, connect_args={"timeout": LOCK_SECONDS})
@@ -105,7 +109,7 @@ def writing(url: URL) -> Engine:
     return engine
 
 
-def read_only(url: URL) -> Engine:
+def read_only_engine(url: URL) -> Engine:
     """An engine that nobody can write with, for PostgreSQL as far as the role's rights go."""
     if url.drivername != "sqlite":
         options = {
@@ -144,6 +148,13 @@ def insert(connection: Connection, table: sa.Table, rows: Sequence[tuple[Any, ..
     with driver_errors(connection), driver.cursor() as cursor, cursor.copy(statement) as copy:
         for row in rows:
             copy.write_row(row)
+
+
+def in_pieces(values: Collection[T]) -> Iterator[list[T]]:
+    """So many values as one statement takes at once."""
+    everything = list(values)
+    for at in range(0, len(everything), MAX_VALUES):
+        yield everything[at : at + MAX_VALUES]
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from sqlalchemy.engine import URL, Engine, make_url
 from sqlalchemy.exc import DataError, IntegrityError
 
 from robotouille.errors import RecordingError
-from robotouille_data.database import telling, writing
+from robotouille_data.database import database_errors, writing_engine
 from robotouille_data.errors import UnavailableError
 from robotouille_data.recordings.reading import (
     content_digest,
@@ -37,7 +37,7 @@ from robotouille_data.store import (
 )
 from robotouille_data.versions import migrate
 
-__all__ = ["Progress", "Report", "index"]
+__all__ = ["Indexed", "Progress", "index"]
 
 SUFFIX, UNFINISHED = ".rbt", ".rbt.part"
 FILES_AT_ONCE = 50
@@ -54,7 +54,7 @@ File = tuple[str, Stamp]
 
 
 @dataclass(slots=True)
-class Report:
+class Indexed:
     """What became of an index: how many files were read, had not changed, are gone, or are
     unfinished and were left out; and the faults of files that are no episodes of it, by path."""
 
@@ -74,7 +74,7 @@ def index(
     anew: bool = False,
     steps_to_go: bool = False,
     progress: Progress = lambda done, total: None,
-) -> Report:
+) -> Indexed:
     """Read what is new or has changed below some folders, and forget what is gone.
 
     Args:
@@ -91,29 +91,29 @@ def index(
             written before stays.
         CatalogueError: The catalogue is of a later version.
     """
-    report, found = Report(), dict[str, Stamp]()
+    result, found = Indexed(), dict[str, Stamp]()
     roots = [str(folder.absolute()) for folder in folders]
     for root in roots:
         for path, stamp in _recordings(root):
             if not _is_text(path):
-                report.faults[path] = "its name is not UTF-8, and no database takes it"
+                result.faults[path] = "its name is not UTF-8, and no database takes it"
             elif path.endswith(UNFINISHED) and not unfinished:
-                report.unfinished += 1
+                result.unfinished += 1
             else:
                 found[path] = stamp
-    known, lacking = _prepare(url, roots, found, report)
+    known, lacking = _prepare(url, roots, found, result)
     if steps_to_go:
         known = {path: stamp for path, stamp in known.items() if path not in lacking}
     changed = [(p, s) for p, s in sorted(found.items()) if anew or known.get(p) != s]
-    report.unchanged = len(found) - len(changed)
+    result.unchanged = len(found) - len(changed)
     done = 0
     progress(done, len(changed))
     for count, faults in _read_all(url, changed, jobs, steps_to_go):
-        report.indexed += count - len(faults)
-        report.faults |= faults
+        result.indexed += count - len(faults)
+        result.faults |= faults
         done += count
         progress(done, len(changed))
-    return report
+    return result
 
 
 def _recordings(root: str) -> Iterator[File]:
@@ -146,19 +146,19 @@ def _is_text(path: str) -> bool:
 
 
 def _prepare(
-    url: URL, roots: Sequence[str], found: Mapping[str, Stamp], report: Report
+    url: URL, roots: Sequence[str], found: Mapping[str, Stamp], result: Indexed
 ) -> tuple[dict[str, Stamp], set[str]]:
     """Migrate the catalogue and forget what is gone; what it knows of the rest, and of which it
     lacks steps to go."""
-    engine, known = writing(url), dict[str, Stamp]()
-    with telling(url), engine.begin() as connection:
+    engine, known = writing_engine(url), dict[str, Stamp]()
+    with database_errors(url), engine.begin() as connection:
         migrate(connection)
         for root in roots:
             known |= known_files(connection, root)
         gone = known.keys() - found.keys()
         forget(connection, gone)
         lacking = lacking_steps_to_go(connection)
-    report.forgotten = len(gone)
+    result.forgotten = len(gone)
     return known, lacking
 
 
@@ -212,7 +212,7 @@ def _pieces(files: Sequence[File]) -> Iterator[list[File]]:
 
 @cache
 def _engine(url: str) -> Engine:
-    return writing(make_url(url))
+    return writing_engine(make_url(url))
 
 
 def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str, str]:
@@ -220,7 +220,7 @@ def _index_files(url: str, files: Sequence[File], steps_to_go: bool) -> dict[str
     faults: dict[str, str] = {}
     read = [each for file in files if (each := _read(*file, faults, steps_to_go))]
     engine = _engine(url)
-    with telling(engine.url):
+    with database_errors(engine.url):
         try:
             with engine.begin() as connection:
                 store(connection, read)

@@ -9,14 +9,11 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_data.database import insert
+from robotouille_data.database import in_pieces, insert
 from robotouille_data.recordings.reading import TableRows, episode_id
 from robotouille_data.schema import EPISODE_TABLES, EPISODES, MEASURES, RECORDINGS
 
 __all__ = ["ReadFile", "Stamp", "forget", "known_files", "lacking_steps_to_go", "store"]
-
-AT_ONCE = 500
-"""Values in one list of a statement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +59,10 @@ def forget(connection: Connection, paths: Collection[str]) -> None:
         for (number,) in _matching(connection, sa.select(mine), RECORDINGS.c.path, paths)
         if number is not None
     }
-    for some in _pieces(paths):
+    for some in in_pieces(paths):
         connection.execute(sa.delete(RECORDINGS).where(RECORDINGS.c.path.in_(some)))
     orphans -= {number for (number,) in _matching(connection, sa.select(mine), mine, orphans)}
-    for some in _pieces(orphans):
+    for some in in_pieces(orphans):
         for table in EPISODE_TABLES:
             key = table.c.id if table is EPISODES else table.c.episode_id
             connection.execute(sa.delete(table).where(key.in_(some)))
@@ -114,11 +111,5 @@ def _matching(
     connection: Connection, query: sa.Select[Any], column: sa.Column[Any], values: Collection[Any]
 ) -> Iterator[sa.Row[Any]]:
     """The rows whose column has one of some values."""
-    for some in _pieces(values):
+    for some in in_pieces(values):
         yield from connection.execute(query.where(column.in_(some))).all()
-
-
-def _pieces(values: Collection[Any]) -> Iterator[list[Any]]:
-    everything = list(values)
-    for at in range(0, len(everything), AT_ONCE):
-        yield everything[at : at + AT_ONCE]

@@ -9,7 +9,7 @@ from threading import Event
 from sqlalchemy.engine import URL
 
 from robotouille_data.errors import UnavailableError
-from robotouille_data.indexing import Report, index
+from robotouille_data.indexing import Indexed, index
 
 __all__ = ["MAX_PAUSE", "watch"]
 
@@ -24,7 +24,7 @@ def watch(
     *,
     jobs: int = 1,
     interval: float = 5.0,
-    report: Callable[[Report], None],
+    report: Callable[[Indexed], None],
     trouble: Callable[[str, float], None],
 ) -> None:
     """Index the folders again and again.

@@ -197,14 +197,14 @@ def test_a_folder_that_cannot_be_written_to(folder: Path, monkeypatch: pytest.Mo
 
 
 def test_a_full_disk_keeps_what_is_there(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = Path.write_bytes
+    opened = Path.open
 
-    def full(path: Path, content: bytes) -> int:
+    def full(path: Path, *mode: Any, **options: Any) -> Any:
         if path.name.startswith(".02"):
             raise OSError(28, "No space left on device")
-        return write(path, content)
+        return opened(path, *mode, **options)
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "open", full)
     with pytest.raises(RobotouilleError, match="cannot be written: No space left on device"):
         certify_dataset(folder, proving, budget=BUDGET)
     assert len(list(folder.rglob("*.certificate.json"))) == 1

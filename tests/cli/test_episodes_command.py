@@ -46,6 +46,8 @@ def test_a_row_says_what_to_open(tmp_path: Path) -> None:
     [
         ("clock\nturn\n", "no column 'task'"),
         ("", "no column 'task'"),
+        ("task;clock\nx;turn\n", "write commas"),
+        ("task\n", "no row"),
         ("task,label\nx,y\n", "'label' is not known"),
         ("task,colour\nx,red\n", "'colour' is not known"),
         ("task,task\nx,y\n", "two columns 'task'"),
@@ -97,6 +99,13 @@ def test_the_line_that_a_server_refuses_is_named(tmp_path: Path) -> None:
             app, ["episodes", "open", str(path), "--out", str(opened), *where]
         )
         CliRunner().invoke(app, ["episodes", "list", "--out", str(listed), *where])
+        kept = opened.read_bytes()
+        again = CliRunner().invoke(
+            app, ["episodes", "open", str(path), "--out", str(opened), *where]
+        )
+    assert again.exit_code == 2
+    assert "there is such a file" in again.stderr
+    assert opened.read_bytes() == kept
     assert refused.exit_code == 1
     assert "line 3: " in refused.stderr
     assert "multi_agent/none" in refused.stderr

@@ -21,11 +21,11 @@ from robotouille.replay import read_recording
 from robotouille.replay.container import MAGIC, MAX_FILE, compress, pack_frame, read_frames
 from robotouille_data import indexing
 from robotouille_data.answers.query import asking
-from robotouille_data.database import database_url, insert, writing
+from robotouille_data.database import database_url, insert, writing_engine
 from robotouille_data.errors import CatalogueError, UnavailableError
-from robotouille_data.indexing import Report, index
+from robotouille_data.indexing import Indexed, index
 from robotouille_data.recordings import reading
-from robotouille_data.recordings.course import Course
+from robotouille_data.recordings.row_builder import RowBuilder
 from robotouille_data.schema import LABELS, METADATA
 from tests.support.postgresql import PostgreSQL
 from tests.support.random_play import random_stream, write_recordings
@@ -42,7 +42,7 @@ def folder(tmp_path: Path) -> Path:
 
 def dump(database: str) -> Dump:
     """All rows of all tables, in an order of their own."""
-    engine, found = writing(database_url(database, Path())), Dump()
+    engine, found = writing_engine(database_url(database, Path())), Dump()
     with engine.connect() as connection:
         for table in METADATA.sorted_tables:
             rows = [tuple(row) for row in connection.execute(sa.select(table))]
@@ -50,7 +50,7 @@ def dump(database: str) -> Dump:
     return found
 
 
-def indexed(database: str, folder: Path, **options: Any) -> Report:
+def indexed(database: str, folder: Path, **options: Any) -> Indexed:
     return index(database_url(database, folder), [folder], **options)
 
 
@@ -62,11 +62,11 @@ def ask(database: str, query: str) -> list[tuple[Any, ...]]:
 def test_incremental_and_anew_give_the_same_rows(
     database: str, folder: Path, tmp_path: Path
 ) -> None:
-    """Files come, change, are copied and go; then the same from nothing, and by two processes."""
+    """Files come, change, are copied and go; then the same from nothing."""
     other = str(tmp_path / "other.sqlite")
     (folder / "random6.rbt.part").write_bytes(random_stream(6)[:-30])
-    assert indexed(database, folder) == Report(indexed=6, unfinished=1)
-    assert indexed(database, folder) == Report(unchanged=6, unfinished=1)
+    assert indexed(database, folder) == Indexed(indexed=6, unfinished=1)
+    assert indexed(database, folder) == Indexed(unchanged=6, unfinished=1)
     write_recordings(folder / "below", 3, first=7)
     (folder / "random0.rbt").unlink()
     (folder / "random1.rbt").write_bytes(compress(random_stream(20)))
@@ -77,7 +77,7 @@ def test_incremental_and_anew_give_the_same_rows(
     report = indexed(database, folder)
     assert (report.indexed, report.unchanged, report.forgotten) == (5, 2, 2)
     assert list(report.faults) == [str(folder / "random3.rbt")]
-    indexed(other, folder, jobs=2)
+    indexed(other, folder)
     assert dump(database) == dump(other)
     indexed(database, folder, anew=True)
     assert dump(database) == dump(other)
@@ -92,7 +92,9 @@ def test_unfinished_recordings_are_there_if_asked_for(database: str, folder: Pat
     query = "SELECT state, count(*) FROM episodes GROUP BY state ORDER BY state"
     assert ask(database, query) == [("ended", 6), ("unfinished", 1)]
     (folder / "random6.rbt").write_bytes(compress(stream))
-    assert indexed(database, folder, unfinished=True) == Report(indexed=1, unchanged=6, forgotten=1)
+    assert indexed(database, folder, unfinished=True) == Indexed(
+        indexed=1, unchanged=6, forgotten=1
+    )
     part.unlink()
     assert ask(database, query) == [("ended", 7)]
 
@@ -109,6 +111,33 @@ def test_copies_are_one_episode(database: str, folder: Path) -> None:
     assert {**before, "recordings": after["recordings"]} == after
 
 
+@pytest.mark.slow
+@pytest.mark.process
+def test_two_processes_give_the_same_rows(
+    database: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of files that are good and damaged; what is told, too."""
+    write_recordings(folder / "below", 3, first=7)
+    (folder / "random3.rbt").write_bytes(b"no recording")
+    stream = bytearray(random_stream(10))
+    stream[-10] ^= 1
+    (folder / "below/random10.rbt.part").write_bytes(stream)
+    other, told = str(tmp_path / "other.sqlite"), list[tuple[int, int]]()
+    alone = indexed(other, folder, unfinished=True)
+    monkeypatch.setattr(indexing, "FILES_AT_ONCE", 2)
+    both = indexed(
+        database, folder, unfinished=True, jobs=2, progress=lambda *done: told.append(done)
+    )
+    assert both == alone
+    assert (both.indexed, len(both.faults)) == (8, 2)
+    assert told[0] == (0, 10)
+    assert told[-1] == (10, 10)
+    assert len(told) == 6
+    assert dump(database) == dump(other)
+
+
+@pytest.mark.slow
+@pytest.mark.process
 def test_two_indexers_at_once(database: str, folder: Path, tmp_path: Path) -> None:
     other = str(tmp_path / "other.sqlite")
     indexed(other, folder)
@@ -155,12 +184,12 @@ def test_a_number_that_no_table_takes_spoils_its_own_recording_alone(
 def test_what_a_database_refuses_spoils_its_own_recording_alone(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Unchecked(Course):
+    class Unchecked(RowBuilder):
         def measures(self, left: Any = ()) -> tuple[Any, ...]:
             row = super().measures()
             return row if self._header["episode"] != "random3" else (*row[:2], 2**64, *row[3:])
 
-    monkeypatch.setattr(reading, "Course", Unchecked)
+    monkeypatch.setattr(reading, "RowBuilder", Unchecked)
     report = indexed(str(tmp_path / "c.sqlite"), folder)
     assert report.indexed == 5
     assert list(report.faults) == [str(folder / "random3.rbt")]
@@ -170,7 +199,7 @@ def test_what_a_database_refuses_spoils_its_own_recording_alone(
 def test_a_file_whose_name_is_no_text_is_told(database: str, folder: Path) -> None:
     strange = os.fsdecode(os.fsencode(folder) + b"/\xff.rbt")
     Path(strange).write_bytes((folder / "random0.rbt").read_bytes())
-    assert indexed(database, folder) == Report(
+    assert indexed(database, folder) == Indexed(
         indexed=6, faults={strange: "its name is not UTF-8, and no database takes it"}
     )
 
@@ -192,7 +221,7 @@ def test_a_folder_that_is_away_is_no_empty_one(database: str, folder: Path) -> N
     with pytest.raises(UnavailableError, match="recordings"):
         indexed(database, folder)
     folder.with_name("away").rename(folder)
-    assert indexed(database, folder) == Report(unchanged=6)
+    assert indexed(database, folder) == Indexed(unchanged=6)
 
 
 def test_control_characters_stay_in_the_database_alone(database: str, folder: Path) -> None:
@@ -208,10 +237,10 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
     database = str(tmp_path / "c.sqlite")
     indexed(database, folder)
     before = dump(database)
-    write_recordings(folder, 30, first=100)
+    write_recordings(folder, 10, first=100)
 
     def limited(url: str) -> sa.Engine:
-        engine = writing(sa.make_url(url))
+        engine = writing_engine(sa.make_url(url))
         # No page more than there are.
         sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA max_page_count=1"))
         return engine
@@ -221,7 +250,7 @@ def test_a_full_disk_is_told_and_leaves_the_catalogue_whole(
         indexed(database, folder)
     assert dump(database) == before
     monkeypatch.undo()
-    assert indexed(database, folder) == Report(indexed=30, unchanged=6)
+    assert indexed(database, folder) == Indexed(indexed=10, unchanged=6)
 
 
 def test_a_database_that_cannot_be_written_is_told(folder: Path, tmp_path: Path) -> None:
@@ -254,11 +283,11 @@ def test_a_read_only_file_is_told(
     before = dump(database)
 
     def read_only(url: sa.URL) -> sa.Engine:
-        engine = writing(url)
+        engine = writing_engine(url)
         sa.event.listen(engine, "connect", lambda c, _: c.execute("PRAGMA query_only=ON"))
         return engine
 
-    monkeypatch.setattr(indexing, "writing", read_only)
+    monkeypatch.setattr(indexing, "writing_engine", read_only)
     (folder / "random0.rbt").unlink()
     with pytest.raises(UnavailableError, match="readonly"):
         indexed(database, folder)
@@ -281,7 +310,7 @@ def test_a_label_is_found_among_100_000_episodes(database: str, folder: Path) ->
         for number in range(100_000)
         for name, value in (("condition", f"c{number % 500}"), ("pair", f"p{number // 2}"))
     ]
-    engine = writing(database_url(database, folder))
+    engine = writing_engine(database_url(database, folder))
     with engine.begin() as connection:
         insert(connection, LABELS, rows)
     with engine.connect() as connection:
@@ -297,7 +326,7 @@ def test_a_label_is_found_among_100_000_episodes(database: str, folder: Path) ->
 def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
     database: str, folder: Path, tmp_path: Path
 ) -> None:
-    """At once, or later; in one process, or two. And they are what is known of the last state."""
+    """At once, or later. And they are what is known of the last state."""
     for number in range(3, 6):
         (folder / f"random{number}.rbt").unlink()
     query = """SELECT e.episode, m.success, m.steps_to_go_least, m.steps_to_go_most, m.out_of_reach
@@ -305,9 +334,9 @@ def test_steps_to_go_are_the_same_whenever_they_are_asked_for(
     other = str(tmp_path / "other.sqlite")
     indexed(database, folder)
     assert {row[2:] for row in ask(database, query)} == {(None, None, None)}
-    assert indexed(database, folder, steps_to_go=True) == Report(indexed=3)
-    assert indexed(database, folder, steps_to_go=True) == Report(unchanged=3)
-    indexed(other, folder, steps_to_go=True, jobs=2)
+    assert indexed(database, folder, steps_to_go=True) == Indexed(indexed=3)
+    assert indexed(database, folder, steps_to_go=True) == Indexed(unchanged=3)
+    indexed(other, folder, steps_to_go=True)
     assert dump(database) == dump(other)
     for episode, success, least, most, dead in ask(database, query)[:2]:
         assert not success

@@ -12,15 +12,10 @@ import pytest
 
 pytest.importorskip("sqlalchemy", reason="needs the extra `data`")
 
+from robotouille.domain.files import whole_file
 from robotouille_data.answers.query import Answer, asking
-from robotouille_data.answers.saving import (
-    save_csv,
-    save_json,
-    save_parquet,
-    table_lines,
-    whole_file,
-)
-from robotouille_data.database import database_url, insert, writing
+from robotouille_data.answers.saving import save_csv, save_json, save_parquet, table_lines
+from robotouille_data.database import database_url, insert, writing_engine
 from robotouille_data.errors import CatalogueError, UnavailableError
 from robotouille_data.schema import LABELS
 from robotouille_data.versions import migrate
@@ -57,7 +52,7 @@ WRITING = [
 
 @pytest.fixture
 def filled(database: str) -> str:
-    with writing(database_url(database, Path())).begin() as connection:
+    with writing_engine(database_url(database, Path())).begin() as connection:
         migrate(connection)
         insert(connection, LABELS, ROWS)
     return database
@@ -118,7 +113,7 @@ def test_a_catalogue_in_a_folder_that_cannot_be_written_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     database = str(tmp_path / "catalogue.sqlite")
-    with writing(database_url(database, Path())).begin() as connection:
+    with writing_engine(database_url(database, Path())).begin() as connection:
         migrate(connection)
         insert(connection, LABELS, ROWS)
     before = sorted(tmp_path.iterdir())

@@ -177,11 +177,11 @@ def test_a_long_recording_comes_in_pieces(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_labels_are_those_of_the_header() -> None:
-    from robotouille_data.recordings.course import Course
+    from robotouille_data.recordings.row_builder import RowBuilder
 
     head = Recording(random_stream(0)).header
     labels = {"study": "pilot", "note": "a\x00b\x1b[2J", "a": "1"}
-    assert Course({**head, "labels": labels}, 7).labels() == [
+    assert RowBuilder({**head, "labels": labels}, 7).labels() == [
         (7, "a", "1"),
         (7, "note", "a\ufffdb\x1b[2J"),
         (7, "study", "pilot"),

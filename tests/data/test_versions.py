@@ -14,9 +14,9 @@ from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 
 from robotouille_data.answers.query import reading
-from robotouille_data.database import database_url, writing
+from robotouille_data.database import database_url, writing_engine
 from robotouille_data.errors import CatalogueError
-from robotouille_data.indexing import Report, index
+from robotouille_data.indexing import Indexed, index
 from robotouille_data.recordings.reading import content_digest, episode_id, recorded_rows
 from robotouille_data.schema import MEASURES, METADATA
 from robotouille_data.store import ReadFile, Stamp, store
@@ -44,7 +44,7 @@ def later_version(folder: Path) -> Path:
 
 
 def test_migrations_make_the_tables_of_the_schema(database: str) -> None:
-    engine = writing(database_url(database, Path()))
+    engine = writing_engine(database_url(database, Path()))
     with engine.begin() as connection:
         migrate(connection)
     with engine.connect() as connection:
@@ -53,7 +53,7 @@ def test_migrations_make_the_tables_of_the_schema(database: str) -> None:
 
 
 def test_an_earlier_version_is_migrated_and_a_later_one_told(database: str, tmp_path: Path) -> None:
-    later, engine = later_version(tmp_path), writing(database_url(database, Path()))
+    later, engine = later_version(tmp_path), writing_engine(database_url(database, Path()))
     with engine.begin() as connection:
         migrate(connection)
     with engine.connect() as connection, pytest.raises(CatalogueError, match="earlier version"):
@@ -75,10 +75,10 @@ def test_rows_of_the_first_version_are_there_in_the_present_one(
     shutil.copy(MIGRATIONS / "v0001_tables.py", first)
     folder, url = tmp_path / "recordings", database_url(database, tmp_path)
     write_recordings(folder, 3)
-    with writing(url).begin() as connection:
+    with writing_engine(url).begin() as connection:
         migrate(connection, first)
         store(connection, [read_file(path) for path in sorted(folder.glob("*.rbt"))[:2]])
-    assert index(url, [folder]) == Report(indexed=1, unchanged=2)
+    assert index(url, [folder]) == Indexed(indexed=1, unchanged=2)
     with reading(url) as connection:
         query = "SELECT count(*), count(DISTINCT episode_id), sum(steps) FROM episode_seats"
         count, episodes, steps = connection.exec_driver_sql(query).one()
@@ -102,7 +102,7 @@ def read_file(path: Path) -> ReadFile:
 
 
 def test_a_migration_that_fails_leaves_nothing_behind(database: str, tmp_path: Path) -> None:
-    later, engine = later_version(tmp_path), writing(database_url(database, Path()))
+    later, engine = later_version(tmp_path), writing_engine(database_url(database, Path()))
     (later / "later.py").write_text(
         LATER + '    op.add_column("nowhere", sa.Column("x", sa.Text()))\n'
     )
@@ -114,6 +114,6 @@ def test_a_migration_that_fails_leaves_nothing_behind(database: str, tmp_path: P
 
 
 def test_what_is_no_catalogue_is_told(database: str) -> None:
-    engine = writing(database_url(database, Path()))
+    engine = writing_engine(database_url(database, Path()))
     with engine.connect() as connection, pytest.raises(CatalogueError, match="missing"):
         check_version(connection)

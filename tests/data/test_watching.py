@@ -23,14 +23,14 @@ from robotouille_data import watching
 from robotouille_data.answers.query import reading
 from robotouille_data.database import database_url
 from robotouille_data.errors import CatalogueError
-from robotouille_data.indexing import Report, index
+from robotouille_data.indexing import Indexed, index
 from robotouille_data.schema import METADATA
 from robotouille_data.watching import watch
 from tests.support.postgresql import missing, postgresql
 from tests.support.random_play import random_stream, write_recordings
 
 PATIENCE = 60.0
-Told = Queue[Report | str]
+Told = Queue[Indexed | str]
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def until_known(told: Told, count: int) -> None:
     """Wait until the catalogue has so many recordings."""
     while True:
         found = told.get(timeout=PATIENCE)
-        if isinstance(found, Report) and found.indexed + found.unchanged == count:
+        if isinstance(found, Indexed) and found.indexed + found.unchanged == count:
             return
 
 
@@ -95,16 +95,20 @@ def test_a_folder_that_is_away_is_waited_for(
 @pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.skipif(bool(missing()), reason=missing())
-def test_a_database_that_is_killed_and_comes_back_lacks_nothing(
+def test_a_database_that_is_stopped_killed_and_comes_back_lacks_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """50 episodes end one after the other; the server stands still from the 5th to the 10th, is
+    killed behind the 15th, and started again behind the 35th."""
     pytest.importorskip("psycopg", reason="needs the extra `data`")
-    """50 episodes end one after the other; the server is killed behind the 15th, and started again
-    behind the 35th."""
     folder = tmp_path / "recordings"
     folder.mkdir()
     with postgresql() as server, watched(server.url, folder, monkeypatch) as told:
         for number in range(50):
+            if number == 5:
+                server.send_signal(signal.SIGSTOP)
+            if number == 10:
+                server.send_signal(signal.SIGCONT)
             if number == 15:
                 until_known(told, number)
                 server.kill()
@@ -115,7 +119,7 @@ def test_a_database_that_is_killed_and_comes_back_lacks_nothing(
             finish_recording(folder, number)
         until_known(told, 50)
         url = database_url(server.url, folder)
-        assert index(url, [folder]) == Report(unchanged=50)
+        assert index(url, [folder]) == Indexed(unchanged=50)
         anew = database_url(str(tmp_path / "anew.sqlite"), folder)
         index(anew, [folder])
         for table in METADATA.sorted_tables:

@@ -221,6 +221,8 @@ class TestEnds:
         assert episode.due() == 5.0 + LOBBY_SECONDS
         episode.tick(5.0 + LOBBY_SECONDS)
         assert episode.phase is Phase.ENDED
+        assert episode.outcome is not None
+        assert episode.outcome.seconds == 0.0
 
     def test_aborted_from_outside(self) -> None:
         episode = start()

@@ -307,8 +307,8 @@ def test_an_answer_goes_where_mqtt_5_says_with_the_correlation(tmp_path: Path) -
         async with told(tmp_path) as (server, broker):
             lab = Lab(server, broker)
             command = {"type": "list", "ref": "a", "token": lab.token}
-            broker.command(command, answer_to=f"{ANSWERS}/me", correlation=b"\x01")
-            broker.command({**command, "ref": "b"}, answer_to="elsewhere", correlation=b"\x02")
+            broker.command(command, response_topic=f"{ANSWERS}/me", correlation=b"\x01")
+            broker.command({**command, "ref": "b"}, response_topic="elsewhere", correlation=b"\x02")
             await asyncio.sleep(1)
             found = [e for e in broker.published if "/answers" in e.topic]
             assert [(e.topic, e.content["ref"], e.correlation) for e in found] == [

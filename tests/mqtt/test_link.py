@@ -37,7 +37,7 @@ def test_presence_is_retained_and_ends_with_the_server(tmp_path: Path) -> None:
             url = server.url
             assert server.metrics.mqtt_connected
         first, last = broker.published[0], broker.published[-1]
-        assert (first.topic, first.retain, first.sure) == (f"{NAME}/presence", True, True)
+        assert (first.topic, first.retain, first.qos) == (f"{NAME}/presence", True, 1)
         presence = Presence.model_validate(first.content)
         assert (presence.state, presence.url, presence.workers) == ("online", url, 1)
         assert (last.topic, last.content, last.retain) == (first.topic, {"state": "stopped"}, True)
@@ -127,7 +127,7 @@ def test_the_steps_that_were_asked_for_are_those_of_the_recording(tmp_path: Path
                 ]
                 refused = [str(i) for i, m in enumerate(step.moves) if not m.applied]
                 assert refused == list(frame.get("unmet", {}))
-            assert not any(each.sure for each in broker.published if "steps" in each.topic)
+            assert not any(each.qos for each in broker.published if "steps" in each.topic)
 
     run(main())
 

@@ -16,7 +16,7 @@ def test_topics_have_the_servers_name_and_the_episodes_id() -> None:
 
 
 def test_an_answer_goes_where_it_was_asked_for_below_the_answers() -> None:
-    assert TOPICS.answer_to("robotouille/v1/lab/answers/me") == "robotouille/v1/lab/answers/me"
+    assert TOPICS.response_topic("robotouille/v1/lab/answers/me") == "robotouille/v1/lab/answers/me"
 
 
 @pytest.mark.parametrize(
@@ -34,4 +34,4 @@ def test_an_answer_goes_where_it_was_asked_for_below_the_answers() -> None:
     ],
 )
 def test_and_nowhere_else(asked: str) -> None:
-    assert TOPICS.answer_to(asked) == TOPICS.answers
+    assert TOPICS.response_topic(asked) == TOPICS.answers

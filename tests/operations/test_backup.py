@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import io
 import json
 import os
@@ -15,7 +14,6 @@ import tarfile
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -25,23 +23,14 @@ from robotouille_client import Game, connect
 from tests.support.postgresql import PostgreSQL, missing, postgresql
 from tests.support.processes import process, started
 from tests.support.random_play import write_recordings
+from tests.support.scripts import script_module
 from tests.support.sources import ROOT
 
 PROGRAM = ROOT / "lab/backup.py"
 GAMES = 8
 
 
-def _module() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("backup", PROGRAM)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["backup"] = module  # Dataclasses look their module up.
-    spec.loader.exec_module(module)
-    return module
-
-
-lab = _module()
+lab = script_module(PROGRAM)
 
 
 def places(folder: Path, database: str = "none") -> Any:

@@ -285,7 +285,7 @@ def test_the_broker_takes_no_passwords_that_are_gone() -> None:
         made.stop("mosquitto")
         (made.root("mosquitto") / "run/secrets/mqtt_passwords").unlink()
         made.start("mosquitto")
-        assert made._processes["mosquitto"].wait(timeout=SECONDS) != 0
+        assert made.await_end("mosquitto") != 0
         assert "password" in made.log("mosquitto")
 
 
@@ -295,5 +295,5 @@ def test_a_database_of_an_earlier_postgresql_is_told() -> None:
         version: Path = made.root("postgres") / "var/lib/postgresql/data/PG_VERSION"
         version.write_text("9.6\n")
         made.start("postgres")
-        assert made._processes["postgres"].wait(timeout=SECONDS) != 0
+        assert made.await_end("postgres") != 0
         assert "database files are incompatible with server" in made.log("postgres")

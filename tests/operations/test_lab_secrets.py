@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import stat
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from tests.support.compose import compose
+from tests.support.scripts import script_module
 from tests.support.sources import ROOT
 
 USER = "1000:1000" if os.geteuid() == 0 else f"{os.geteuid()}:{os.getegid()}"
 SECRETS = "lab/secrets"
 
 
-def _module() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_secrets", ROOT / "lab/make_secrets.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-lab = _module()
+lab = script_module(ROOT / "lab/make_secrets.py")
 
 
 def content(folder: Path) -> dict[str, bytes]:

@@ -24,7 +24,7 @@ def test_an_episode_with_everything_about_it(tmp_path: Path) -> None:
             assert (row["clock"], row["step_rate"]) == ("realtime", 5.0)
             assert (row["phase"], row["pause"], row["outcome"]) == ("running", None, None)
             assert row["step"] >= 3
-            assert row["max_steps"] == 500
+            assert row["max_steps"] == 900  # Three minutes, as people play.
             assert [seat["name"] for seat in row["seats"]] == ["ada", "bob"]
             assert {seat["controller"] for seat in row["seats"]} == {"human"}
             assert all(seat["present"] and seat["address"] is None for seat in row["seats"])

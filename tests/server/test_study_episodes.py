@@ -64,6 +64,8 @@ def test_a_code_outlives_a_restart_and_is_closed_when_its_time_is_over(tmp_path:
         (file,) = tmp_path.glob("*.rbt")
         recording = read_recording(file)
         assert recording.header["labels"] == LABELS
+        assert recording.outcome is not None
+        assert recording.outcome["seconds"] == 0.0  # It never began.
         assert recording.verify().ok
 
     run(main())

@@ -14,7 +14,7 @@ import time
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from robotouille_server import Server
 from robotouille_server.auth import Role
@@ -29,11 +29,11 @@ TIMEOUT = 5.0
 
 
 class Publication(NamedTuple):
-    """What was published. `sure`: the broker had to say that it has it."""
+    """What was published, with its quality of service."""
 
     topic: str
     content: dict[str, Any]
-    sure: bool
+    qos: int
     retain: bool
     correlation: bytes | None
 
@@ -108,12 +108,12 @@ class FakeConnection:
         topic: str,
         payload: bytes,
         *,
-        sure: bool = True,
+        qos: Literal[0, 1] = 1,
         retain: bool = False,
         correlation: bytes | None = None,
     ) -> None:
         content = json.loads(payload)
-        await self._broker.take(Publication(topic, content, sure, retain, correlation))
+        await self._broker.take(Publication(topic, content, qos, retain, correlation))
 
     async def receive(self) -> Received:
         return await self._broker.next_command()

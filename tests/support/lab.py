@@ -7,7 +7,6 @@ of them; what it lacks, or has in vain, is an error.
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import re
@@ -19,12 +18,12 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from tests.support.compose import compose
 from tests.support.postgresql import USER as POSTGRES_USER
 from tests.support.postgresql import program as postgresql_program
+from tests.support.scripts import script_module
 from tests.support.sources import ROOT
 from tests.support.worker_processes import lasting_ports
 
@@ -57,15 +56,6 @@ def missing() -> str:
 
 def _found(name: str) -> str | None:
     return shutil.which(name, path=f"{os.environ.get('PATH', os.defpath)}{os.pathsep}/usr/sbin")
-
-
-def _make_secrets() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_secrets", ROOT / "lab/make_secrets.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 class Lab:
@@ -105,7 +95,8 @@ class Lab:
 
             found = pwd.getpwnam(self.user)
             owner = (found.pw_uid, found.pw_gid)
-        list(_make_secrets().make(self.folder, f"{owner[0]}:{owner[1]}"))
+        make_secrets: Any = script_module(ROOT / "lab/make_secrets.py")
+        list(make_secrets.make(self.folder, f"{owner[0]}:{owner[1]}"))
         for name in ("lab", "lab/data", "lab/secrets"):
             (self.folder / name).chmod(0o711)
 
@@ -218,6 +209,10 @@ class Lab:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+    def await_end(self, name: str) -> int:
+        """The status with which a service ends by itself."""
+        return self._processes[name].wait(timeout=SECONDS)
 
     def log(self, name: str) -> str:
         return (self.folder / f"{name}.log").read_text(errors="replace")

@@ -51,13 +51,20 @@ class PostgreSQL:
 
     def kill(self) -> None:
         """SIGKILL for the server and all its processes: nothing is written any more."""
-        lock = self._folder / "data/postmaster.pid"
-        first = int(lock.read_text().split()[0])
+        self.send_signal(signal.SIGKILL)
+        for left in (self._lock, *self._folder.glob(".s.PGSQL.*.lock")):
+            left.unlink()  # Where nobody reaps the dead, the next one would take it for alive.
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """For the server and all its processes."""
+        first = int(self._lock.read_text().split()[0])
         for pid in (first, *_children(first)):
             with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        for left in (lock, *self._folder.glob(".s.PGSQL.*.lock")):
-            left.unlink()  # Where nobody reaps the dead, the next one would take it for alive.
+                os.kill(pid, number)
+
+    @property
+    def _lock(self) -> Path:
+        return self._folder / "data/postmaster.pid"
 
     def _run(self, name: str, *arguments: str) -> None:
         command = [str(program(name)), f"--pgdata={self._folder}/data", *arguments]

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
@@ -25,6 +25,7 @@ from robotouille.planning import solvers as optimal
 from robotouille.program import printable, tell
 from robotouille.resources import data_folder
 from robotouille_client.console import explain, fail
+from robotouille_client.console.progress import progress_columns
 
 __all__ = ["certify"]
 
@@ -144,8 +145,7 @@ def _shown(doing: str) -> Iterator[Tell | None]:
     if not console.is_terminal:
         yield None
         return
-    columns = TextColumn(doing), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    bar = Progress(*columns, console=console)
+    bar = Progress(*progress_columns(), console=console)
     job = bar.add_task(doing, total=None)
     with Live(bar, console=console, transient=True, refresh_per_second=4) as live:
 

@@ -52,6 +52,8 @@ def read_requests(
         TableError: The file cannot be read; a column is missing or unknown; a value cannot be.
     """
     rows = _read(path)
+    if not rows:
+        raise TableError(f"{path}: has no row under its heading")
     requests = []
     for number, row in enumerate(rows, 2):
         try:
@@ -90,7 +92,8 @@ def _read(path: Path, columns: Sequence[str] | None = COLUMNS) -> list[dict[str,
 
 def _check_columns(path: Path, names: Sequence[str]) -> None:
     if "task" not in names:
-        raise TableError(f"{path}: there is no column 'task'")
+        semicolons = "; write commas, not semicolons" if any(";" in name for name in names) else ""
+        raise TableError(f"{path}: there is no column 'task'{semicolons}")
     for name in names:
         group, dot, of = name.partition(".")
         if name not in COLUMNS and not (dot and of and group in GROUPS):

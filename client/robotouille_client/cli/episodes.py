@@ -22,7 +22,7 @@ from robotouille_client.cli.episode_table import (
     write_table,
 )
 from robotouille_client.client import DEFAULT_URL, Client, connect
-from robotouille_client.console import TokenOption, explain, fail, failing
+from robotouille_client.console import TokenOption, explain, fail, failing, name_and_value
 
 __all__ = ["episodes"]
 
@@ -63,6 +63,8 @@ def open_(
     token: TokenOption = None,
 ) -> None:
     """Open an episode for each row of a CSV file; write the rows with their codes."""
+    if out is not None and out.exists():
+        fail(printable(f"{out}: there is such a file, with codes perhaps: name another one"), 2)
     rows, requests = read_requests(table, open_for=seconds(open_for), tokens=tokens)
     opened: list[dict[str, Any]] = []
 
@@ -90,6 +92,7 @@ def open_(
     finally:
         if opened:
             write_table(opened, out, secret=tokens)
+    tell(f"{len(opened)} opened", err=True)
 
 
 @episodes.command("list")
@@ -178,13 +181,7 @@ async def _each(
 
 
 def _labels(pairs: list[str] | None) -> Mapping[str, str]:
-    found = {}
-    for pair in pairs or ():
-        name, equals, value = pair.partition("=")
-        if not (name and equals and value):
-            raise TableError(printable(f"--label {pair!r}: write it as NAME=VALUE"))
-        found[name] = value
-    return found
+    return dict(name_and_value(pair, "--label") for pair in pairs or ())
 
 
 def _with_client(url: str, token: str | None, work: Callable[[Client], Awaitable[T]]) -> T:

@@ -110,12 +110,9 @@ def _size(text: str | None) -> tuple[int | None, int | None]:
 
 def _progress(generator: Generator, seeds: tuple[int, ...], what: str) -> Iterator[Instance]:
     """The instances of some seeds, with a progress bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import track
+    from robotouille_client.console.progress import tracked
 
-    console = Console(stderr=True)
-    quiet = not console.is_terminal
-    for seed in track(seeds, what, console=console, disable=quiet, transient=True):
+    for seed in tracked(seeds, what):
         yield generator.instance(seed)
 
 

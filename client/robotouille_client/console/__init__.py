@@ -5,7 +5,8 @@ from robotouille_client.console.command_line import (
     explain,
     fail,
     failing,
+    name_and_value,
     server_url,
 )
 
-__all__ = ["TokenOption", "explain", "fail", "failing", "server_url"]
+__all__ = ["TokenOption", "explain", "fail", "failing", "name_and_value", "server_url"]

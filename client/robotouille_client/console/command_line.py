@@ -1,4 +1,4 @@
-"""What all commands share: how they fail, and how a server is named."""
+"""What all commands share: how they fail, how a server is named, and what NAME=VALUE is."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Annotated, NoReturn, ParamSpec
 import typer
 
 from robotouille.errors import FileError, ProtocolError, RobotouilleError
-from robotouille.program import printable, tell
+from robotouille.program import printable, quoted, tell
 
-__all__ = ["TokenOption", "explain", "fail", "failing", "server_url"]
+__all__ = ["TokenOption", "explain", "fail", "failing", "name_and_value", "server_url"]
 
 P = ParamSpec("P")
 
@@ -58,6 +58,18 @@ def failing(command: Callable[P, None]) -> Callable[P, None]:
             fail(explain(error))
 
     return guarded
+
+
+def name_and_value(text: str, option: str) -> tuple[str, str]:
+    """What an option says of a name, as `condition=a`.
+
+    Raises:
+        RobotouilleError: It is no NAME=VALUE.
+    """
+    name, _, value = text.partition("=")
+    if not (name and value):
+        raise RobotouilleError(f"{option} {quoted(text)}: write it as NAME=VALUE")
+    return name, value
 
 
 def server_url(url: str | None, host: str, port: int) -> str:

@@ -14,10 +14,10 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from robotouille.domain.files import whole_file
 from robotouille.errors import MissingExtraError
 from robotouille_client.console.pages.drawing import drawn, plain
 from robotouille_data.answers.query import Answer
-from robotouille_data.answers.saving import whole_file
 from robotouille_data.errors import CatalogueError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Any
 from sqlalchemy.engine import URL, Connection
 
 from robotouille_data.answers.unknown_names import explain_unknown
-from robotouille_data.database import driver_errors, read_only, telling
+from robotouille_data.database import database_errors, driver_errors, read_only_engine
 from robotouille_data.errors import CatalogueError
 from robotouille_data.versions import check_version
 
@@ -51,8 +51,8 @@ def asking(url: URL, query: str, seconds: float = SECONDS) -> Iterator[Answer]:
     query = query.strip().rstrip(";").strip()
     if not query:
         raise CatalogueError("the query is empty")
-    engine = read_only(url)
-    with telling(url), engine.connect() as connection:
+    engine = read_only_engine(url)
+    with database_errors(url), engine.connect() as connection:
         check_version(connection)
         if url.drivername == "sqlite":
             yield _ask_sqlite(connection, query, seconds)
@@ -69,8 +69,8 @@ def reading(url: URL) -> Iterator[Connection]:
         UnavailableError: The database cannot be read now.
         CatalogueError: There is no catalogue of this version.
     """
-    engine = read_only(url)
-    with telling(url), engine.connect() as connection:
+    engine = read_only_engine(url)
+    with database_errors(url), engine.connect() as connection:
         check_version(connection)
         connection.rollback()
         if url.drivername == "sqlite":

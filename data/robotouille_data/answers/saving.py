@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
 from decimal import Decimal
 from itertools import islice
 from math import isfinite
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+from robotouille.domain.files import whole_file
 from robotouille.errors import MissingExtraError
 from robotouille.program import printable
 from robotouille_data.answers.query import Answer
@@ -23,7 +21,6 @@ __all__ = [
     "save_json",
     "save_parquet",
     "table_lines",
-    "whole_file",
 ]
 
 MAX_SHOWN = 1000
@@ -87,22 +84,6 @@ def save_parquet(answer: Answer, path: Path) -> int:
     with whole_file(path, text=False) as file:
         frame.write_parquet(file, compression="zstd")
     return len(rows)
-
-
-@contextmanager
-def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
-    """A file of text or bytes that is whole, or as it was before; an OSError has its name."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
-    try:
-        with temporary.open("x" if text else "xb", **kind) as file:
-            yield file
-        temporary.replace(path)
-    except OSError as error:
-        error.filename = str(path)
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _shown(value: Any) -> str:

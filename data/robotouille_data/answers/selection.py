@@ -2,78 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection
 
-from robotouille_data.answers.query import SECONDS, asking, reading
+from robotouille_data.answers.query import SECONDS, asking
 from robotouille_data.errors import CatalogueError
 from robotouille_data.schema import EPISODES, LABELS
 
-__all__ = [
-    "Selection",
-    "asked_episodes",
-    "in_pieces",
-    "labelled_episodes",
-    "select_episodes",
-]
+__all__ = ["Selection", "select_episodes"]
 
 KEYS = ("episode_id", "id")
 """The columns of a query that can say which episodes are meant, the first that it has."""
-AT_ONCE = 500
-"""Ids in one list of a statement."""
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The ids of episodes, in order, and how many of those asked for the catalogue has not."""
+    """The ids of episodes, in order, and how many were left out for what reason: `unknown` are ids
+    of the query that the catalogue has not, `label` and `consent` episodes without these."""
 
     ids: tuple[int, ...]
-    unknown: int = 0
+    left_out: dict[str, int]
 
 
 def select_episodes(
+    connection: Connection,
     url: URL,
     query: str | None = None,
     labels: Mapping[str, str] | None = None,
+    consent: tuple[str, str] | None = None,
     seconds: float = SECONDS,
 ) -> Selection:
     """The episodes of a query, or all, that have all of some labels.
 
     Args:
+        connection: Of `reading`.
+        url: Of the same database: the query has a connection of its own, which may do less.
         query: In SQL; a column `episode_id` or `id` has the ids.
+        consent: The name and value of a label that is counted apart from the others.
         seconds: After these the query is given up.
 
     Raises:
         UnavailableError: The database cannot be read now, or the time is over.
-        CatalogueError: There is no catalogue of this version, or the query is none, or has no ids.
+        CatalogueError: The query is none, or has no ids; or no episode is left.
     """
-    asked = None if query is None else asked_episodes(url, query, seconds)
-    with reading(url) as connection:
-        known = {number for (number,) in connection.execute(sa.select(EPISODES.c.id))}
-        found = known if asked is None else known & asked
-        for name, value in (labels or {}).items():
-            found = found & labelled_episodes(connection, name, value)
-    return Selection(tuple(sorted(found)), len(asked - known) if asked is not None else 0)
+    left_out: dict[str, int] = {}
+    found = set(connection.scalars(sa.select(EPISODES.c.id)))
+    if not found:
+        raise CatalogueError("the catalogue has no episodes: --folder says where recordings are")
+    if query is not None:
+        asked = _asked(url, query, seconds)
+        left_out["unknown"] = len(asked - found)
+        found &= asked
+    wanted = [("label", each) for each in (labels or {}).items()]
+    for reason, label in [*wanted, *([("consent", consent)] if consent else [])]:
+        having = found & _labelled(connection, *label)
+        left_out[reason] = left_out.get(reason, 0) + len(found) - len(having)
+        found = having
+    if not found:
+        reasons = ", ".join(f"{count} by {name}" for name, count in left_out.items() if count)
+        raise CatalogueError(f"no episode is left{f': left out {reasons}' if reasons else ''}")
+    return Selection(tuple(sorted(found)), left_out)
 
 
-def in_pieces(ids: Collection[int]) -> Iterator[list[int]]:
-    """So many ids as one statement takes at once."""
-    everything = list(ids)
-    for at in range(0, len(everything), AT_ONCE):
-        yield everything[at : at + AT_ONCE]
-
-
-def asked_episodes(url: URL, query: str, seconds: float) -> set[int]:
-    """The ids in a query's answer, which may be unknown to the catalogue.
-
-    Raises:
-        UnavailableError: The database cannot be read now, or the time is over.
-        CatalogueError: There is no catalogue of this version, or the query is none, or has no ids.
-    """
+def _asked(url: URL, query: str, seconds: float) -> set[int]:
+    """The ids in a query's answer, which may be unknown to the catalogue."""
     with asking(url, query, seconds) as answer:
         key = next((name for name in KEYS if name in answer.columns), None)
         if key is None:
@@ -90,9 +86,7 @@ def _id(value: Any) -> int:
     return value
 
 
-def labelled_episodes(connection: Connection, name: str, value: str) -> set[int]:
+def _labelled(connection: Connection, name: str, value: str) -> set[int]:
     """The ids of the episodes that have a label."""
     wanted = (LABELS.c.name == name) & (LABELS.c.value == value)
-    return {
-        number for (number,) in connection.execute(sa.select(LABELS.c.episode_id).where(wanted))
-    }
+    return set(connection.scalars(sa.select(LABELS.c.episode_id).where(wanted)))

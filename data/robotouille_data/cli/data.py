@@ -6,14 +6,18 @@ import signal
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robotouille.program import printable, tell
-from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
+from robotouille_client.console.progress import progress_bar
+from robotouille_data.cli.console import DatabaseOption, FolderOption, errors_told
 from robotouille_data.cli.export import card, export
 from robotouille_data.cli.report import report
+
+if TYPE_CHECKING:
+    from robotouille_data.indexing import Indexed
 
 __all__ = ["data"]
 
@@ -52,14 +56,14 @@ def index(
         from robotouille_data.indexing import index as index_folders
 
         url = database_url(database, folders[0])
-        with bar("recordings") as progress:
-            report = index_folders(
+        with progress_bar("recordings") as progress:
+            found = index_folders(
                 url, folders, jobs=jobs, unfinished=unfinished, anew=anew,
                 steps_to_go=steps_to_go, progress=progress,
             )  # fmt: skip
-    for path, fault in report.faults.items():
+    for path, fault in found.faults.items():
         tell(printable(f"{path}: {fault}"), err=True)
-    for line in _lines(report.indexed, report.unchanged, report.forgotten, report.unfinished):
+    for line in _lines(found):
         tell(line)
 
 
@@ -82,10 +86,9 @@ def watch(
     told: dict[str, str] = {}
     with errors_told():
         from robotouille_data.database import database_url
-        from robotouille_data.indexing import Report
         from robotouille_data.watching import watch as watch_folders
 
-        def report(found: Report) -> None:
+        def report(found: Indexed) -> None:
             for path, fault in found.faults.items():
                 if told.get(path) != fault:
                     told[path] = fault
@@ -148,7 +151,7 @@ def sql(
             tell(f"there are more than {MAX_SHOWN} rows: --csv writes all", err=True)
 
 
-def _lines(indexed: int, unchanged: int, forgotten: int, unfinished: int) -> Iterator[str]:
-    yield f"indexed {indexed}, unchanged {unchanged}, forgotten {forgotten}"
-    if unfinished:
-        yield f"{unfinished} without an end were left out (--unfinished)"
+def _lines(found: Indexed) -> Iterator[str]:
+    yield f"indexed {found.indexed}, unchanged {found.unchanged}, forgotten {found.forgotten}"
+    if found.unfinished:
+        yield f"{found.unfinished} without an end were left out (--unfinished)"

@@ -10,8 +10,9 @@ from typing import Annotated
 import typer
 
 from robotouille.program import printable, tell
-from robotouille_client.console import fail
-from robotouille_data.cli.console import DatabaseOption, bar, errors_told
+from robotouille_client.console import fail, name_and_value
+from robotouille_client.console.progress import progress_bar
+from robotouille_data.cli.console import DatabaseOption, errors_told
 
 __all__ = ["card", "export"]
 
@@ -75,32 +76,29 @@ def export(
     """
     for strange in set(formats or ()) - set(FORMATS):
         fail(printable(f"--format {strange}: one of {', '.join(FORMATS)}"))
-    labels = dict(_pair(each, "--label") for each in label or ())
-    consenting = _pair(consent, "--consent") if consent else None
-    shares = _shares(split)
     with errors_told():
         from robotouille_data.database import database_url
         from robotouille_data.exports.exporting import export as write
         from robotouille_data.exports.request import About, ExportFormat, Request
 
-        url = database_url(database, folder)
-        if database is None:
-            _bring_up_to_date(folder)
         request = Request(
             tuple(map(ExportFormat, dict.fromkeys(formats or ["parquet"]))),
             query,
             seconds,
-            labels,
-            consenting,
+            dict(name_and_value(each, "--label") for each in label or ()),
+            name_and_value(consent, "--consent") if consent else None,
             names=not no_names,
             texts=not no_text,
-            split=shares,
+            split=_shares(split),
             split_by=split_by,
             system=system.read_text(encoding="utf-8", errors="replace").strip() if system else "",
             per_decision=per_decision,
             about=About(title, description, license_, contact),
         )
-        with bar("episodes") as progress:
+        url = database_url(database, folder)
+        if database is None:
+            _bring_up_to_date(folder)
+        with progress_bar("episodes") as progress:
             found = write(url, out, request, progress)
     for number, fault in found.faults.items():
         tell(printable(f"episode {number}: {fault}"), err=True)
@@ -141,31 +139,24 @@ def _bring_up_to_date(folder: Path) -> None:
     from robotouille_data.indexing import index
 
     try:
-        with bar("recordings") as progress:
-            report = index(database_url(None, folder), [folder], jobs=JOBS, progress=progress)
+        with progress_bar("recordings") as progress:
+            found = index(database_url(None, folder), [folder], jobs=JOBS, progress=progress)
     except UnavailableError as error:
         if not (folder / DEFAULT_FILE).is_file():
             raise
         tell(printable(f"not brought up to date: {error}"), err=True)
         return
-    for path, fault in report.faults.items():
+    for path, fault in found.faults.items():
         tell(printable(f"{path}: {fault}"), err=True)
-    if report.indexed or report.forgotten:
-        tell(f"indexed {report.indexed}, forgotten {report.forgotten}")
-
-
-def _pair(text: str, option: str) -> tuple[str, str]:
-    name, found, value = text.partition("=")
-    if not (name and found):
-        fail(f"{option} {printable(text)}: expected NAME=VALUE")
-    return name, value
+    if found.indexed or found.forgotten:
+        tell(f"indexed {found.indexed}, forgotten {found.forgotten}")
 
 
 def _shares(text: str) -> dict[str, float]:
     """`train=0.8,test=0.2` as shares by name."""
     shares = {}
     for each in filter(None, text.split(",")):
-        name, share = _pair(each, "--split")
+        name, share = name_and_value(each, "--split")
         try:
             shares[name] = float(share)
         except ValueError:

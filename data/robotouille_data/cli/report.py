@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from robotouille.errors import RobotouilleError
-from robotouille.program import printable, quoted, tell
-from robotouille_data.cli.console import DatabaseOption, FolderOption, bar, errors_told
+from robotouille.program import printable, tell
+from robotouille_client.console import name_and_value
+from robotouille_client.console.progress import progress_bar
+from robotouille_data.cli.console import DatabaseOption, FolderOption, errors_told
 
 __all__ = ["report"]
 
@@ -43,20 +44,11 @@ def report(
         from robotouille_data.answers.report.write import write_report
         from robotouille_data.database import database_url
 
+        labels = dict(name_and_value(each, "--label") for each in label or ())
         url = database_url(database, folder)
-        with bar("report") as progress:
+        with progress_bar("report") as progress:
             count = write_report(
-                url, out, query=query, labels=_labels(label or []), by=by, text=text, title=title,
+                url, out, query=query, labels=labels, by=by, text=text, title=title,
                 seconds=seconds, progress=progress.stage,
             )  # fmt: skip
     tell(printable(f"{out}: {count} episodes"))
-
-
-def _labels(pairs: list[str]) -> dict[str, str]:
-    found = {}
-    for pair in pairs:
-        name, equals, value = pair.partition("=")
-        if not equals or not name:
-            raise RobotouilleError(f"a label is NAME=VALUE, not {quoted(pair)}")
-        found[name] = value
-    return found

@@ -11,9 +11,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from robotouille.domain.files import whole_file
 from robotouille.program import printable
 from robotouille_data.errors import CatalogueError
-from robotouille_data.exports.manifest import CODEBOOK, MANIFEST, read_json
+from robotouille_data.exports.manifest import CODEBOOK, MANIFEST, read_json, write_manifest
 from robotouille_data.exports.request import TABLES, About, ExportFormat
 
 __all__ = ["card_text", "check_license", "rewrite_card", "write_card"]
@@ -58,10 +59,12 @@ def check_license(identifier: str) -> None:
 def write_card(folder: Path, manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:
     """Write README.md, and LICENSE if a licence was given; the card."""
     card = card_text(manifest, codebook)
-    (folder / "README.md").write_text(card, encoding="utf-8")
+    with whole_file(folder / "README.md") as file:
+        file.write(card)
     about, path = About(**manifest["about"]), folder / "LICENSE"
     if about.license:
-        path.write_text(_license_text(about), encoding="utf-8")
+        with whole_file(path) as file:
+            file.write(_license_text(about))
     else:
         path.unlink(missing_ok=True)
     return card
@@ -86,8 +89,7 @@ def rewrite_card(folder: Path, about: Mapping[str, str]) -> str:
     except (KeyError, TypeError, AttributeError) as error:
         raise CatalogueError(f"{folder}: {MANIFEST} is of another version: {error!r}") from None
     if about:
-        text = json.dumps(manifest, ensure_ascii=False, indent=1)
-        (folder / MANIFEST).write_text(f"{text}\n", encoding="utf-8")
+        write_manifest(folder, manifest)
     return card
 
 

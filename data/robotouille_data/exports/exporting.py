@@ -14,21 +14,22 @@ from sqlalchemy.engine import URL, Connection
 
 from robotouille.errors import MissingExtraError
 from robotouille_data.answers.query import reading
+from robotouille_data.answers.selection import Selection, select_episodes
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.card import check_license, write_card
-from robotouille_data.exports.filtering import Filtered, filter_episodes, task_slugs
 from robotouille_data.exports.manifest import (
     CODEBOOK,
-    MANIFEST,
     codebook_text,
     file_sums,
     request_row,
     summary,
+    write_manifest,
 )
 from robotouille_data.exports.part import Entry, Part, Written
 from robotouille_data.exports.privacy import Privacy
 from robotouille_data.exports.request import TABLES, ExportFormat, Request
 from robotouille_data.exports.splitting import groups, split
+from robotouille_data.exports.task_slugs import task_slugs
 from robotouille_data.exports.whole_folder import whole_folder
 from robotouille_data.versions import catalogue_version
 
@@ -81,32 +82,72 @@ def export(
     if len([each for each in request.formats if each in TABLES]) > 1:
         raise CatalogueError("tables are exported in one format at a time")
     with reading(url) as connection, whole_folder(folder) as draft:
-        filtered = filter_episodes(connection, url, request)
-        return _write(connection, draft, request, filtered, progress)
+        selection = select_episodes(
+            connection,
+            url,
+            request.query or None,
+            request.labels,
+            request.consent,
+            request.seconds,
+        )
+        return _write(connection, draft, request, selection, progress)
 
 
 def _write(
     connection: Connection,
     folder: Path,
     request: Request,
-    filtered: Filtered,
+    selection: Selection,
     progress: Progress,
 ) -> Exported:
-    ids, done = filtered.ids, 0
+    parts, told = _split(connection, request, selection.ids)
+    faults, codebook = dict[int, str](), dict[str, Entry]()
+    whole = _whole(connection, folder, request, selection.ids, progress, faults, codebook)
+    rows = [
+        row
+        for (name, its), format_ in product(parts.items(), request.formats)
+        for row in _write_part(replace(whole, name=name, ids=its, format=format_))
+    ]
+    if not any(row["rows"] for row in rows):
+        reasons = "; ".join(sorted(set(faults.values())))
+        raise CatalogueError(f"there is nothing to write{f': {reasons}' if reasons else ''}")
+    manifest = {
+        **request_row(request),
+        "catalogue": catalogue_version(connection),
+        **summary(connection, selection.ids),
+        "split": told,
+        "left_out": selection.left_out,
+        "faults": {str(number): fault for number, fault in faults.items()},
+        "data": rows,
+    }
+    _write_words(folder, manifest, codebook_text(codebook, rows))
+    counts = {name: len(its) for name, its in parts.items()}
+    return Exported(counts, selection.left_out, faults)
+
+
+def _whole(
+    connection: Connection,
+    folder: Path,
+    request: Request,
+    ids: Sequence[int],
+    progress: Progress,
+    faults: dict[int, str],
+    codebook: dict[str, Entry],
+) -> Part:
+    """All episodes as one part, of which the others are made."""
+    done = 0
 
     def more(count: int) -> None:
         nonlocal done
         done += count
         progress(done // len(request.formats), len(ids))
 
-    parts, told = _split(connection, request, ids)
-    privacy = Privacy(connection, ids, names=request.names, texts=request.texts)
-    faults, codebook = dict[int, str](), dict[str, Entry]()
-    begun = Part(
+    more(0)
+    return Part(
         connection=connection,
         request=request,
         format=request.formats[0],
-        privacy=privacy,
+        privacy=Privacy(connection, ids, names=request.names, texts=request.texts),
         root=folder,
         name="",
         ids=ids,
@@ -115,27 +156,6 @@ def _write(
         faults=faults,
         codebook=codebook,
     )
-    more(0)
-    rows = [
-        row
-        for (name, its), format_ in product(parts.items(), request.formats)
-        for row in _write_part(replace(begun, name=name, ids=its, format=format_))
-    ]
-    if not any(row["rows"] for row in rows):
-        reasons = "; ".join(sorted(set(faults.values())))
-        raise CatalogueError(f"there is nothing to write{f': {reasons}' if reasons else ''}")
-    manifest = {
-        **request_row(request),
-        "catalogue": catalogue_version(connection),
-        **summary(connection, ids),
-        "split": told,
-        "left_out": filtered.left_out,
-        "faults": {str(number): fault for number, fault in faults.items()},
-        "data": rows,
-    }
-    _write_words(folder, manifest, codebook_text(codebook, rows))
-    counts = {name: len(its) for name, its in parts.items()}
-    return Exported(counts, filtered.left_out, faults)
 
 
 def _write_part(part: Part) -> Iterator[dict[str, Any]]:
@@ -184,6 +204,5 @@ def _write_words(folder: Path, manifest: dict[str, Any], codebook: str) -> None:
     `data card` writes anew."""
     (folder / CODEBOOK).write_text(codebook, encoding="utf-8")
     manifest["files"] = file_sums(folder)
-    text = json.dumps(manifest, ensure_ascii=False, indent=1)
-    (folder / MANIFEST).write_text(f"{text}\n", encoding="utf-8")
+    write_manifest(folder, manifest)
     write_card(folder, manifest, json.loads(codebook))

@@ -13,8 +13,9 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from robotouille.domain.files import whole_file
 from robotouille.release import VERSION
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.part import Entry
 from robotouille_data.exports.request import Request
@@ -28,6 +29,7 @@ __all__ = [
     "read_json",
     "request_row",
     "summary",
+    "write_manifest",
 ]
 
 MANIFEST, CODEBOOK = "export.json", "codebook.json"
@@ -109,6 +111,13 @@ def file_sums(folder: Path) -> dict[str, dict[str, Any]]:
             name = path.relative_to(folder).as_posix()
             found[name] = {"bytes": path.stat().st_size, "sha256": digest}
     return found
+
+
+def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Write `export.json`. OSError if it cannot be written; then it is as it was."""
+    text = json.dumps(manifest, ensure_ascii=False, indent=1)
+    with whole_file(folder / MANIFEST) as file:
+        file.write(f"{text}\n")
 
 
 def read_json(folder: Path, name: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from robotouille.protocol.participant_names import likeness
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.exports.people import sittings, spectators_heard
 from robotouille_data.schema import LABELS
 

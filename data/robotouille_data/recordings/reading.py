@@ -12,8 +12,8 @@ import sqlalchemy as sa
 from robotouille.errors import RecordingError
 from robotouille.replay.container import MAX_FILE, frames_with_ends, is_closed, plain
 from robotouille.replay.frame_schema import check_frame
-from robotouille_data.recordings.course import Course, Row
-from robotouille_data.recordings.steps_left import UNKNOWN, Left, steps_left
+from robotouille_data.recordings.row_builder import Row, RowBuilder
+from robotouille_data.recordings.steps_left import UNKNOWN, StepsLeft, steps_left
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, SEATS, STEPS
 
 __all__ = ["MAX_ROWS", "TableRows", "content_digest", "episode_id", "read_content", "recorded_rows"]
@@ -66,45 +66,45 @@ def recorded_rows(
     if fault:
         raise RecordingError(fault)
     try:
-        course = None
-        for course in _courses(stream, number, closed=is_closed(content)):
-            if len(course.steps) + len(course.events) >= MAX_ROWS:
-                yield [(STEPS, course.steps), (EVENTS, course.events)]
-                course.steps, course.events = [], []
-        if course is None:
+        rows = None
+        for rows in _builders(stream, number, closed=is_closed(content)):
+            if len(rows.steps) + len(rows.events) >= MAX_ROWS:
+                yield [(STEPS, rows.steps), (EVENTS, rows.events)]
+                rows.steps, rows.events = [], []
+        if rows is None:
             raise RecordingError("has no header")
-        sought = steps_to_go and course.success is False
-        summary = _summary(course, steps_left(content) if sought else UNKNOWN)
+        sought = steps_to_go and rows.success is False
+        summary = _summary(rows, steps_left(content) if sought else UNKNOWN)
     except (AttributeError, LookupError, TypeError, ValueError) as error:
         raise RecordingError(f"what it holds does not fit together: {error!r}") from None
     yield summary
 
 
-def _courses(stream: bytes, number: int, *, closed: bool) -> Iterator[Course]:
-    """The course so far, after each frame."""
-    course, ended, end = None, False, 0
+def _builders(stream: bytes, number: int, *, closed: bool) -> Iterator[RowBuilder]:
+    """What the frames have come to, after each of them."""
+    rows, ended, end = None, False, 0
     for place, (frame, end) in enumerate(frames_with_ends(stream)):
         check_frame(frame, place)
         if ended:
             raise RecordingError(f"damaged at byte {end}: a frame behind the footer")
-        if course is not None:
-            course.add(frame)
+        if rows is not None:
+            rows.add(frame)
         elif frame["kind"] == "header":
-            course = Course(frame, number)
+            rows = RowBuilder(frame, number)
         else:
             return
         ended = frame["kind"] == "footer"
-        yield course
+        yield rows
     if closed and not (ended and end == len(stream)):
         raise RecordingError("damaged: the file is closed without an end")
 
 
-def _summary(course: Course, left: Left) -> list[TableRows]:
+def _summary(rows: RowBuilder, left: StepsLeft) -> list[TableRows]:
     return [
-        (STEPS, course.steps),
-        (EVENTS, course.events),
-        (SEATS, course.seats()),
-        (LABELS, course.labels()),
-        (MEASURES, [course.measures(left)]),
-        (EPISODES, [course.episode()]),
+        (STEPS, rows.steps),
+        (EVENTS, rows.events),
+        (SEATS, rows.seats()),
+        (LABELS, rows.labels()),
+        (MEASURES, [rows.measures(left)]),
+        (EPISODES, [rows.episode()]),
     ]

@@ -10,19 +10,19 @@ from robotouille.planning.steps_to_go import StepsToGo
 from robotouille.replay.container import plain
 from robotouille.replay.recording import Recording
 
-__all__ = ["REACHED", "UNKNOWN", "Left", "steps_left"]
+__all__ = ["REACHED", "UNKNOWN", "StepsLeft", "steps_left"]
 
 ALONE, FIRST, KNOWN = Limits(expansions=2000), Limits(expansions=50), Limits(expansions=0)
 """Of one player's search; of a team's first plan; and where that plan is carried out alone."""
 
-Left = tuple[int | None, int | None, bool | None]
+StepsLeft = tuple[int | None, int | None, bool | None]
 """At least so many steps, at most so many (None: no plan is known), and whether the goal is out of
 reach; nothing of it where nobody asked."""
-REACHED: Left = (0, 0, False)
-UNKNOWN: Left = (None, None, None)
+REACHED: StepsLeft = (0, 0, False)
+UNKNOWN: StepsLeft = (None, None, None)
 
 
-def steps_left(content: bytes) -> Left:
+def steps_left(content: bytes) -> StepsLeft:
     """Of a recording, by re-simulation and a search that expansions limit, and nothing else: the
     same recording gives the same numbers everywhere. Nothing is known where it does not
     re-simulate.

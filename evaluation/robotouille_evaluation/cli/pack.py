@@ -15,12 +15,12 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from robotouille.errors import RobotouilleError
 from robotouille.planning import solve
 from robotouille.program import printable, tell
 from robotouille_client.console import explain, fail
+from robotouille_client.console.progress import progress_bar
 from robotouille_evaluation.packs.checking import check_pack
 from robotouille_evaluation.packs.difference_tables import markdown_tables, text_tables
 from robotouille_evaluation.packs.differences import compare_packs
@@ -251,18 +251,14 @@ def _terminable() -> Iterator[None]:
 @contextmanager
 def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on stderr; a line now and then, where that is no terminal."""
-    console = Console(stderr=True)
+    terminal = Console(stderr=True).is_terminal
     said = time.monotonic()
-    columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        job = bar.add_task(what, total=None)
+    with progress_bar(what) as bar:
 
         def progress(done: int, total: int) -> None:
             nonlocal said
-            bar.update(job, completed=done, total=total)
-            if not console.is_terminal and time.monotonic() - said >= SAY_SECONDS:
+            bar(done, total)
+            if not terminal and time.monotonic() - said >= SAY_SECONDS:
                 tell(f"{done} of {total} {what}", err=True)
                 said = time.monotonic()
 

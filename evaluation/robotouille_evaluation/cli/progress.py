@@ -8,16 +8,10 @@ from collections.abc import Sequence
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress, TimeRemainingColumn
 
 from robotouille.program import tell
+from robotouille_client.console.progress import progress_columns
 from robotouille_evaluation.metrics.rows import EpisodeRow
 from robotouille_evaluation.runs import Job
 
@@ -36,10 +30,7 @@ class RunProgress:
         self._begun = time.monotonic()
         console = Console(stderr=True)
         self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
+            *progress_columns(),
             TimeRemainingColumn(),
             console=console,
             disable=not console.is_terminal,

@@ -1,20 +1,21 @@
-"""The report as one HTML page that needs nothing else: no script, no request, no style attribute.
-
-Whatever comes from rows is escaped; the page's policy allows its own style and nothing more, so
-that a name which slips through does nothing.
-"""
+"""The report as one HTML page. Whatever comes from rows is escaped."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
 
-from robotouille_client.console.pages.drawing import Picture, inline_svg
+from robotouille_client.console.pages.drawing import Picture
+from robotouille_client.console.pages.page import (
+    cards_html,
+    figure_html,
+    notes_html,
+    page_html,
+    scrolling_table,
+)
 from robotouille_client.console.pages.page_style import STYLE
 from robotouille_evaluation.metrics import outcomes
 from robotouille_evaluation.metrics.rows import EpisodeRow
@@ -24,26 +25,7 @@ from robotouille_evaluation.report.tables import Line, Table, percent
 
 __all__ = ["render_page"]
 
-PAGE = Template("""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src '$style_hash'; \
-base-uri 'none'; form-action 'none'">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="referrer" content="no-referrer">
-<title>$title</title>
-<style>$style</style>
-</head>
-<body>
-<main>
-<header>
-<h1>$title</h1>
-<p class="about">$about</p>
-<nav><a href="#results">Results</a><a href="#figures">Figures</a><a href="#tables">Tables</a>\
-$graph_link<a href="#episodes">Episodes</a></nav>
-</header>
-<section id="results"><div class="cards">$cards</div>$notes</section>
+SECTIONS = Template("""<section id="results">$cards$notes</section>
 <section id="figures"><h2>Figures</h2>$figures</section>
 <section id="tables"><h2>Tables</h2>
 <p class="hint">Lines with a mark <span class="mark">published</span> are for reference: measured \
@@ -54,12 +36,7 @@ $graphs
 replay play RECORDING</code>, read it with <code>replay notes</code> or <code>steps</code>, and \
 what a model was asked and said with <code>replay said</code>. Recordings are named as seen from \
 where this report was made.</p>\
-$episodes</section>
-<footer><p>What each number means and how it is computed: docs/metrics.md.</p></footer>
-</main>
-</body>
-</html>
-""")
+$episodes</section>""")
 
 
 def render_page(
@@ -72,20 +49,24 @@ def render_page(
 ) -> str:
     """The page's HTML; equal arguments give equal text. `folders` say where each run lies, by its
     name."""
-    digest = base64.b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()
-    return PAGE.substitute(
-        title=escape(title),
-        style=STYLE,
-        style_hash=f"sha256-{digest}",
-        about=escape(_about(rows)),
-        cards="".join(_card(*card) for card in _cards(rows)),
-        notes=_notes(rows),
-        figures="".join(map(_figure, figures)),
+    links = [("results", "Results"), ("figures", "Figures"), ("tables", "Tables")]
+    links += [("graphs", "Tasks")] if graphs else []
+    sections = SECTIONS.substitute(
+        cards=cards_html(_cards(rows)),
+        notes=notes_html(_notes(rows), "notes"),
+        figures="".join(map(figure_html, figures)),
         tables="".join(map(_table, tables)),
-        graph_link='<a href="#graphs">Tasks</a>' if graphs else "",
         graphs=_graphs(graphs),
         episodes="".join(_episodes(rows, folders or {})),
         source=escape(published.SOURCE),
+    )
+    return page_html(
+        title,
+        _about(rows),
+        [*links, ("episodes", "Episodes")],
+        sections_html=sections,
+        footer="What each number means and how it is computed: docs/metrics.md.",
+        style=STYLE,
     )
 
 
@@ -138,41 +119,29 @@ def _cards(rows: Sequence[EpisodeRow]) -> Iterator[tuple[str, str]]:
         yield f"${total:,.2f}", "cost"
 
 
-def _card(value: str, name: str) -> str:
-    return f'<div class="card"><b>{escape(value)}</b><span>{escape(name)}</span></div>'
-
-
-def _notes(rows: Sequence[EpisodeRow]) -> str:
+def _notes(rows: Sequence[EpisodeRow]) -> Iterator[str]:
     """What a reader has to know before believing a number."""
     broken = [row for row in rows if row.error]
     unproven = sum(not row.optimum.proven for row in rows)
-    notes = []
     if broken:
         first = f"the first: {broken[0].error}"[:300]
-        notes.append(f"{len(broken):,} episodes broke off by an error and count as failed; {first}")
+        yield f"{len(broken):,} episodes broke off by an error and count as failed; {first}"
     if unproven:
-        notes.append(f"of {unproven:,} episodes the optimum is not proven: no optimality rate")
+        yield f"of {unproven:,} episodes the optimum is not proven: no optimality rate"
     if len({row.pack.digest for row in rows}) > 1:
-        notes.append("these are several packs; their players are listed apart")
+        yield "these are several packs; their players are listed apart"
     if len({row.budget.rule for row in rows}) > 1:
-        notes.append("step budgets follow several rules; their players are listed apart")
-    lines = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    return f'<ul class="notes">{lines}</ul>' if lines else ""
+        yield "step budgets follow several rules; their players are listed apart"
 
 
 # Figures and tables
-
-
-def _figure(picture: Picture) -> str:
-    caption = f"<figcaption>{escape(picture.caption)}</figcaption>"
-    return f"<figure><div>{inline_svg(picture)}</div>{caption}</figure>"
 
 
 def _graphs(graphs: Sequence[Picture]) -> str:
     if not graphs:
         return ""
     figures = "".join(
-        f"<details><summary>{escape(_title(each.name))}</summary>{_figure(each)}</details>"
+        f"<details><summary>{escape(_title(each.name))}</summary>{figure_html(each)}</details>"
         for each in graphs
     )
     hint = (
@@ -198,11 +167,8 @@ def _table(table: Table) -> str:
 
 
 def _scrolling(columns: Sequence[str], body: str) -> str:
-    head = "".join(f'<th scope="col"{_kind(name)}>{_words(name)}</th>' for name in columns)
-    return (
-        f'<div class="table" tabindex="0"><table><thead><tr>{head}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
+    text = [name in TEXT for name in columns]
+    return scrolling_table([_words(name) for name in columns], body, text)
 
 
 def _kind(column: str) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from robotouille.domain.files import whole_file
 from robotouille.errors import Fault, FileError, RobotouilleError
 from robotouille_evaluation.metrics.rows import EpisodeRow, PackId, read_rows
 from robotouille_evaluation.runs.appending import append_line
@@ -150,9 +151,8 @@ class RunFolder:
         """A whole file, or none."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            beside = path.with_suffix(".new")
-            beside.write_bytes(content)
-            beside.replace(path)
+            with whole_file(path, text=False) as file:
+                file.write(content)
         except OSError as error:
             raise _unwritable(path, error) from None
 

@@ -1,6 +1,7 @@
 """Who somebody is and what they may do: visitors, roles, tokens and the keys that sign them."""
 
 from robotouille_server.auth.keys import FileKeyring, Keyring
+from robotouille_server.auth.private_files import read_private
 from robotouille_server.auth.revocation import REVOKED_FILE, Revocations
 from robotouille_server.auth.roles import (
     Role,
@@ -52,6 +53,7 @@ __all__ = [
     "origin_refusal",
     "parse_networks",
     "parse_origins",
+    "read_private",
     "same_episode",
     "visitor",
 ]

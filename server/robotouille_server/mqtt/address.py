@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from urllib.parse import unquote, urlsplit
 
 from robotouille.errors import RobotouilleError
-from robotouille_server.auth.private_files import read_private
+from robotouille_server.auth import read_private
 from robotouille_server.runtime.settings import ServerSettings
 from robotouille_server.runtime.workers import WorkerSlot
 

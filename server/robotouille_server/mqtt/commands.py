@@ -65,7 +65,7 @@ class Commands:
 
     async def answer(self, received: Received) -> Outgoing:
         """Carry out a command, unless it came before; what to answer, and where."""
-        topic = self._topics.answer_to(received.answer_to)
+        topic = self._topics.response_topic(received.response_topic)
         return Outgoing(topic, await self._answer(received.payload), received.correlation)
 
     async def _answer(self, payload: bytes) -> Answer:

@@ -9,7 +9,7 @@ import socket
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille_server.mqtt.address import BrokerAddress
@@ -46,7 +46,7 @@ class Received:
 
     payload: bytes
     retained: bool = False
-    answer_to: str = ""
+    response_topic: str = ""
     correlation: bytes | None = None
 
 
@@ -61,12 +61,12 @@ class Connection(Protocol):
         topic: str,
         payload: bytes,
         *,
-        sure: bool = True,
+        qos: Literal[0, 1] = 1,
         retain: bool = False,
         correlation: bytes | None = None,
     ) -> None:
-        """Publish; where it is to be `sure`, wait until the broker says that it has it, else until
-        it is on its way."""
+        """Publish. With quality of service 1 wait until the broker says that it has it, with 0
+        until it is on its way."""
 
     async def receive(self) -> Received:
         """Wait for the next message."""
@@ -152,7 +152,7 @@ class MqttConnection:
         topic: str,
         payload: bytes,
         *,
-        sure: bool = True,
+        qos: Literal[0, 1] = 1,
         retain: bool = False,
         correlation: bytes | None = None,
     ) -> None:
@@ -164,7 +164,7 @@ class MqttConnection:
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
             properties.CorrelationData = correlation
         with _failures():
-            await self._client.publish(topic, payload, int(sure), retain, properties)
+            await self._client.publish(topic, payload, qos, retain, properties)
 
     async def receive(self) -> Received:
         with _failures():

@@ -222,7 +222,7 @@ class BrokerLink:
         for number, (episode, steps) in enumerate(waiting):
             payload = steps_payload(episode, steps, self._outbox.take_dropped(episode))
             try:
-                await connection.publish(self._topics.steps(episode), payload, sure=False)
+                await connection.publish(self._topics.steps(episode), payload, qos=0)
             except BaseException:
                 for _, unsent in waiting[number:]:
                     self._outbox.drop(unsent)

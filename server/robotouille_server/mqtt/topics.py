@@ -41,7 +41,7 @@ class Topics:
         """Its steps, if somebody asks for them."""
         return f"{ROOT}/{self.server}/episodes/{episode}/steps"
 
-    def answer_to(self, asked: str) -> str:
+    def response_topic(self, asked: str) -> str:
         """Where to answer: a topic below `answers` that was asked for, and no other, since the
         server may publish what whoever asks may not."""
         below = asked.removeprefix(f"{self.answers}/")

@@ -13,7 +13,6 @@ import hashlib
 import json
 import math
 import time
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
@@ -21,7 +20,7 @@ from typing import Annotated, Literal, Protocol
 from pydantic import BaseModel, Field
 
 from robotouille.domain.catalogue import load_task
-from robotouille.domain.files import read_model
+from robotouille.domain.files import read_model, whole_file
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import Fault, FileError, RobotouilleError
@@ -366,12 +365,9 @@ def write_certificate(certificate: Certificate, path: Path) -> None:
 
 def write_whole(path: Path, text: str) -> None:
     """Write a file so that it is whole or as before, whatever happens; FileError if it fails."""
-    draft = path.with_name(f".{path.name}.part")
     try:
-        draft.write_bytes(text.encode())
-        draft.replace(path)
+        with whole_file(path) as file:
+            file.write(text)
     except OSError as error:
-        with suppress(OSError):
-            draft.unlink()
         fault = Fault("", f"cannot be written: {error.strerror or error}")
         raise FileError(str(path), [fault]) from None

@@ -1,14 +1,16 @@
-"""Read a JSON file against a schema; report every fault of it at once.
+"""Files: read as JSON against a schema, with every fault of it at once; and written whole.
 
-Nothing here trusts the file: its size, nesting and every field are checked first.
+Nothing here trusts a file that is read: its size, nesting and every field are checked first.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import IO, Any, NoReturn, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -22,6 +24,7 @@ __all__ = [
     "read_json",
     "read_model",
     "validate",
+    "whole_file",
 ]
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
@@ -171,3 +174,27 @@ def _path(raw: Any, location: list[Any]) -> str:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+@contextmanager
+def whole_file(path: Path, *, text: bool = True) -> Iterator[IO[Any]]:
+    """A file to write text or bytes into, which is at its place once all has gone well.
+
+    Lines of text end as they are written.
+
+    Raises:
+        OSError: It cannot be written; the error names it.
+    """
+    draft = path.with_name(f".{path.name}.tmp")
+    kind: dict[str, Any] = {"encoding": "utf-8", "newline": ""} if text else {}
+    try:
+        with draft.open("w" if text else "wb", **kind) as file:
+            yield file
+        draft.replace(path)
+    except OSError as error:
+        if error.filename in (None, str(draft)):
+            error.filename = str(path)
+        raise
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)

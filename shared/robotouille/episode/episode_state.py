@@ -114,7 +114,7 @@ class EpisodeState:
         self.muted: set[str] = set()
         self._clock = clock_for(rules, world.players)
         self.scheduled = self._clock.scheduled
-        self._started = 0.0
+        self._started: float | None = None
         self._stopwatch = Stopwatch()
         self._events: list[Event] = []
 
@@ -386,7 +386,8 @@ class EpisodeState:
         return events
 
     def _elapsed(self, now: float) -> float:
-        return max(0.0, now - self._started) if self.phase is not Phase.WAITING else 0.0
+        """Seconds since the game began; 0 until then."""
+        return 0.0 if self._started is None else max(0.0, now - self._started)
 
     def _ran(self, now: float) -> float:
         """Seconds for which the game has run until now."""

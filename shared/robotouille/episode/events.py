@@ -79,7 +79,8 @@ class Moderation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an episode ended, as data; `seconds` are those since its start, pauses included."""
+    """How an episode ended, as data; `seconds` are those since its start, pauses included; 0
+    if it never began."""
 
     reason: Reason
     steps: int

@@ -93,7 +93,8 @@ class RecoveredEpisode(Episode):
         """
         begun = self.in_progress
         self._presence.used = self.used
-        self._started = now - elapsed
+        if begun:
+            self._started = now - elapsed
         self._clock.start(now)
         self._emit(Restarted(elapsed))
         present = [seat for seat in self.seats.values() if seat.present]

@@ -16,14 +16,14 @@ from robotouille_data.database import database_url
 from robotouille_data.exports.exporting import export
 from robotouille_data.exports.request import ExportFormat, Request
 from robotouille_data.indexing import index
-from tests.support.studies import Write, write_study
+from tests.support.random_study import Write, write_random_study
 
 
 @pytest.fixture(scope="session")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of recordings with their catalogue; nobody changes it."""
     folder = tmp_path_factory.mktemp("study")
-    write_study(folder)
+    write_random_study(folder)
     index(database_url(None, folder), [folder])
     return folder
 

@@ -15,7 +15,7 @@ import yaml
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.card import rewrite_card
 from robotouille_data.exports.request import About
-from tests.support.studies import Write, manifest
+from tests.support.random_study import Write, manifest
 
 ODD = 'A "kitchen": #1\n---\nlicense: mit'
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -20,6 +18,7 @@ from robotouille.replay import recording_of
 from robotouille_data.exports.card import card_text
 from robotouille_data.exports.manifest import CODEBOOK, MANIFEST, read_json
 from robotouille_data.schema import EPISODE_TABLES
+from tests.support.scripts import script_module
 from tests.support.sources import ROOT
 
 FOLDER = ROOT / "datasets" / "bot_teams"
@@ -77,18 +76,8 @@ def test_datasets_loads_it(hub: Any) -> None:
 
 @pytest.mark.slow
 def test_the_program_makes_the_same_episode_again() -> None:
-    program = load_program()
+    program = script_module(ROOT / "tools/make_example_dataset.py")
     planner = AnytimePlanner(program.World(program.load_task(program.TASK)))
     streams = [program.record("alone", 0, program.LAST, planner) for _ in range(2)]
     assert streams[0] == streams[1]
     assert recording_of(streams[0], "example").verify().ok
-
-
-def load_program() -> ModuleType:
-    path = ROOT / "tools" / "make_example_dataset.py"
-    spec = importlib.util.spec_from_file_location("make_example_dataset", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -20,13 +20,13 @@ from robotouille_data.exports.exporting import export
 from robotouille_data.exports.request import ExportFormat, Request
 from robotouille_data.indexing import index
 from tests.support.random_play import write_recordings
-from tests.support.studies import manifest, write_study
+from tests.support.random_study import manifest, write_random_study
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     found = tmp_path / "recordings"
-    write_study(found)
+    write_random_study(found)
     return found
 
 

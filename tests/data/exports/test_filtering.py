@@ -15,7 +15,7 @@ from sqlalchemy.engine import URL
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.exporting import export
 from robotouille_data.exports.request import ExportFormat, Request
-from tests.support.studies import PAIRS, ROUNDS, Write, manifest
+from tests.support.random_study import PAIRS, ROUNDS, Write, manifest
 
 
 def labels(folder: Path) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ import polars as pl
 
 from robotouille.replay.frame_schema import Note
 from robotouille_data.exports.privacy import UNWRITTEN
-from tests.support.studies import Write, manifest
+from tests.support.random_study import Write, manifest
 
 NAMES = ["Ada", "Bob", *(f"x{pair}{one}" for pair in range(3) for one in "ab")]
 SECRETS = ["CODE-", "some-owner", "session"]

@@ -23,14 +23,14 @@ from robotouille.episode import Episode, Rules
 from robotouille.replay import Recording, read_recording
 from robotouille.replay.container import compress, frame_ends, frame_value, pack_frame, plain
 from robotouille.replay.recorder import Recorder, header
-from robotouille_data.database import database_url, writing
+from robotouille_data.database import database_url, writing_engine
 from robotouille_data.errors import CatalogueError
 from robotouille_data.exports.exporting import export
 from robotouille_data.exports.request import ExportFormat, Request
 from robotouille_data.indexing import index
 from robotouille_data.recordings.reading import content_digest, episode_id
 from robotouille_data.schema import RECORDINGS
-from tests.support.studies import Write, manifest, write_study
+from tests.support.random_study import Write, manifest, write_random_study
 
 
 @pytest.fixture(scope="session")
@@ -107,6 +107,7 @@ def test_datasets_loads_chat(write: Write, hub: Any) -> None:
 # Arrays
 
 
+@pytest.mark.slow
 def test_arrays_are_what_the_recordings_say(write: Write, recordings: dict[int, Recording]) -> None:
     folder = write("arrays")
     told = manifest(folder)
@@ -203,7 +204,7 @@ def test_the_variable_of_minari_s_folder_is_as_before(
 @pytest.fixture
 def own_study(tmp_path: Path) -> Path:
     folder = tmp_path / "recordings"
-    write_study(folder)
+    write_random_study(folder)
     index(database_url(None, folder), [folder])
     return folder
 
@@ -251,7 +252,7 @@ def test_a_catalogue_that_leads_elsewhere_is_told(
     shutil.copy(own_study / "random2.rbt", tmp_path / "other")
     url = database_url(None, own_study)
     index(url, [own_study])
-    with writing(url).begin() as connection:
+    with writing_engine(url).begin() as connection:
         its = RECORDINGS.c.path
         where = its == str(own_study / "random1.rbt")
         connection.execute(

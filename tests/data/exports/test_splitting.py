@@ -20,7 +20,7 @@ from robotouille_data.exports.splitting import groups, split
 from robotouille_data.indexing import index
 from robotouille_data.schema import EPISODES
 from tests.support.random_play import random_stream
-from tests.support.studies import PAIRS, ROUNDS, Write, manifest
+from tests.support.random_study import PAIRS, ROUNDS, Write, manifest
 
 SHARES = {"train": 0.5, "test": 0.5}
 

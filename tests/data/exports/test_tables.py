@@ -22,7 +22,7 @@ from robotouille_data.answers.query import asking
 from robotouille_data.exports.codebook import UNITS
 from robotouille_data.exports.formats import tables
 from robotouille_data.schema import EPISODE_TABLES, METADATA
-from tests.support.studies import Write, manifest
+from tests.support.random_study import Write, manifest
 
 FORMATS = ("parquet", "csv", "jsonl")
 TYPES = {

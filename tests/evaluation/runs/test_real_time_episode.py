@@ -225,6 +225,7 @@ def test_a_dropped_answer_is_recorded_and_asked_for_anew(tmp_path: Path) -> None
     assert (row.measures.late_answers, row.measures.held_share) == (3, 0)
 
 
+@pytest.mark.slow
 def test_planners_are_charged_nothing(tmp_path: Path) -> None:
     played = job(TEAM, by=agent("planner"), charge="declared:1000")
     row = play(tmp_path, played, first_valid)

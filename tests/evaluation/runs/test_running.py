@@ -252,6 +252,7 @@ def test_ours_are_told_who_they_are(tmp_path: Path) -> None:
     assert {text.splitlines()[0] for text in heard} == {"You are robot1.", "You are robot2."}
 
 
+@pytest.mark.slow
 def test_planners_of_a_team_count_on_each_other(tmp_path: Path) -> None:
     job = job_of(agent("planner"), TASKS[1])
     row = play(created(tmp_path, (job,)), job)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeVar
 
 from robotouille.errors import RobotouilleError
 from robotouille.world.world import State
@@ -16,7 +15,6 @@ from robotouille_client.window.video import frames_of, write_video
 
 __all__ = ["film"]
 
-T = TypeVar("T")
 FPS = 24
 GIF_FPS = 12
 
@@ -38,6 +36,8 @@ def film(
     Raises:
         RobotouilleError: There are no such steps, or it cannot be written.
     """
+    from robotouille_client.console.progress import tracked
+
     first, last = checked_span(history, span)
     fps = GIF_FPS if output.suffix == ".gif" else FPS
     frames_per_step = max(1, round(fps / speed))
@@ -56,7 +56,7 @@ def film(
     )
     total = (last - first + 1) * frames_per_step + 2 * fps
     try:
-        return write_video(output, _progress(frames, total, output.name), fps)
+        return write_video(output, tracked(frames, output.name, total), fps)
     except ValueError as error:
         raise RobotouilleError(str(error)) from None
     except OSError as error:
@@ -77,13 +77,3 @@ def checked_span(history: RecordedHistory, span: tuple[int | None, int | None]) 
 
 def _states(history: RecordedHistory, first: int, last: int) -> Iterator[tuple[int, State]]:
     return ((step, history.state(step)) for step in range(first, last + 1))
-
-
-def _progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
-    """The same items, with a progress bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-    quiet = not console.is_terminal
-    yield from track(items, what, total=total, console=console, disable=quiet, transient=True)

@@ -11,7 +11,8 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_data.answers.selection import Selection, in_pieces
+from robotouille_data.answers.selection import Selection
+from robotouille_data.database import in_pieces
 from robotouille_data.recordings.seat import ACTIVITIES
 from robotouille_data.schema import EPISODES, EVENTS, LABELS, MEASURES, RECORDINGS, SEATS, STEPS
 
@@ -97,7 +98,7 @@ def read_facts(connection: Connection, selection: Selection, by: str, progress: 
     Args:
         by: The label that is compared.
     """
-    facts, done = Facts(by, unknown=selection.unknown), 0
+    facts, done = Facts(by, unknown=selection.left_out.get("unknown", 0)), 0
     broken = RECORDINGS.c.fault != ""
     facts.damaged = connection.scalar(
         sa.select(sa.func.count()).select_from(RECORDINGS).where(broken)

@@ -259,8 +259,12 @@ def _rounds(groups: Sequence[Group]) -> Picture | None:
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
         for place, (group, own) in enumerate(zip(groups, rounds, strict=True)):
-            _course(left, place, group, {n: median_of_steps(some) for n, some in own.items()}, 1)
-            _course(right, place, group, {n: success_of(some) for n, some in own.items()}, 100)
+            _line_of_rounds(
+                left, place, group, {n: median_of_steps(some) for n, some in own.items()}, 1
+            )
+            _line_of_rounds(
+                right, place, group, {n: success_of(some) for n, some in own.items()}, 100
+            )
         left.set_ylabel("steps to the goal, median")
         left.set_ylim(bottom=0)
         right.set_ylabel("goal reached, %")
@@ -279,7 +283,7 @@ def _rounds(groups: Sequence[Group]) -> Picture | None:
     return drawn("rounds", caption, (WIDTH, 3.4), draw, png=False)
 
 
-def _course(
+def _line_of_rounds(
     axes: Axes, place: int, group: Group, found: Mapping[int, Interval | None], scale: float
 ) -> None:
     known = [(number, each) for number, each in found.items() if each is not None]

@@ -14,14 +14,14 @@ from robotouille_client.console.pages.drawing import INK, Picture, drawn, plain
 from robotouille_data.answers.report.facts import Episode
 from robotouille_data.answers.report.figures import ACTIVITY_COLOURS, WIDTH
 from robotouille_data.answers.report.grouping import Group
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.schema import EVENTS, STEPS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["MAX_SHOWN", "MAX_STEPS", "Course", "Said", "draw_courses", "read_courses"]
+__all__ = ["MAX_SHOWN", "MAX_STEPS", "Said", "TimeLine", "draw_time_lines", "read_time_lines"]
 
 MAX_SHOWN = 12
 """Episodes of a group whose time lines are drawn."""
@@ -46,7 +46,7 @@ class Said:
 
 
 @dataclass(slots=True)
-class Course:
+class TimeLine:
     """What happened in an episode: of each seat, its activities from the first step on, and the
     steps in which it was refused; the first messages of the chat, and how many there are."""
 
@@ -57,27 +57,27 @@ class Course:
     messages: int = 0
 
 
-def read_courses(connection: Connection, group: Group) -> list[Course]:
-    """The courses of the first episodes of a group that are not too long, of each pair in turn."""
+def read_time_lines(connection: Connection, group: Group) -> list[TimeLine]:
+    """Time lines of the first episodes of a group that are not too long, of each pair in turn."""
     chosen = [each for each in _in_turn(group.episodes) if 0 < each.steps <= MAX_STEPS]
     wanted = {each.id for each in chosen[:MAX_SHOWN]}
-    courses = {each.id: Course(each) for each in group.episodes if each.id in wanted}
-    for some in in_pieces(courses):
+    time_lines = {each.id: TimeLine(each) for each in group.episodes if each.id in wanted}
+    for some in in_pieces(time_lines):
         its = STEPS.c
         query = sa.select(its.episode_id, its.seat, its.activity).where(its.episode_id.in_(some))
         for number, seat, activity in connection.execute(
             query.order_by(its.episode_id, its.step, its.seat)
         ):
-            courses[number].lanes.setdefault(seat, []).append(activity)
+            time_lines[number].lanes.setdefault(seat, []).append(activity)
         for number, step, t, kind, seat, name, text in connection.execute(_events(some)):
-            course = courses[number]
+            time_line = time_lines[number]
             if kind == "rejected":
-                course.rejected.append((step, seat))
+                time_line.rejected.append((step, seat))
                 continue
-            course.messages += 1
-            if course.messages <= MAX_SAID:
-                course.said.append(Said(step, t, seat, name, text))
-    return list(courses.values())
+            time_line.messages += 1
+            if time_line.messages <= MAX_SAID:
+                time_line.said.append(Said(step, t, seat, name, text))
+    return list(time_lines.values())
 
 
 def _in_turn(episodes: Sequence[Episode]) -> Iterator[Episode]:
@@ -97,16 +97,16 @@ def _events(some: Sequence[int]) -> sa.Select[Any]:
     return query.where(its.episode_id.in_(some) & shown).order_by(its.episode_id, its.number)
 
 
-def draw_courses(name: str, courses: Sequence[Course], longest: int) -> Picture:
+def draw_time_lines(name: str, time_lines: Sequence[TimeLine], longest: int) -> Picture:
     """Of each episode, a lane for each seat, coloured by what it did.
 
     Args:
         longest: Steps for which there is room, so that several pictures have one scale.
     """
     tops, height = [], 0.0
-    for course in courses:
+    for time_line in time_lines:
         tops.append(height)
-        height += LANE * len(course.lanes) + GAP
+        height += LANE * len(time_line.lanes) + GAP
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -115,12 +115,13 @@ def draw_courses(name: str, courses: Sequence[Course], longest: int) -> Picture:
         axes.grid(visible=False)
         axes.set_xlabel("step")
         axes.spines["left"].set_visible(False)
-        for top, course in zip(tops, courses, strict=True):
-            _lanes(axes, top, course, longest)
+        for top, time_line in zip(tops, time_lines, strict=True):
+            _lanes(axes, top, time_line, longest)
         middles = [
-            top + LANE * len(course.lanes) / 2 for top, course in zip(tops, courses, strict=True)
+            top + LANE * len(time_line.lanes) / 2
+            for top, time_line in zip(tops, time_lines, strict=True)
         ]
-        axes.set_yticks(middles, [_title(course.episode) for course in courses])
+        axes.set_yticks(middles, [_title(time_line.episode) for time_line in time_lines])
         axes.tick_params(axis="y", length=0)
         _legend(axes)
 
@@ -138,27 +139,27 @@ def _title(episode: Episode) -> str:
     return plain(f"{episode.pair}{number}", 26)
 
 
-def _lanes(axes: Axes, top: float, course: Course, longest: int) -> None:
-    order = sorted(course.lanes)
+def _lanes(axes: Axes, top: float, time_line: TimeLine, longest: int) -> None:
+    order = sorted(time_line.lanes)
     for activity, colour in ACTIVITY_COLOURS.items():
         rectangles = [
             (begin, end, top + LANE * place)
             for place, seat in enumerate(order)
-            for begin, end in _spans(course.lanes[seat], activity)
+            for begin, end in _spans(time_line.lanes[seat], activity)
         ]
         _fill(axes, rectangles, colour)
-    steps = course.episode.steps
+    steps = time_line.episode.steps
     heights = {seat: top + LANE * place for place, seat in enumerate(order)}
-    refused = [(min(step, steps - 1), heights[seat]) for step, seat in course.rejected]
+    refused = [(min(step, steps - 1), heights[seat]) for step, seat in time_line.rejected]
     axes.vlines(
         [step + 0.5 for step, _ in refused],
         [height + 0.04 * LANE for _, height in refused],
         [height + 0.27 * LANE for _, height in refused],
         color=INK, linewidth=0.9,
     )  # fmt: skip
-    said = [(each.step, heights[each.seat]) for each in course.said if each.seat in heights]
+    said = [(each.step, heights[each.seat]) for each in time_line.said if each.seat in heights]
     axes.scatter([s for s, _ in said], [h + 0.15 * LANE for _, h in said], s=8, color=INK, zorder=3)
-    won = {True: "goal", False: "no goal", None: "unfinished"}[course.episode.success]
+    won = {True: "goal", False: "no goal", None: "unfinished"}[time_line.episode.success]
     middle = top + LANE * len(order) / 2
     axes.text(steps + 0.008 * longest, middle, won, fontsize=8.5, va="center")
 

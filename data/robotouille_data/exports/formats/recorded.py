@@ -14,7 +14,7 @@ from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.recording import Recording, recording_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.exports.part import Part
 from robotouille_data.recordings.reading import content_digest, read_content
 from robotouille_data.schema import EPISODES, RECORDINGS

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from robotouille_data.answers.selection import in_pieces
+from robotouille_data.database import in_pieces
 from robotouille_data.exports.codebook import table_entry
 from robotouille_data.exports.part import Part, Written
 from robotouille_data.exports.request import ExportFormat

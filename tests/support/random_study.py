@@ -10,7 +10,7 @@ from typing import Any
 from robotouille.replay.container import compress
 from tests.support.random_play import random_stream
 
-__all__ = ["PAIRS", "ROUNDS", "Write", "manifest", "write_study"]
+__all__ = ["PAIRS", "ROUNDS", "Write", "manifest", "write_random_study"]
 
 Write = Callable[..., Path]
 """Writes an export in a format, with what else a request says; its folder."""
@@ -18,7 +18,7 @@ Write = Callable[..., Path]
 PAIRS, ROUNDS = 4, 2
 
 
-def write_study(folder: Path, *, steps: int = 20) -> None:
+def write_random_study(folder: Path, *, steps: int = 20) -> None:
     """`ROUNDS` recordings of each of `PAIRS` pairs; the last pair has given no consent, and its
     people have names alone."""
     folder.mkdir(parents=True, exist_ok=True)

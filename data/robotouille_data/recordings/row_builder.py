@@ -1,4 +1,4 @@
-"""The course of one recording: its frames go in, rows come out."""
+"""One recording as rows: its frames go in, rows come out."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from robotouille_data.recordings.action_words import (
 from robotouille_data.recordings.certified import fewest_steps
 from robotouille_data.recordings.repeats import Repeats
 from robotouille_data.recordings.seat import ACTIVITIES, RecordedSeat
-from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, Left
+from robotouille_data.recordings.steps_left import REACHED, UNKNOWN, StepsLeft
 
-__all__ = ["Course", "Row"]
+__all__ = ["Row", "RowBuilder"]
 
 Row = tuple[Any, ...]
 INT32, INT64 = 2**31 - 1, 2**63 - 1
@@ -27,7 +27,7 @@ OF_THEIR_OWN = frozenset({"note", "t", "player", "name", "text", "action"})
 """The fields of a note that are no `details`."""
 
 
-class Course:
+class RowBuilder:
     """Goes through the frames of one recording, in their order.
 
     `steps` and `events` are the rows so far; whoever takes them may empty the lists.
@@ -53,6 +53,7 @@ class Course:
         self._repeats = Repeats(len(header["tables"]["atoms"]))
         self._busy: dict[str, int] = {}
         self._step = self._time = self._number = self._blocking = 0
+        self._begun = False
         self._outcome: Mapping[str, Any] | None = None
 
     def add(self, frame: dict[str, Any]) -> None:
@@ -131,6 +132,7 @@ class Course:
             case "said" if seat:
                 seat.said += 1
             case "started":
+                self._begun = True
                 for each in self._seats.values():
                     each.refused = False
         details = {key: value for key, value in note.items() if key not in OF_THEIR_OWN}
@@ -168,10 +170,17 @@ class Course:
             None if end is None else _clean(end["reason"]),
             None if end is None else _clean(end.get("detail", "")),
             self._step,
-            self._time / 1000 if end is None else _finite(end["seconds"]),
+            self._seconds(end),
             _clean(header.get("code", "")),
             _clean(header.get("owner", "")),
         )
+
+    def _seconds(self, end: Mapping[str, Any] | None) -> float:
+        """How long it took. Earlier versions recorded when it ended, on the server's clock, where
+        it had never begun."""
+        if end is None:
+            return self._time / 1000
+        return _finite(end["seconds"]) if self._begun or self._step else 0.0
 
     def seats(self) -> list[Row]:
         """The rows of the seats, in order."""
@@ -208,7 +217,7 @@ class Course:
         """Whether the goal was reached; None while that is open."""
         return None if self._outcome is None else self._outcome["reason"] == "goal"
 
-    def measures(self, left: Left = UNKNOWN) -> Row:
+    def measures(self, left: StepsLeft = UNKNOWN) -> Row:
         """The row of the team's measures.
 
         Args:
