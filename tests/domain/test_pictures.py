@@ -22,7 +22,7 @@ from robotouille.resources import data_folder
 from tests.support.pixels import chunk, png
 
 SHIPPED = sorted(data_folder("assets").rglob("*.svg"))
-OPEN = '<svg xmlns="http://www.w3.org/2000/svg">'
+OPEN = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 100">'
 
 
 @pytest.mark.parametrize(
@@ -50,13 +50,23 @@ def test_of_a_picture_only_what_is_drawn_is_kept() -> None:
     ("text", "words"),
     [
         ("", "is no SVG"),
-        ("<svg>", "is no SVG"),
+        ('<svg viewBox="0 0 9 9">', "is no SVG"),
         ("<html/>", "first element is not svg"),
         ("\x89PNG", "is no SVG"),
         ('<!DOCTYPE svg [<!ENTITY a "aaaa">]><svg>&a;</svg>', "document type"),
         ('<!DOCTYPE svg SYSTEM "file:///etc/passwd"><svg/>', "document type"),
         (OPEN + "<g>" * 40 + "</g>" * 40 + "</svg>", "nested deeper"),
         (OPEN + "<g/>" * MAX_SHAPES + "</svg>", "more than 2,000 elements"),
+        ("<svg/>", "neither a viewBox"),
+        (OPEN + '<path stroke-width="1e6" d="M0 0L9 9"/></svg>', "strokes more than 4 times"),
+        (OPEN + '<path style="fill:red;stroke-width:9in"/></svg>', "strokes more than 4 times"),
+        (
+            OPEN
+            + '<g transform="scale(40)"><g transform="scale(.1) matrix(40 0 0 1 0 0)"/></g></svg>',
+            "strokes more than 4 times",
+        ),
+        (OPEN + '<g transform="skewX(89.99999)"/></svg>', "strokes more than 4 times"),
+        (OPEN + '<path stroke-width="1e999"/></svg>', "strokes more than 4 times"),
         (OPEN + f'<path d="{"L0 0" * 5000}"/><path d="{"L0 0" * 5000}"/></svg>', "outlines"),
         (OPEN + " " * MAX_PICTURE_BYTES + "</svg>", "at most"),
     ],

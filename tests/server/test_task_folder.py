@@ -141,7 +141,7 @@ def test_a_broken_picture_is_named(bistro: Path) -> None:
     with pytest.raises(TaskFolderError, match=f"bistro/{picture.name}: is a torn PNG"):
         read_task_folder(bistro)
     picture.write_bytes(png((1, 2, 3)))
-    (bistro / "bistro/griddle.svg").write_text("<svg>")
+    (bistro / "bistro/griddle.svg").write_text('<svg viewBox="0 0 1 1">')
     with pytest.raises(TaskFolderError, match=r"bistro/griddle.svg: is no SVG"):
         read_task_folder(bistro)
 

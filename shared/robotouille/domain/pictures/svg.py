@@ -10,6 +10,7 @@ from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from robotouille.domain.pictures.png import MAX_PICTURE_BYTES, PictureError
+from robotouille.domain.pictures.strokes import Strokes
 
 __all__ = ["MAX_OUTLINES", "MAX_SHAPES", "plain_svg"]
 
@@ -42,7 +43,8 @@ def plain_svg(content: bytes) -> bytes:
 
     Raises:
         PictureError: It is no SVG, is too long, declares a document type (which may define
-            entities), is nested too deep or has too many shapes or too long outlines.
+            entities), is nested too deep, has no size, too many shapes, too long outlines or
+            too wide strokes.
     """
     if len(content) > MAX_PICTURE_BYTES:
         raise PictureError(f"has {len(content):,} bytes; at most {MAX_PICTURE_BYTES:,} are taken")
@@ -66,6 +68,7 @@ class _Reading:
         self.parser.EndElementHandler = self._end
         self.parser.StartDoctypeDeclHandler = self._doctype
         self._depth = self._shapes = self._outlines = 0
+        self._strokes = Strokes()
         self._left_out = 0
         """How deep one is in an element that is left out."""
 
@@ -87,6 +90,7 @@ class _Reading:
         if self._left_out or not kept:
             self._left_out += 1
             return
+        self._strokes.begin(attributes)
         space = f' xmlns="{NAMESPACE}"' if self._first else ""
         pairs = (
             f" {key}={quoteattr(_plain_style(value) if key == 'style' else value)}"
@@ -104,6 +108,7 @@ class _Reading:
         if self._left_out:
             self._left_out -= 1
         else:
+            self._strokes.end()
             self.written.append(f"</{name.rpartition(BETWEEN)[2]}>")
 
 
