@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -20,38 +19,12 @@ from robotouille_server.mqtt.connection import Received
 from robotouille_server.mqtt.models import COMMANDS, Answer
 from robotouille_server.mqtt.outbox import MAX_MESSAGES
 from robotouille_server.mqtt.topics import Topics
-from robotouille_server.mqtt.watches import MAX_WATCHES, Watches
-from tests.support.brokers import FakeBroker, role_token, told
+from robotouille_server.mqtt.watches import Watches
+from tests.support.brokers import Lab, role_token, told
 from tests.support.operator import table
 from tests.support.virtual_time import run
 
 ANSWERS = "robotouille/v1/lab/answers"
-
-
-class Lab:
-    """Sends commands to a server, and reads the answers."""
-
-    def __init__(self, server: Server, broker: FakeBroker, role: Role = Role.OPERATOR) -> None:
-        self.broker = broker
-        self.token = role_token(server, role)
-        self._refs = count(1)
-
-    async def ask(self, kind: str, **fields: Any) -> Answer:
-        content = {"type": kind, "ref": f"r{next(self._refs)}", "token": self.token, **fields}
-        return await self.send({key: value for key, value in content.items() if value != ""})
-
-    async def send(self, content: Any, **received: Any) -> Answer:
-        before = len(self.broker.on("answers"))
-        self.broker.command(content, **received)
-        await asyncio.sleep(1)
-        (answer,) = self.broker.on("answers")[before:]
-        return Answer.model_validate(answer)
-
-    async def refused(self, kind: str, **fields: Any) -> str:
-        answer = await self.ask(kind, **fields)
-        assert answer.error is not None
-        assert not answer.ok
-        return answer.error.code
 
 
 def audit(server: Server) -> list[dict[str, Any]]:
@@ -366,22 +339,5 @@ def test_a_watch_ends_with_its_token(tmp_path: Path, ends: str) -> None:
             before = len(broker.on("steps"))
             await asyncio.sleep(10)
             assert len(broker.on("steps")) == before
-
-    run(main())
-
-
-def test_watches_are_bounded_replaced_and_ended(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with told(tmp_path) as (server, broker):
-            lab = Lab(server, broker)
-            for number in range(MAX_WATCHES):
-                assert (await lab.ask("watch", labels={"pair": str(number)})).ok
-            assert await lab.refused("watch", labels={"pair": "x"}) == "rate/limited"
-            assert (await lab.ask("watch", labels={"pair": "1"})).ok
-            assert (await lab.ask("unwatch", labels={"pair": "1"})).done == "1 watches ended"
-            both = {"episode": "a", "labels": {"pair": "2"}}
-            assert await lab.refused("watch", **both) == "message/invalid-field"
-            assert (await lab.ask("unwatch", episode="gone")).done == "0 watches ended"
-            assert (await lab.ask("unwatch")).done == f"{MAX_WATCHES - 1} watches ended"
 
     run(main())

@@ -13,6 +13,7 @@ import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -20,9 +21,19 @@ from robotouille_server import Server
 from robotouille_server.auth import Role
 from robotouille_server.mqtt import on_broker
 from robotouille_server.mqtt.connection import BrokerError, Connection, Received
+from robotouille_server.mqtt.models import Answer
 from tests.support.servers import serving
 
-__all__ = ["FakeBroker", "Mosquitto", "Publication", "missing", "mosquitto", "role_token", "told"]
+__all__ = [
+    "FakeBroker",
+    "Lab",
+    "Mosquitto",
+    "Publication",
+    "missing",
+    "mosquitto",
+    "role_token",
+    "told",
+]
 
 TIMEOUT = 5.0
 """Of a client whose broker does not answer."""
@@ -227,3 +238,29 @@ def mosquitto(
         yield broker
     finally:
         broker.stop()
+
+
+class Lab:
+    """Sends commands to a server, and reads the answers."""
+
+    def __init__(self, server: Server, broker: FakeBroker, role: Role = Role.OPERATOR) -> None:
+        self.broker = broker
+        self.token = role_token(server, role)
+        self._refs = count(1)
+
+    async def ask(self, kind: str, **fields: Any) -> Answer:
+        content = {"type": kind, "ref": f"r{next(self._refs)}", "token": self.token, **fields}
+        return await self.send({key: value for key, value in content.items() if value != ""})
+
+    async def send(self, content: Any, **received: Any) -> Answer:
+        before = len(self.broker.on("answers"))
+        self.broker.command(content, **received)
+        await asyncio.sleep(1)
+        (answer,) = self.broker.on("answers")[before:]
+        return Answer.model_validate(answer)
+
+    async def refused(self, kind: str, **fields: Any) -> str:
+        answer = await self.ask(kind, **fields)
+        assert answer.error is not None
+        assert not answer.ok
+        return answer.error.code
