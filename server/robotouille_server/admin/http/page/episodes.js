@@ -86,6 +86,18 @@ function seatChip() {
   };
 }
 
+function labelChip() {
+  const name = h("span");
+  const value = h("b");
+  return {
+    root: h("li", {}, name, value),
+    update([key, text]) {
+      setText(name, key);
+      setText(value, text);
+    },
+  };
+}
+
 function card(row, watch) {
   const parts = { heading: heading(), phase: phaseBadge(), progress: progress() };
   const seats = h("ul", { class: "seats" });
@@ -93,15 +105,16 @@ function card(row, watch) {
   const traffic = h("span");
   const recording = h("span");
   const spectators = h("span");
-  const labels = h("span", { class: "labels" });
+  const labels = h("ul", { class: "labels" });
+  const labelRows = new Rows(labels, ([name]) => name, labelChip);
   let now = row;
   const hold = button("pause", "Pause", () => pauseOrResume(now));
   const look = button("eye", "Watch", () => watch(now.episode), "primary");
   const root = h("article", { class: "episode", "data-code": row.code },
-    h("div", { class: "what" }, h("div", { class: "chips" }, parts.heading.code, parts.phase.root), parts.heading.title, parts.heading.about),
+    h("div", { class: "what" }, h("div", { class: "chips" }, parts.heading.code, parts.phase.root), parts.heading.title, parts.heading.about, labels),
     parts.progress.root,
     seats,
-    h("div", { class: "figures" }, traffic, spectators, recording, labels),
+    h("div", { class: "figures" }, traffic, spectators, recording),
     h("div", { class: "actions" }, hold, look),
   );
   return {
@@ -113,7 +126,7 @@ function card(row, watch) {
       setText(traffic, `${number(next.rates.received)} in · ${number(next.rates.sent)} out msg/s`);
       setText(spectators, next.spectators ? `${next.spectators} watching` : "");
       setText(recording, recordingWords(next));
-      setText(labels, Object.entries(next.labels).map(([name, value]) => `${name}=${value}`).join(" · "));
+      labelRows.update(Object.entries(next.labels));
       setAttribute(recording, "class", next.problem ? "bad" : "");
       hold.hidden = next.phase === "over";
       setHold(hold, next);
