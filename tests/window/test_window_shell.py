@@ -18,6 +18,7 @@ from robotouille.certification.certificate import load_certificate
 from robotouille.episode.rules import Clock
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
+from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
@@ -43,6 +44,7 @@ class Evening:
             Display(SIZE, headless=True),
             path=folder / "window.json",
             recordings=folder / "recordings",
+            make_partners=prompt_partners,
             clock=self.fingers.timer,
             sleep=self.fingers.sleep,
         )

@@ -84,6 +84,9 @@ def _picture(plan: Plan, size: str, path: Path) -> None:
         raise RobotouilleError(f"there is no folder {path.parent}")
     game = LocalGame(replace(plan, countdown=0.0), "you", time.monotonic, None)
     window = Window(parse_size(size), headless=True)
-    window.frame(game.source)
-    window.screenshot(path)
-    window.close()
+    try:
+        window.frame(game.source)
+        window.screenshot(path)
+    finally:
+        window.close()
+        game.finish(over=False)

@@ -243,6 +243,8 @@ class Window:
         command = card.command(pressed) if pressed else card.handle(event, self._input.hands.keys)
         if card.result == STAY:
             self._card = None
+            if self._cards is not None:
+                self._cards.stay()
         elif card.result is not None:
             self.answer, self.closed = card.result, True
         return None if command in (Command.CANCEL, Command.MENU) else command
