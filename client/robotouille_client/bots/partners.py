@@ -9,7 +9,7 @@ from typing import Protocol
 from robotouille.planning.policies.policy import Policy, TeamPolicy
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import State
+from robotouille.world.world import State, World
 from robotouille_client.bots.kinds import BotKind, policy_maker
 
 __all__ = ["MakePartners", "Partners", "PromptPartners", "prompt_partners"]
@@ -86,6 +86,17 @@ class PromptPartners:
 def prompt_partners(
     start: State, kind: BotKind, seed: int, players: Sequence[str]
 ) -> PromptPartners:
-    """Bots in this process and thread."""
-    make = policy_maker(kind, seed)
-    return PromptPartners({player: make(start, player) for player in players})
+    """Bots in this process and thread; planners share what they find out about the task."""
+    if kind is not BotKind.PLANNER:
+        make = policy_maker(kind, seed)
+        return PromptPartners({player: make(start, player) for player in players})
+    from robotouille.planning.anytime import AnytimePlanner
+    from robotouille_client.bots.planner import TellingPlanner
+
+    known = AnytimePlanner(World(start.world.task))
+    return PromptPartners(
+        {
+            player: TellingPlanner(start.world, player, seed=seed, start=start, anytime=known)
+            for player in players
+        }
+    )
