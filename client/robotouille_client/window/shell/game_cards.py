@@ -17,7 +17,8 @@ __all__ = ["GameCards", "ReplayCards"]
 class GameCards:
     """What is asked in a game and after it; `buttons` are words and answers.
 
-    `stand_still` is told whether the game's owner is being asked whether to leave it.
+    `stand_still` is told whether the game's owner is being asked whether to leave it. Without a
+    `menu` to go to, whoever leaves a game closes the window.
     """
 
     def __init__(
@@ -25,9 +26,12 @@ class GameCards:
         outcome: Callable[[], Mapping[str, Any] | None],
         buttons: Sequence[tuple[str, object]],
         stand_still: Callable[[bool], None] = lambda still: None,
+        *,
+        menu: bool = True,
     ) -> None:
         self._outcome = outcome
         self._buttons = tuple(buttons)
+        self._menu = menu
         self._stand_still = stand_still
         self._last: View | None = None
 
@@ -39,7 +43,9 @@ class GameCards:
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""
         self._stand_still(True)
-        rows = [Button("Go on", STAY), Button("Leave it", "menu"), Button("Quit", "quit")]
+        rows = [Button("Go on", STAY), Button("Leave it", "menu" if self._menu else "quit")]
+        if self._menu:
+            rows.append(Button("Quit", "quit"))
         return Form("Leave this game?", rows, cancel=STAY)
 
     def stay(self) -> None:

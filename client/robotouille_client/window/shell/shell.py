@@ -56,6 +56,7 @@ class Shell:
         settings: What is remembered; `path` is where, None to remember nothing.
         recordings: Where games that are played here are kept, None to keep none.
         token: A signed role token, where servers ask for one.
+        menu: Whether there is one; without it, the shell ends with what comes first.
         make_partners: The bots of games that are played here.
         clock, sleep: Injected for tests.
     """
@@ -68,6 +69,7 @@ class Shell:
         path: Path | None = None,
         recordings: Path | None = None,
         token: str | None = None,
+        menu: bool = True,
         make_partners: MakePartners = PartnerProcess,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
@@ -78,6 +80,7 @@ class Shell:
         self._path = path
         self._recordings = recordings
         self._token = token
+        self._menu = menu
         self._make_partners = make_partners
         self._clock = clock
         self._sleep = sleep
@@ -93,7 +96,7 @@ class Shell:
             if not self.display.headless:
                 self._gamepads.open()
             answer = await first if first is not None else None
-            while answer != "quit":
+            while self._menu and answer != "quit":
                 answer = await self._screen.ask(menu(self.settings, self._told()))
                 if answer != "quit":
                     answer = await self._go(str(answer))
@@ -222,7 +225,8 @@ class Shell:
             watched = None if game.own_seats else Spectator(game, loop.time, connected, language)
             source = watched or RemoteSource(game, loop.time, connected, language)
             strip = watched.strip if watched else None
-            cards = GameCards(lambda: game.outcome, [("Menu", "menu"), ("Quit", "quit")])
+            buttons = [("Menu", "menu"), ("Quit", "quit")] if self._menu else [("Close", "quit")]
+            cards = GameCards(lambda: game.outcome, buttons, menu=self._menu)
             caption = f"Robotouille {game.code}"
             return await self._show(source, cards, caption=caption, look=look, strip=strip)
         finally:
