@@ -13,6 +13,7 @@ from tests.support.window_play import Timer
 from robotouille import GroundAction, State, World
 from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
+from robotouille.replay.recording import read_recording
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.partner_process import PartnerProcess
 from robotouille_client.bots.partners import PromptPartners, prompt_partners
@@ -29,14 +30,16 @@ class SlowPartners(PromptPartners):
         return [] if self.thinking else super().answers()
 
 
-def slow_game(plan: Plan, timer: Timer) -> tuple[LocalGame, SlowPartners]:
+def slow_game(
+    plan: Plan, timer: Timer, folder: Path | None = None
+) -> tuple[LocalGame, SlowPartners]:
     made: list[SlowPartners] = []
 
     def make(start: State, kind: BotKind, seed: int, players: Sequence[str]) -> SlowPartners:
         made.append(SlowPartners(prompt_partners(start, kind, seed, players)._policies))
         return made[0]
 
-    return LocalGame(plan, "ada", timer, None, make), made[0]
+    return LocalGame(plan, "ada", timer, folder, make), made[0]
 
 
 def test_in_real_time_the_game_goes_on_while_bots_think() -> None:
@@ -69,9 +72,10 @@ def test_by_turns_the_game_waits_and_says_for_whom() -> None:
     assert game.source.view().waits_for == ()
 
 
-def test_a_game_in_real_time_stands_still_while_its_owner_is_asked() -> None:
+def test_a_game_in_real_time_stands_still_while_its_owner_is_asked(tmp_path: Path) -> None:
     timer = Timer()
-    game, _ = slow_game(Plan("multi_agent/01", seats=2, rate=10.0, countdown=0.0), timer)
+    plan = Plan("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)
+    game, _ = slow_game(plan, timer, tmp_path)
     source = game.source
     cards = GameCards(lambda: None, (), source.stand_still)
     timer.now += 1.0
@@ -85,6 +89,11 @@ def test_a_game_in_real_time_stands_still_while_its_owner_is_asked() -> None:
     view = source.view()
     assert not view.frozen
     assert step + 9 <= view.step <= step + 11
+    timer.now += 5.0
+    assert game.source.view().outcome
+    path = game.finish(over=True)
+    assert path is not None
+    assert read_recording(path).verify().ok
 
 
 @pytest.mark.process
