@@ -13,6 +13,7 @@ from pathlib import Path
 import pygame
 
 from robotouille.episode.rules import Clock
+from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.shell.games.local_game import Plan
 from robotouille_client.window.shell.settings import Settings
@@ -36,6 +37,7 @@ class Playing:
             settings,
             self.display,
             recordings=folder,
+            make_partners=prompt_partners,
             clock=lambda: self.now,
             sleep=self._sleep,
         )

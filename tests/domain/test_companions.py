@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from robotouille import Task, load_task
 from robotouille.domain.input_bindings import WINDOW_KEYS, bindings_of, made_up_keys
@@ -15,6 +17,7 @@ from robotouille.resources import data_folder
 from robotouille.world.lint import lint_task
 from robotouille.world.lint.companions import lint_look
 from robotouille_client.cli.main import lint_file
+from robotouille_client.cli.play import play
 from tests.support.broken_files import DOMAIN, PROBLEM, changed, write
 
 
@@ -189,6 +192,25 @@ def test_what_a_rendering_names_by_mistake_is_told_with_the_nearest_name(tmp_pat
     assert any("small has no predicate 'is_cut'; did you mean 'iscut'?" in line for line in said)
     assert any("small has no action 'ct'; did you mean 'cut'?" in line for line in said)
     assert any("nothing is of the kind 'peeel'; did you mean 'peel'?" in line for line in said)
+
+
+def test_a_window_opens_on_looks_without_faults_or_leniently(tmp_path: Path) -> None:
+    pytest.importorskip("pygame")
+    app = typer.Typer()
+    app.command()(play)
+    task_in(tmp_path)
+    write(tmp_path, "small.rendering.json", looks("app_icn.svg"))
+    picture = tmp_path / "picture.png"
+    words = [str(tmp_path / "problem.json"), "--screenshot", str(picture)]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1
+    assert "there is no picture 'app_icn.svg'" in done.output
+    assert "did you mean 'app_icon.svg'?" in done.output
+    assert "--lenient draws tiles" in done.output
+    assert not picture.exists()
+    done = CliRunner().invoke(app, [*words, "--lenient"])
+    assert done.exit_code == 0, done.output
+    assert picture.exists()
 
 
 def test_pictures_are_wanted_in_the_domains_own_rendering(tmp_path: Path) -> None:

@@ -129,12 +129,12 @@ def test_a_server_that_asks_for_a_token_gets_it(tmp_path: Path) -> None:
     run(main())
 
 
-def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[tuple[object, ...], bool]]:
-    """How a command opens the window with its menu."""
-    found: list[tuple[tuple[object, ...], bool]] = []
+def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[bool, bool]]:
+    """How a command opens the window: whether something was asked for, whether with a menu."""
+    found: list[tuple[bool, bool]] = []
 
-    def record(*arguments: object, asked: bool) -> None:
-        found.append((arguments, asked))
+    def record(*arguments: object, asked: bool, menu: bool) -> None:
+        found.append((asked, menu))
 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(cli, "_open_shell", record)
@@ -159,5 +159,29 @@ def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[tuple[obj
 def test_without_anything_to_join_there_is_a_menu(
     monkeypatch: pytest.MonkeyPatch, words: list[str], asked: bool
 ) -> None:
-    ((_, was_asked),) = opened(monkeypatch, *words)
-    assert was_asked is asked
+    ((was_asked, menu),) = opened(monkeypatch, *words)
+    assert (was_asked, menu) == (asked, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "menu"),
+    [
+        (["KQXZB-MHTWA", "--token", "t"], False),
+        (["KQXZB-MHTWA", "--token", "t", "--menu"], True),
+        (["KQXZB-MHTWA", "--no-menu"], False),
+        (["--create", "synchronous/01", "--token", "t"], True),
+        (["--token", "t"], True),
+    ],
+)
+def test_who_has_a_code_and_a_token_gets_no_menu(
+    monkeypatch: pytest.MonkeyPatch, words: list[str], menu: bool
+) -> None:
+    ((_, with_menu),) = opened(monkeypatch, *words)
+    assert with_menu is menu
+
+
+def test_without_a_menu_something_must_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    done = runner.invoke(client_app, ["--no-menu"])
+    assert done.exit_code == 1
+    assert "name a CODE" in done.output

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from robotouille import GroundAction, State, World, load_task
 from robotouille.episode import Clock, Episode, Rules
-from robotouille.planning.policies import PlannerPolicy, RandomPolicy
+from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
 from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille_client.bots.partners import PromptPartners
 from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
 from robotouille_client.window.sources.local import LocalSource
 
@@ -20,10 +21,16 @@ class Timer:
         return self.now
 
 
+def among(episode: Episode, me: str, bots: dict[str, Policy], timer: Timer) -> LocalSource:
+    """A game with bots that decide at once."""
+    names = dict.fromkeys(bots, "bot")
+    return LocalSource(episode, me, names, PromptPartners(bots), timer)
+
+
 def source(timer: Timer, rules: Rules = RULES) -> LocalSource:
     world = World("multi_agent/02")
-    bots = {player: ("bot", RandomPolicy(player, 1)) for player in world.players[1:]}
-    return LocalSource(Episode(world, rules, timer()), world.players[0], bots, timer)
+    bots = {player: RandomPolicy(player, 1) for player in world.players[1:]}
+    return among(Episode(world, rules, timer()), world.players[0], bots, timer)
 
 
 def test_it_is_counted_down_to() -> None:
@@ -45,8 +52,8 @@ def test_bots_think_before_the_game_begins() -> None:
             asked.append(timer.now)
             return super().act(state)
 
-    bots = {player: ("bot", Bot(player, 1)) for player in world.players[1:]}
-    game = LocalSource(Episode(world, RULES, 0.0), world.players[0], bots, timer)
+    bots = {player: Bot(player, 1) for player in world.players[1:]}
+    game = among(Episode(world, RULES, 0.0), world.players[0], bots, timer)
     for timer.now in (0.0, 1.0, 2.0):
         assert game.view().step == 0
     assert len(asked) == len(bots)
@@ -76,11 +83,11 @@ def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain() -> N
     """Where no way leads around somebody who does nothing."""
     timer, world = Timer(), World("multi_agent/01@3")
     bots = {
-        player: (player, PlannerPolicy(world, player, start=world.initial, expansions=500))
+        player: PlannerPolicy(world, player, start=world.initial, expansions=500)
         for player in ("robot2", "robot3")
     }
     rules = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=60)
-    game = LocalSource(Episode(world, rules, timer()), "robot1", bots, timer)
+    game = among(Episode(world, rules, timer()), "robot1", bots, timer)
     blocked = set()
     while not game.finished:
         timer.now += 0.02
@@ -95,9 +102,9 @@ def test_bots_ask_for_what_a_person_stands_at_and_ask_for_nothing_in_vain() -> N
 
 def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:
     timer, world = Timer(), World("multi_agent/02")
-    bots = {player: ("bot", RandomPolicy(player, 1)) for player in world.players[1:]}
+    bots = {player: RandomPolicy(player, 1) for player in world.players[1:]}
     lockstep = Rules(clock=Clock.LOCKSTEP)
-    game = LocalSource(Episode(world, lockstep, 0.0), world.players[0], bots, timer)
+    game = among(Episode(world, lockstep, 0.0), world.players[0], bots, timer)
     state = game.view().state
     here, there = (standing_at(state, player) or "" for player in world.players[:2])
     game.act(world.action("move", world.players[0], here, there))

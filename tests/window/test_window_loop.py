@@ -332,11 +332,19 @@ class Ruler:
     def __init__(self) -> None:
         self.areas: list[pygame.Rect] = []
         self.clicks = 0
+        self.colour = "red"
+        self.ticks = 0
+
+    def tick(self) -> None:
+        self.ticks += 1
+
+    def seen(self) -> object:
+        return self.colour
 
     def draw(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int, view: View
     ) -> None:
-        target.fill("red", area)
+        target.fill(self.colour, area)
         self.areas.append(area)
 
     def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
@@ -361,4 +369,21 @@ def test_a_strip_has_room_of_its_own_and_is_asked_first() -> None:
     window.frame(source)
     assert ruler.clicks == 1
     assert not source.acted
+    window.close()
+
+
+def test_a_strip_is_drawn_when_it_looks_different() -> None:
+    source, ruler = Script(World(load_task("synchronous/01"))), Ruler()
+    window = Window(SIZE, headless=True, strip=ruler)
+    for _ in range(5):
+        window.frame(source)
+    pygame.event.clear()
+    drawn, ticks = window.drawn, ruler.ticks
+    for _ in range(3):
+        window.frame(source)
+    assert (window.drawn, ruler.ticks) == (drawn, ticks + 3)
+    ruler.colour = "blue"
+    for _ in range(3):
+        window.frame(source)
+    assert window.drawn == drawn + 1
     window.close()

@@ -16,8 +16,10 @@ from tests.support.window_play import ARROWS, Fingers, Script, Timer, goes_to, p
 from robotouille import World, load_task
 from robotouille.certification.certificate import load_certificate
 from robotouille.episode.rules import Clock
+from robotouille.protocol.messages import Create
 from robotouille.replay.recording import read_recording
 from robotouille_client import connect
+from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
@@ -35,7 +37,9 @@ SMALL = Plan("synchronous/01", clock=Clock.TURN, max_steps=100)
 class Evening:
     """A shell, what is asked in it, and the fingers of its owner."""
 
-    def __init__(self, folder: Path, settings: Settings | None = None) -> None:
+    def __init__(
+        self, folder: Path, settings: Settings | None = None, *, menu: bool = True
+    ) -> None:
         self.folder = folder
         self.fingers = Fingers(Timer())
         self.shell = Shell(
@@ -43,6 +47,8 @@ class Evening:
             Display(SIZE, headless=True),
             path=folder / "window.json",
             recordings=folder / "recordings",
+            menu=menu,
+            make_partners=prompt_partners,
             clock=self.fingers.timer,
             sleep=self.fingers.sleep,
         )
@@ -327,6 +333,46 @@ def test_open_a_kitchen_on_a_server_wait_for_others_and_leave(
             async with connect(server.url, name="bob") as bob:
                 (found,) = await bob.episodes()
                 assert found.code == evening.shell.settings.code
+
+    run(main())
+
+
+@pytest.mark.parametrize("leaves", [True, False])
+def test_without_a_menu_the_window_closes_after_the_game(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, leaves: bool
+) -> None:
+    evening = Evening(tmp_path, menu=False)
+    evening.watch(monkeypatch)
+
+    async def main() -> None:
+        async with serving(tmp_path / "server") as server:
+            room = server.lobby.create(Create(task="multi_agent/02"))
+
+            def script() -> Iterator[None]:
+                while evening.window is None:
+                    yield
+                yield from wait(5)
+                if leaves:
+                    post(pygame.K_ESCAPE)
+                    yield from wait(2)
+                    assert evening.form is not None
+                    assert [row.label for row in evening.form.rows] == ["Go on", "Leave it"]
+                    yield from evening.choose("Leave it")
+                else:
+                    room.abort("enough")
+                    yield from wait(60)
+                    assert evening.form is not None
+                    assert "Menu" not in [row.label for row in evening.form.rows]
+                    yield from evening.choose("Close")
+                yield from wait(20)
+                raise AssertionError("it is still open")
+
+            monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+            evening.shell._clock = asyncio.get_running_loop().time
+            evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
+            evening.fingers.script = script()
+            joined = evening.shell.join(room.code, url=server.url)
+            await asyncio.wait_for(evening.shell.run(joined), 60)
 
     run(main())
 

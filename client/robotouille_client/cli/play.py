@@ -11,7 +11,7 @@ import typer
 from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
-from robotouille.errors import RobotouilleError
+from robotouille.errors import FileError, RobotouilleError
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import explain, fail
 
@@ -40,6 +40,10 @@ def play(
     size: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
     ] = None,
+    lenient: Annotated[
+        bool,
+        typer.Option(help="Draw tiles with names in place of the pictures that are missing."),
+    ] = False,
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
     ] = None,
@@ -58,6 +62,8 @@ def play(
             raise RobotouilleError("partners are random or planner bots")
         from robotouille_client.window.shell.games.local_game import Plan
 
+        if task is not None and not lenient:
+            _check_look(task)
         plan = task and Plan(task, seats, mode, step_rate, partner, timing, max_steps, seed)
         if screenshot is not None:
             if not plan:
@@ -74,6 +80,20 @@ def play(
         raise typer.Exit(130) from None
 
 
+def _check_look(name: str) -> None:
+    """Tell all that is wrong with the looks of a task of one's own, before a window opens."""
+    if not name.endswith(".json"):
+        return  # Those that are shipped have been looked at.
+    from robotouille.domain.catalogue import load_task
+    from robotouille.world.lint.companions import lint_look
+
+    faults = lint_look(load_task(name))
+    if faults:
+        raise RobotouilleError(
+            f"{FileError(name, faults)}\n--lenient draws tiles with names in their place"
+        )
+
+
 def _picture(plan: Plan, size: str, path: Path) -> None:
     """Save a game's first picture."""
     from robotouille_client.window import parse_size
@@ -84,6 +104,9 @@ def _picture(plan: Plan, size: str, path: Path) -> None:
         raise RobotouilleError(f"there is no folder {path.parent}")
     game = LocalGame(replace(plan, countdown=0.0), "you", time.monotonic, None)
     window = Window(parse_size(size), headless=True)
-    window.frame(game.source)
-    window.screenshot(path)
-    window.close()
+    try:
+        window.frame(game.source)
+        window.screenshot(path)
+    finally:
+        window.close()
+        game.finish(over=False)

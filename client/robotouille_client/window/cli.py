@@ -152,6 +152,14 @@ def command(
         float | None, typer.Option(help="Seconds for which an absent one's seat is kept.")
     ] = None,
     token: TokenOption = None,
+    menu: Annotated[
+        bool | None,
+        typer.Option(
+            "--menu/--no-menu",
+            help="A menu when the game is over; else the window closes, as it does after a CODE "
+            "with a token if nothing is said.",
+        ),
+    ] = None,
     size: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
     ] = None,
@@ -195,7 +203,11 @@ def command(
             )  # fmt: skip
             return
         asked = (code, create, url, seat) != (None,) * 4 or watch or (host, port) != HERE
-        _open_shell(address, code, name, seat, watch, token, opening, size, asked=asked)
+        if menu is None:
+            menu = code is None or token is None
+        if not (menu or asked):
+            raise RobotouilleError("without a menu there is nothing to show: name a CODE")
+        _open_shell(address, code, name, seat, watch, token, opening, size, asked=asked, menu=menu)
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
@@ -213,13 +225,14 @@ def _open_shell(
     size: str | None,
     *,
     asked: bool,
+    menu: bool,
 ) -> None:
-    """The window with its menu; first the episode that was asked for."""
+    """The window with its menu, if it has one; first the episode that was asked for."""
     import asyncio
 
     from robotouille_client.window.shell.starting import open_shell
 
-    shell = open_shell(size=size, name=name, token=token)
+    shell = open_shell(size=size, name=name, token=token, menu=menu)
 
     async def first() -> object:
         found = code

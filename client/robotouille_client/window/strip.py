@@ -24,5 +24,11 @@ class Strip(Protocol):
     ) -> None:
         """Fill an area of the window; `size` is that of the window's text."""
 
+    def tick(self) -> None:
+        """A frame passes: what goes on by itself, such as a key that is held, goes on."""
+
+    def seen(self) -> object:
+        """What can be seen of it, as a value: while that is equal, it looks the same."""
+
     def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
         """Whether an event was for the strip, which is the area that it was drawn in."""

@@ -25,7 +25,7 @@ from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
 
-_Drawn = tuple[tuple[int, int], View, UiOverlay]
+_Drawn = tuple[tuple[int, int], object, object, UiOverlay]
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_SECONDS = 0.7
@@ -144,6 +144,8 @@ class Window:
             self._drawn_last = None
             self._handle(event, source, source.view())
         self._input.tick(source, source.view())
+        if self._strip is not None:
+            self._strip.tick()
         if self._sounds is not None:
             self._sounds.heard(source.view())
         self._show_end(source, source.view())
@@ -178,8 +180,9 @@ class Window:
             shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.
             overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
         self.frames += 1
-        drawing = (surface.get_size(), self._painter.seen(shown), overlay)
-        if drawing == self._drawn_last and self._strip is None:
+        below = None if self._strip is None else self._strip.seen()
+        drawing = (surface.get_size(), self._painter.seen(shown), below, overlay)
+        if drawing == self._drawn_last:
             return
         self._drawn_last = drawing
         self._painter.paint(surface, shown, overlay)
@@ -243,6 +246,8 @@ class Window:
         command = card.command(pressed) if pressed else card.handle(event, self._input.hands.keys)
         if card.result == STAY:
             self._card = None
+            if self._cards is not None:
+                self._cards.stay()
         elif card.result is not None:
             self.answer, self.closed = card.result, True
         return None if command in (Command.CANCEL, Command.MENU) else command

@@ -105,6 +105,28 @@ def test_an_arrow_that_is_held_goes_on(opened: Opener, path: Path) -> None:
     assert viewer.playhead.step == 4
 
 
+def test_a_replay_that_is_paused_is_not_drawn_again(opened: Opener, path: Path) -> None:
+    for paths in ([path], [path, path]):
+        viewer = opened(*paths)
+        press(viewer, pygame.K_RIGHT, pygame.K_RIGHT)
+        for _ in range(4):
+            viewer.window.frame(viewer)
+        drawn = viewer.window.drawn
+        for _ in range(20):
+            viewer.timer.now += 1.0
+            viewer.window.frame(viewer)
+        assert viewer.window.drawn == drawn
+        viewer.state.tell("Written")
+        viewer.window.frame(viewer)
+        assert viewer.window.drawn == drawn + 1
+        press(viewer, pygame.K_SPACE)
+        drawn = viewer.window.drawn
+        viewer.timer.now += 0.25
+        viewer.window.frame(viewer)
+        assert viewer.window.drawn == drawn + 1
+        viewer.close()
+
+
 def test_space_and_speed(opened: Opener, path: Path) -> None:
     """It was recorded at two steps a second."""
     viewer = opened(path)

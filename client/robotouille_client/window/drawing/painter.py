@@ -111,7 +111,7 @@ class Painter:
         listed = self._resolver.listing(stage, view.hover) if view.hover else ()
         return listed if len(listed) > 1 else ()
 
-    def seen(self, view: View) -> View:
+    def seen(self, view: View) -> object:
         """A view without what cannot be seen of it: two that are equal look the same."""
         self._prepare(view.world)
         pause, offline = view.pause, view.offline

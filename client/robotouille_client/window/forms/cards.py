@@ -18,3 +18,6 @@ class Cards(Protocol):
 
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""
+
+    def stay(self) -> None:
+        """One goes on with the game, which one did not mean to leave."""

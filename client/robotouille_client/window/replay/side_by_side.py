@@ -49,6 +49,10 @@ class SideBySidePainter(Painter):
         self._left.paint(surface.subsurface(left), view, ui_overlay)
         pygame.draw.line(surface, INK, right.topleft, right.bottomleft, 3)
 
+    def seen(self, view: View) -> object:
+        """What can be seen of both views: two that are equal look the same."""
+        return self._left.seen(view), self._right.seen(self._right_view())
+
     def layout(self, size: tuple[int, int], world: World) -> Layout:
         """Where things are on the left half of a surface of a size."""
         return self._left.layout(_halves(size)[0].size, world)
@@ -78,6 +82,15 @@ class SideBySideStrip:
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int, view: View
     ) -> None:
         """Nothing: the painters of the halves have drawn."""
+
+    def tick(self) -> None:
+        """A frame passes: for a key that is held."""
+        self._left.tick()
+        self._right.tick()
+
+    def seen(self) -> object:
+        """What can be seen of both, as a value."""
+        return self._left.seen(), self._right.seen()
 
     def handle(self, event: pygame.Event, area: pygame.Rect) -> bool:
         """Whether an event was for one of both; the mouse on the right is moved to the left."""

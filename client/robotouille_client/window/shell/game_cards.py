@@ -15,15 +15,24 @@ __all__ = ["GameCards", "ReplayCards"]
 
 
 class GameCards:
-    """What is asked in a game and after it; `buttons` are words and answers."""
+    """What is asked in a game and after it; `buttons` are words and answers.
+
+    `stand_still` is told whether the game's owner is being asked whether to leave it. Without a
+    `menu` to go to, whoever leaves a game closes the window.
+    """
 
     def __init__(
         self,
         outcome: Callable[[], Mapping[str, Any] | None],
         buttons: Sequence[tuple[str, object]],
+        stand_still: Callable[[bool], None] = lambda still: None,
+        *,
+        menu: bool = True,
     ) -> None:
         self._outcome = outcome
         self._buttons = tuple(buttons)
+        self._menu = menu
+        self._stand_still = stand_still
         self._last: View | None = None
 
     def over(self, view: View) -> Form:
@@ -33,8 +42,14 @@ class GameCards:
 
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""
-        rows = [Button("Go on", STAY), Button("Leave it", "menu"), Button("Quit", "quit")]
+        self._stand_still(True)
+        rows = [Button("Go on", STAY), Button("Leave it", "menu" if self._menu else "quit")]
+        if self._menu:
+            rows.append(Button("Quit", "quit"))
         return Form("Leave this game?", rows, cancel=STAY)
+
+    def stay(self) -> None:
+        self._stand_still(False)
 
     def again(self, message: str) -> Form:
         """The card of a game that is over once more, e.g. after its replay."""
@@ -55,3 +70,6 @@ class ReplayCards:
         """Whether one has seen enough."""
         rows = [Button("Leave the replay", "menu"), Button("Go on watching", STAY)]
         return Form("Seen enough?", rows, cancel=STAY)
+
+    def stay(self) -> None:
+        """Nothing: a recording goes on behind the question."""

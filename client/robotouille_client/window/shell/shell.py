@@ -14,6 +14,8 @@ from pydantic import ValidationError
 
 from robotouille.domain.catalogue import task_names
 from robotouille.errors import RobotouilleError
+from robotouille_client.bots.partner_process import PartnerProcess
+from robotouille_client.bots.partners import MakePartners
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
 from robotouille_client.window.forms.cards import Cards
@@ -54,6 +56,8 @@ class Shell:
         settings: What is remembered; `path` is where, None to remember nothing.
         recordings: Where games that are played here are kept, None to keep none.
         token: A signed role token, where servers ask for one.
+        menu: Whether there is one; without it, the shell ends with what comes first.
+        make_partners: The bots of games that are played here.
         clock, sleep: Injected for tests.
     """
 
@@ -65,6 +69,8 @@ class Shell:
         path: Path | None = None,
         recordings: Path | None = None,
         token: str | None = None,
+        menu: bool = True,
+        make_partners: MakePartners = PartnerProcess,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
@@ -74,6 +80,8 @@ class Shell:
         self._path = path
         self._recordings = recordings
         self._token = token
+        self._menu = menu
+        self._make_partners = make_partners
         self._clock = clock
         self._sleep = sleep
         self._gamepads = Gamepads()
@@ -88,7 +96,7 @@ class Shell:
             if not self.display.headless:
                 self._gamepads.open()
             answer = await first if first is not None else None
-            while answer != "quit":
+            while self._menu and answer != "quit":
                 answer = await self._screen.ask(menu(self.settings, self._told()))
                 if answer != "quit":
                     answer = await self._go(str(answer))
@@ -137,16 +145,20 @@ class Shell:
             if answer == "next":
                 plan = dataclasses.replace(plan, task=_following(plan.task), seats=None)
             self._screen.splash("Loading …")
-            game = LocalGame(plan, self.settings.name, self._clock, self._recordings)
+            game = self._local_game(plan, self._recordings)
             answer = await self._play_once(game, plan)
         return answer
+
+    def _local_game(self, plan: Plan, recordings: Path | None) -> LocalGame:
+        return LocalGame(plan, self.settings.name, self._clock, recordings, self._make_partners)
 
     async def _play_once(self, game: LocalGame, plan: Plan) -> object:
         source = game.source
         buttons = [("Play again", "again"), ("Next task", "next")]
         if game.path is not None:
             buttons += [("Watch the replay", "watch"), ("Save a video", "video")]
-        cards = GameCards(lambda: source.outcome, [*buttons, ("Menu", "menu"), ("Quit", "quit")])
+        buttons += [("Menu", "menu"), ("Quit", "quit")]
+        cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
         try:
             answer = await self._show(source, cards, caption=task_title(plan.task))
         finally:
@@ -162,13 +174,16 @@ class Shell:
     async def learn(self) -> object:
         """The tutorial, and then the menu."""
         self._screen.splash("Loading …")
-        game = LocalGame(TUTORIAL, self.settings.name, self._clock, None)
+        game = self._local_game(TUTORIAL, None)
         source = TutorialSource(game.source, self._screen.keys)
         cards = GameCards(
             lambda: game.source.outcome,
             [("Play a game", "play"), ("The tutorial again", "tutorial"), ("Menu", "menu")],
         )
-        answer = await self._show(source, cards, caption="Tutorial")
+        try:
+            answer = await self._show(source, cards, caption="Tutorial")
+        finally:
+            game.finish(over=False)
         self.settings.learned = self.settings.learned or source.finished
         return await self._go(str(answer)) if answer in ("play", "tutorial") else answer
 
@@ -210,7 +225,8 @@ class Shell:
             watched = None if game.own_seats else Spectator(game, loop.time, connected, language)
             source = watched or RemoteSource(game, loop.time, connected, language)
             strip = watched.strip if watched else None
-            cards = GameCards(lambda: game.outcome, [("Menu", "menu"), ("Quit", "quit")])
+            buttons = [("Menu", "menu"), ("Quit", "quit")] if self._menu else [("Close", "quit")]
+            cards = GameCards(lambda: game.outcome, buttons, menu=self._menu)
             caption = f"Robotouille {game.code}"
             return await self._show(source, cards, caption=caption, look=look, strip=strip)
         finally:

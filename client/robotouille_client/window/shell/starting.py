@@ -13,7 +13,11 @@ __all__ = ["open_shell"]
 
 
 def open_shell(
-    *, size: str | None = None, name: str | None = None, token: str | None = None
+    *,
+    size: str | None = None,
+    name: str | None = None,
+    token: str | None = None,
+    menu: bool = True,
 ) -> Shell:
     """The window with what is remembered of its owner; what is given here comes first.
 
@@ -37,6 +41,8 @@ def open_shell(
     from robotouille_client.window.shell.games.local_game import recordings_folder
     from robotouille_client.window.shell.shell import Shell
 
-    shell = Shell(settings, display, path=path, recordings=recordings_folder(), token=token)
+    shell = Shell(
+        settings, display, path=path, recordings=recordings_folder(), token=token, menu=menu
+    )
     shell.message = told
     return shell

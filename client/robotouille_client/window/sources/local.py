@@ -16,31 +16,37 @@ from robotouille.episode import (
     Said,
     Stepped,
 )
+from robotouille.episode.pauses import PauseReason
 from robotouille.errors import ProtocolError
-from robotouille.planning.policies.policy import Policy, TeamPolicy
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
+from robotouille_client.bots.partners import Partners
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
 from robotouille_client.window.sources.texts import clock_words, outcome_words, waiting_words
-from robotouille_client.window.view import GLIDE_SECONDS, SeatView, View
+from robotouille_client.window.view import GLIDE_SECONDS, PauseView, SeatView, View
 
 __all__ = ["LocalSource"]
+
+THINKS_LONG = 0.5
+"""Seconds after which a bot that is waited for is said to think."""
 
 
 class LocalSource:
     """An episode in this process; bots play the seats of others.
 
-    `record` is given all that happens, in order.
+    `bots` are their names by player. They decide when they have thought: in real time the game
+    goes on meanwhile, else a step waits for them. `record` is given all that happens, in order.
     """
 
     def __init__(
         self,
         episode: Episode,
         me: str,
-        bots: Mapping[str, tuple[str, Policy]],
+        bots: Mapping[str, str],
+        partners: Partners,
         now: Callable[[], float],
         *,
         name: str = "you",
@@ -49,27 +55,30 @@ class LocalSource:
         self._episode = episode
         self._me = me
         self._bots = bots
+        self._partners = partners
         self._now = now
         self._name = name
         self._record = record
-        names = {player: bot for player, (bot, _) in bots.items()}
-        self._wording = Wording(episode.world, language_of(episode.world.task), me, names)
+        self._wording = Wording(episode.world, language_of(episode.world.task), me, bots)
         self._chat_log = ChatLog(now)
         self._blockages = Blockages(now)
         self._previous: State | None = None
         self._seq: dict[str, int] = dict.fromkeys(episode.world.players, 0)
         self._step_time = now()
         self._decided = dict.fromkeys(bots, -1)
-        self._ready: set[str] = set()
+        self._asked: dict[str, tuple[int, float]] = {}
+        self._answers: dict[str, GroundAction | None] = {}
         episode.join(me, name, "human", now())
-        for player, (bot, _) in bots.items():
+        for player, bot in bots.items():
             episode.join(player, bot, "bot", now())
-        self._introduce()
+        kinds = {seat.player: seat.controller.value for seat in episode.seats.values()}
+        partners.meet(kinds, episode.rules.clock.value)
 
     def view(self) -> View:
         self._episode.tick(self._now())
         self._take_events()  # A bot decides on a state once it has been told what led to it.
-        self._let_bots_move()
+        self._ask_bots()
+        self._take_answers()
         self._take_events()
         episode = self._episode
         rules = episode.rules
@@ -95,7 +104,9 @@ class LocalSource:
             status=self._status(),
             outcome=outcome_words(outcome.to_json()) if outcome else "",
             won=outcome is not None and outcome.success,
+            pause=PauseView("Paused", "The game goes on with you.") if episode.paused else None,
             starts_in=self._starts_in(),
+            waits_for=self._waits_for(),
             blocked=self._blockages.at(episode.state) if episode.running else (),
         )
 
@@ -112,48 +123,48 @@ class LocalSource:
         starts_at = self._episode.starts_at
         return None if starts_at is None else max(0.0, starts_at - self._now())
 
-    def _introduce(self) -> None:
-        """Tell the bots who plays what: they count on one another, and not on people."""
-        seats, clock = self._episode.seats.values(), self._episode.rules.clock.value
-        for _, policy in self._bots.values():
-            if isinstance(policy, TeamPolicy):
-                policy.meet({seat.player: seat.controller.value for seat in seats}, clock)
-
-    def _let_bots_speak(self) -> None:
-        for player, (name, policy) in self._bots.items():
-            if isinstance(policy, TeamPolicy):
-                for text in policy.speak():
-                    self._episode.say(name, player, text, self._now())
+    def _waits_for(self) -> tuple[str, ...]:
+        """The bots for whose decision a step has waited for a while."""
+        since = self._now() - THINKS_LONG
+        return tuple(
+            player
+            for player in self._episode.waits_for
+            if player in self._asked and self._asked[player][1] <= since
+        )
 
     def _hear(self, event: Said) -> None:
         self._chat_log.said(event.name, event.player, event.text)
         state = self._episode.state
         self._blockages.said(event.player, event.text, state, self._wording)
-        for player, (_, policy) in self._bots.items():
-            if isinstance(policy, TeamPolicy) and player != event.player:
-                policy.hear(event.player, event.text)
+        self._partners.hear(event.player, event.text)
 
-    def _let_bots_move(self) -> None:
-        """At most one bot thinks in a frame, so that the window stays smooth."""
+    def _ask_bots(self) -> None:
+        """Have those decide that may, on a state that they have been told all about. While the game
+        is counted down to, they make their first plans, which take longest."""
         episode = self._episode
-        if episode.starts_at is not None:
-            self._let_a_bot_get_ready()
-        for player, (_, policy) in self._bots.items():
+        if not (episode.running or episode.starts_at is not None):
+            return
+        for player in self._bots:
             may = episode.on_turn in (None, player) and not episode.state.busy_steps(player)
-            if episode.phase is Phase.RUNNING and may and self._decided[player] < episode.step:
-                self._decided[player] = episode.step
-                self._submit(player, policy.act(episode.state))
-                break
-        if not episode.ended:
-            self._let_bots_speak()
+            if may and player not in self._asked and self._decided[player] < episode.step:
+                self._asked[player] = episode.step, self._now()
+                self._partners.ask(player, episode.state)
 
-    def _let_a_bot_get_ready(self) -> None:
-        """Its first plan takes longest: it is made while the game is counted down to."""
-        for player, (_, policy) in self._bots.items():
-            if player not in self._ready:
-                self._ready.add(player)
-                policy.act(self._episode.state)
-                return
+    def _take_answers(self) -> None:
+        """Do what the bots have decided. What is found too late to be done is asked for anew."""
+        episode = self._episode
+        if not episode.ended:
+            self._answers.update(self._partners.answers())
+            for player, text in self._partners.spoken():
+                episode.say(self._bots[player], player, text, self._now())
+        if not episode.running:
+            return
+        for player in list(self._answers):
+            action, (asked_at, _) = self._answers.pop(player), self._asked.pop(player)
+            late = asked_at < episode.step
+            if not late or (action and episode.world.applicable(episode.state, action)):
+                self._decided[player] = episode.step
+                self._submit(player, action)
 
     def _submit(self, player: str, action: GroundAction | None) -> None:
         self._seq[player] += 1
@@ -176,9 +187,7 @@ class LocalSource:
                         (move.player, move.action, attempt.applied)
                         for move, attempt in zip(event.moves, event.attempts, strict=True)
                     ]
-                    for player, (_, policy) in self._bots.items():
-                        policy.observe(did)
-                        self._decided[player] = min(self._decided[player], event.step - 1)
+                    self._partners.observe(did)
                 case Rejected():
                     say = partial(self._wording.reason, state=self._episode.state)
                     self._chat_log.rejected(event.player, event.unmet, say)
@@ -189,6 +198,13 @@ class LocalSource:
                     self._step_time = self._now()
                 case _:
                     pass
+
+    def stand_still(self, still: bool) -> None:
+        """Let no time pass while the owner is asked something, where a clock would go on."""
+        if not self._episode.rules.scheduled:
+            return
+        change = self._episode.pause if still else self._episode.resume
+        change(PauseReason.OPERATOR, self._now())
 
     def act(self, action: GroundAction) -> None:
         self._submit(self._me, action)

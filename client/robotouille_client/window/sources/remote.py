@@ -13,7 +13,6 @@ from robotouille.protocol.messages import SeatInfo
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import only_words
-from robotouille.world.world import State
 from robotouille_client.game import Game
 from robotouille_client.sansio.game_events import (
     Announced,
@@ -26,6 +25,7 @@ from robotouille_client.sansio.game_events import (
 )
 from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.chat_log import ChatLog
+from robotouille_client.window.sources.playout import Playout, Shown
 from robotouille_client.window.sources.texts import (
     clock_words,
     comings_and_goings,
@@ -87,7 +87,8 @@ class RemoteSource:
         self._blockages = Blockages(now)
         self._countdown = _Countdown()
         self._seats: tuple[SeatInfo, ...] = ()
-        self._previous: State | None = None
+        self._shown = Shown(game.step, game.state, None) if game.has_state else None
+        self._playout: Playout | None = None
         self._lost_at: float | None = None
         self._farewell: FarewellView | None = None
 
@@ -97,7 +98,7 @@ class RemoteSource:
             self._observe(event)
             match event:
                 case Changed():
-                    self._previous = event.previous
+                    self._take(event)
                     self._show_rejections(event)
                 case Refused() if game.seat:
                     say = partial(self._wording.reason, state=game.state)
@@ -116,14 +117,15 @@ class RemoteSource:
                     self._farewell = farewell(event.code, event.reason)
                 case _:
                     pass
+        shown = self._moment()
         return View(
             world=game.world,
-            state=game.state,
-            previous=self._previous,
-            step=game.step,
+            state=shown.state,
+            previous=shown.previous,
+            step=shown.step,
             max_steps=game.clock.get("max_steps"),
             clock=clock_words(str(game.clock.get("clock", "")), game.clock),
-            phase=self._phase(),
+            phase=shown.phase,
             step_seconds=self._period(),
             seats=tuple(map(self._seat, game.seats)),
             me=game.seat,
@@ -190,9 +192,27 @@ class RemoteSource:
                 does = self._wording.action(action, event.state)
                 self._chat_log.rejected(player, only_words(f"too late to {does}"))
 
-    def _phase(self) -> float:
-        elapsed = self._now() - self._game.step_time
-        return min(1.0, max(0.0, elapsed / (self._period() or GLIDE_SECONDS)))
+    def _take(self, event: Changed) -> None:
+        """A step, or a state out of turn, has come."""
+        period = self._period()
+        self._shown = Shown(event.step, event.state, event.previous)
+        if period is None:
+            return
+        if self._playout is None:
+            self._playout = Playout(period)
+        self._playout.add(event.step, event.state, event.previous)
+        if event.step == self._game.step:
+            self._playout.arrived(event.step, self._game.step_time)
+
+    def _moment(self) -> Shown:
+        """What is to be seen now: in real time evenly, else the newest step as it came."""
+        moment = self._playout.at(self._now()) if self._playout is not None else None
+        if moment is not None:
+            return moment
+        game, newest = self._game, self._shown
+        elapsed = self._now() - game.step_time
+        phase = min(1.0, max(0.0, elapsed / (self._period() or GLIDE_SECONDS)))
+        return Shown(game.step, game.state, newest.previous if newest else None, phase)
 
     def _period(self) -> float | None:
         """The seconds of a step, if a clock says so."""

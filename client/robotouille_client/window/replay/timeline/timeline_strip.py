@@ -21,7 +21,7 @@ from robotouille_client.window.replay.playhead import Playhead
 from robotouille_client.window.replay.timeline.key_help import draw_key_help
 from robotouille_client.window.replay.timeline.lanes import Lanes
 from robotouille_client.window.replay.timeline.log_panel import LogPanel
-from robotouille_client.window.replay.timeline.readout import draw_readout
+from robotouille_client.window.replay.timeline.readout import draw_readout, readout_words
 from robotouille_client.window.replay.timeline.scale import Scale
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve
 from robotouille_client.window.replay.timeline.words import entry_words, name_of, time_words
@@ -84,15 +84,29 @@ class TimelineStrip:
         curve = CURVE if self._curve.begun else 0.0
         return READOUT + curve + ROW * (len(self._history.lanes) + HEAD_ROW) + AXIS
 
+    def tick(self) -> None:
+        """A frame passes: a key that is held does again what it does."""
+        if self._keys is not None:
+            self._keys.tick()
+
     # Drawing
+
+    def seen(self) -> object:
+        """What can be seen of it, as a value; events aside, after which a window draws anyway."""
+        history, playhead, state, scale = self._history, self._playhead, self._state, self._scale
+        step = min(playhead.step, history.length)
+        return (
+            readout_words(history, playhead, state), state.message, state.help, state.log,
+            playhead.playing, scale.x(playhead.position), scale.first, scale.shown,
+            history.length, len(history.marks), history.seats(step),
+            self._curve.begun, len(self._curve.known),
+        )  # fmt: skip
 
     def draw(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int, view: View
     ) -> None:
         """Fill an area of the window; `size` is that of the window's text."""
         self.area, self.offset = area, target.get_offset()[0]
-        if self._keys is not None:
-            self._keys.tick()
         self._place(area, size)
         target.fill(PANEL, area)
         target.fill(INK, (area.x, area.y, area.width, 2))

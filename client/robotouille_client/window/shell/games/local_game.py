@@ -20,8 +20,10 @@ from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import compress
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import World
-from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.names import given_names
+from robotouille_client.bots.partner_process import PartnerProcess
+from robotouille_client.bots.partners import MakePartners, Partners, PromptPartners
 from robotouille_client.window.sources.local import LocalSource
 
 __all__ = ["NO_CERTIFICATE", "LocalGame", "Plan", "recordings_folder", "step_limit"]
@@ -61,29 +63,49 @@ def recordings_folder() -> Path:
 
 
 class LocalGame:
-    """An episode, its source for the window, and its file, if a `folder` is given for it."""
+    """An episode, its bots, its source for the window, and its file, if a `folder` is given.
+
+    `finish` ends what was begun.
+    """
 
     def __init__(
-        self, plan: Plan, name: str, now: Callable[[], float], folder: Path | None
+        self,
+        plan: Plan,
+        name: str,
+        now: Callable[[], float],
+        folder: Path | None,
+        make_partners: MakePartners = PartnerProcess,
     ) -> None:
         task = load_task(plan.task, seats=plan.seats, timing=plan.profile, seed=plan.seed)
         self.world = World(task)
         rules = _rules(plan, task)
-        make = policy_maker(plan.partner, plan.seed)
         me = seat_out_of_the_way(self.world.initial)
         others = [player for player in self.world.players if player != me]
         names = [n for n in given_names(plan.seed) if n.casefold() != name.casefold()]
-        bots = {p: (names[i], make(self.world.initial, p)) for i, p in enumerate(others)}
+        self._partners: Partners = PromptPartners({})
+        if others:
+            self._partners = make_partners(self.world.initial, plan.partner, plan.seed, others)
         self.path: Path | None = None
         self._recorder = Recorder(self.world)
         if folder is not None:
             self._begin(folder, rules, plan.seed)
         episode = Episode(self.world, rules, now())
-        self.source = LocalSource(episode, me, bots, now, name=name, record=self._record)
+        self.source = LocalSource(
+            episode,
+            me,
+            dict(zip(others, names, strict=False)),
+            self._partners,
+            now,
+            name=name,
+            record=self._record,
+        )
 
     def finish(self, *, over: bool) -> Path | None:
-        """Close the recording; its file, or None where there is none. One of a game that is not
-        over is forgotten."""
+        """Let the bots go and close the recording; its file, or None where there is none.
+
+        One of a game that is not over is forgotten.
+        """
+        self._partners.close()
         if not over:
             self._discard()
             return None

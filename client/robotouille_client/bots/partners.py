@@ -1,0 +1,102 @@
+"""The bots of a game in this process: they are told what happens, and decide when they have
+thought."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from robotouille.planning.policies.policy import Policy, TeamPolicy
+from robotouille.planning.policies.script import Did
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.world import State, World
+from robotouille_client.bots.kinds import BotKind, policy_maker
+
+__all__ = ["MakePartners", "Partners", "PromptPartners", "prompt_partners"]
+
+
+class Partners(Protocol):
+    """What decides for all seats that are not a person's."""
+
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        """Who moves each player now; and the clock."""
+
+    def observe(self, did: Did) -> None:
+        """What everybody did in a step; called once for each step, before the next `ask`."""
+
+    def hear(self, player: str, text: str) -> None:
+        """Something that a player says."""
+
+    def ask(self, player: str, state: State) -> None:
+        """Have a player's bot decide in a state; not before it has answered the last time."""
+
+    def answers(self) -> list[tuple[str, GroundAction | None]]:
+        """What was decided since this was last called: players and actions.
+
+        Raises:
+            RobotouilleError: They cannot decide any more.
+        """
+
+    def spoken(self) -> list[tuple[str, str]]:
+        """What was said since this was last called: players and words."""
+
+    def close(self) -> None:
+        """The game is over for them."""
+
+
+MakePartners = Callable[[State, BotKind, int, Sequence[str]], Partners]
+"""Makes the bots of some players: the state at which they begin, their kind, the seed."""
+
+
+class PromptPartners:
+    """Bots that decide as soon as they are asked: the same questions have the same course."""
+
+    def __init__(self, policies: Mapping[str, Policy]) -> None:
+        self._policies = policies
+        self._team = {p: each for p, each in policies.items() if isinstance(each, TeamPolicy)}
+        self._answers: list[tuple[str, GroundAction | None]] = []
+
+    def meet(self, kinds: Mapping[str, str], clock: str) -> None:
+        for policy in self._team.values():
+            policy.meet(kinds, clock)
+
+    def observe(self, did: Did) -> None:
+        for policy in self._policies.values():
+            policy.observe(did)
+
+    def hear(self, player: str, text: str) -> None:
+        for each, policy in self._team.items():
+            if each != player:
+                policy.hear(player, text)
+
+    def ask(self, player: str, state: State) -> None:
+        self._answers.append((player, self._policies[player].act(state)))
+
+    def answers(self) -> list[tuple[str, GroundAction | None]]:
+        found, self._answers = self._answers, []
+        return found
+
+    def spoken(self) -> list[tuple[str, str]]:
+        return [(player, text) for player, each in self._team.items() for text in each.speak()]
+
+    def close(self) -> None:
+        pass
+
+
+def prompt_partners(
+    start: State, kind: BotKind, seed: int, players: Sequence[str]
+) -> PromptPartners:
+    """Bots in this process and thread; planners share what they find out about the task."""
+    if kind is not BotKind.PLANNER:
+        make = policy_maker(kind, seed)
+        return PromptPartners({player: make(start, player) for player in players})
+    from robotouille.planning.anytime import AnytimePlanner
+    from robotouille_client.bots.planner import TellingPlanner
+
+    known = AnytimePlanner(World(start.world.task))
+    return PromptPartners(
+        {
+            player: TellingPlanner(start.world, player, seed=seed, start=start, anytime=known)
+            for player in players
+        }
+    )

@@ -1,0 +1,147 @@
+"""Bots of a local game that think in a process of their own, and a game that stands still."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from tests.support.window_play import Timer
+
+from robotouille import GroundAction, State, World
+from robotouille.episode import Clock
+from robotouille.errors import RobotouilleError
+from robotouille.replay.recording import read_recording
+from robotouille_client.bots.kinds import BotKind
+from robotouille_client.bots.partner_process import PartnerProcess
+from robotouille_client.bots.partners import PromptPartners, prompt_partners
+from robotouille_client.window.shell.game_cards import GameCards
+from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+
+
+class SlowPartners(PromptPartners):
+    """Bots that answer when the test says so."""
+
+    thinking = True
+
+    def answers(self) -> list[tuple[str, GroundAction | None]]:
+        return [] if self.thinking else super().answers()
+
+
+def slow_game(
+    plan: Plan, timer: Timer, folder: Path | None = None
+) -> tuple[LocalGame, SlowPartners]:
+    made: list[SlowPartners] = []
+
+    def make(start: State, kind: BotKind, seed: int, players: Sequence[str]) -> SlowPartners:
+        made.append(SlowPartners(prompt_partners(start, kind, seed, players)._policies))
+        return made[0]
+
+    return LocalGame(plan, "ada", timer, folder, make), made[0]
+
+
+def test_in_real_time_the_game_goes_on_while_bots_think() -> None:
+    timer = Timer()
+    plan = Plan("multi_agent/01", seats=2, rate=10.0, countdown=0.0)
+    game, bots = slow_game(plan, timer)
+    for _ in range(20):
+        timer.now += 0.1
+        view = game.source.view()
+    assert view.step >= 19
+    assert view.waits_for == ()
+    assert sum(seat.actions for seat in view.seats) == 0
+    bots.thinking = False
+    for _ in range(5):
+        timer.now += 0.1
+        view = game.source.view()
+    assert sum(seat.actions for seat in view.seats) == 1
+    assert sum(seat.rejected for seat in view.seats) == 0
+
+
+def test_by_turns_the_game_waits_and_says_for_whom() -> None:
+    timer = Timer()
+    game, bots = slow_game(Plan("multi_agent/01", seats=2, clock=Clock.LOCKSTEP), timer)
+    view = game.source.view()
+    (bot,) = (seat.player for seat in view.seats if seat.player != view.me)
+    assert view.waits_for == ()
+    timer.now += 1.0
+    assert game.source.view().waits_for == (bot,)
+    bots.thinking = False
+    assert game.source.view().waits_for == ()
+
+
+def test_a_game_in_real_time_stands_still_while_its_owner_is_asked(tmp_path: Path) -> None:
+    timer = Timer()
+    plan = Plan("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)
+    game, _ = slow_game(plan, timer, tmp_path)
+    source = game.source
+    cards = GameCards(lambda: None, (), source.stand_still)
+    timer.now += 1.0
+    step = source.view().step
+    cards.leaving(source.view())
+    timer.now += 5.0
+    view = source.view()
+    assert (view.step, view.frozen) == (step, True)
+    cards.stay()
+    timer.now += 1.0
+    view = source.view()
+    assert not view.frozen
+    assert step + 9 <= view.step <= step + 11
+    while not game.source.finished:
+        timer.now += 0.1
+        game.source.view()
+    path = game.finish(over=True)
+    assert path is not None
+    assert read_recording(path).verify().ok
+
+
+@pytest.mark.process
+def test_bots_in_a_process_play_as_those_that_decide_at_once(tmp_path: Path) -> None:
+    """In lockstep, where a step waits for them: the same decisions and the same words."""
+    world = World("multi_agent/02@3")
+    state, players = world.initial, world.players[1:]
+    here = prompt_partners(state, BotKind.PLANNER, 0, players)
+    there = PartnerProcess(state, BotKind.PLANNER, 0, players)
+    courses: list[list[object]] = []
+    try:
+        for partners in (here, there):
+            kinds = dict.fromkeys(players, "bot") | {world.players[0]: "human"}
+            partners.meet(kinds, "lockstep")
+            state, course = world.initial, []
+            for _ in range(12):
+                asked = [player for player in players if not state.busy_steps(player)]
+                for player in asked:
+                    partners.ask(player, state)
+                found: dict[str, GroundAction | None] = {}
+                while len(found) < len(asked):
+                    found.update(partners.answers())
+                actions = [a for a in found.values() if a and world.applicable(state, a)]
+                state = state.step(actions).state
+                partners.observe([(a.arguments[0], a, True) for a in actions])
+                course.append((sorted(map(str, actions)), sorted(partners.spoken())))
+            courses.append(course)
+    finally:
+        there.close()
+    assert courses[0] == courses[1]
+    with pytest.raises(ProcessLookupError):
+        os.kill(there.pid, 0)
+
+
+@pytest.mark.process
+def test_a_process_that_ends_is_told_of_and_one_that_thinks_is_ended() -> None:
+    world = World("multi_agent/10@4")
+    for kill in (True, False):
+        partners = PartnerProcess(world.initial, BotKind.PLANNER, 0, world.players[1:])
+        partners.ask(world.players[1], world.initial)
+        began = time.monotonic()
+        if kill:
+            os.kill(partners.pid, 9)
+            partners._reader.join()
+            with pytest.raises(RobotouilleError, match="bots' process has ended"):
+                partners.answers()
+        partners.close()
+        assert time.monotonic() - began < 2.0
+        with pytest.raises(ProcessLookupError):
+            os.kill(partners.pid, 0)

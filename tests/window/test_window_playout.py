@@ -1,0 +1,95 @@
+"""Steps that arrive unevenly are shown evenly."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from collections.abc import Iterator
+
+import pytest
+
+from robotouille import World
+from robotouille_client.window.sources.playout import MAX_DELAY, MAX_RATE, Playout
+
+FRAME = 1 / 60
+
+
+def line(steps: int, period: float, jitter: float, loss: float, seed: int) -> list[float]:
+    """When steps arrive over TCP: each on its way for 40 ms and some of the jitter; one that is
+    lost comes with a retransmission, and all that follow it wait for it."""
+    dice, arrivals, last = random.Random(seed), [], 0.0
+    for step in range(steps):
+        late = 0.25 if dice.random() < loss else 0.0
+        last = max(last, step * period + 0.04 + dice.random() * jitter + late)
+        arrivals.append(last)
+    return arrivals
+
+
+def watch(arrivals: list[float], period: float, until: float) -> Iterator[tuple[float, float, int]]:
+    """Time, what is shown and the newest step there is, frame by frame."""
+    state = World("multi_agent/02").initial
+    playout, now, next_step = Playout(period), arrivals[0], 0
+    while now < until:
+        come = [s for s in range(next_step, len(arrivals)) if arrivals[s] <= now]
+        for step in come:
+            playout.add(step, state, state if step else None)
+            next_step = step + 1
+        if come:
+            playout.arrived(come[-1], arrivals[come[-1]])
+        shown = playout.at(now)
+        assert shown is not None
+        assert shown.step + shown.phase == pytest.approx(playout.position)
+        yield now, playout.position, next_step - 1
+        now += FRAME
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("rate", [2.0, 5.0, 10.0])
+def test_under_jitter_and_loss_nothing_goes_back_and_nothing_jumps(rate: float, seed: int) -> None:
+    """Who walks a tile a step is at the position, in tiles."""
+    period = 1 / rate
+    arrivals = line(400, period, jitter=0.15, loss=0.03, seed=seed)
+    course = list(watch(arrivals, period, arrivals[-1] + 1.0))
+    moves = [after - before for (_, before, _), (_, after, _) in itertools.pairwise(course)]
+    assert min(moves) >= 0.0
+    assert max(moves) <= MAX_RATE * FRAME / period + 1e-9 < 1.0
+    behind = [now - 0.04 - shown * period for now, shown, newest in course if newest < 399]
+    assert max(behind) < MAX_DELAY + 0.15 + 0.25 + 0.3
+    assert course[-1][1] == 400.0, "the last step is shown to its end"
+    still = sum(move == 0.0 for move in moves[120:-120]) / len(moves[120:-120])
+    assert still < 0.08
+
+
+def test_an_even_line_is_not_held_back() -> None:
+    arrivals = line(100, 0.2, jitter=0.0, loss=0.0, seed=0)
+    for now, shown, newest in watch(arrivals, 0.2, arrivals[-1]):
+        assert shown == pytest.approx((now - 0.04) / 0.2, abs=0.02)
+        assert newest <= shown + 0.02 <= newest + 1.04
+
+
+def test_after_a_pause_the_picture_waits_and_goes_on() -> None:
+    arrivals = [step * 0.2 + (30.0 if step >= 50 else 0.0) for step in range(100)]
+    course = list(watch(arrivals, 0.2, arrivals[-1]))
+    moves = [after - before for (_, before, _), (_, after, _) in itertools.pairwise(course)]
+    assert min(moves) >= 0.0
+    assert max(moves) <= MAX_RATE * FRAME / 0.2 + 1e-9
+    assert all(shown == pytest.approx(50.0) for now, shown, _ in course if 11.0 < now < 39.0)
+    assert course[-1][1] == pytest.approx(99.0, abs=0.2)
+
+
+def test_a_long_silence_is_skipped_and_a_snapshot_is_shown_at_once() -> None:
+    state = World("multi_agent/02").initial
+    playout = Playout(0.2)
+    assert playout.at(0.0) is None
+    playout.add(0, state, None)
+    playout.arrived(0, 0.0)
+    for step in range(1, 51):
+        playout.add(step, state, state)
+    playout.arrived(50, 10.0)
+    playout.at(10.0)
+    assert playout.position >= 48
+    playout.add(7, state, None)
+    playout.arrived(7, 10.1)
+    shown = playout.at(10.1)
+    assert shown is not None
+    assert (shown.step, shown.previous) == (7, None)
