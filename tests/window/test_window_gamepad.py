@@ -53,6 +53,8 @@ class Leave:
     def leaving(self, view: object) -> Form:
         return Form("Leave?", [Button("Stay", "stay"), Button("Quit", "quit")], cancel="stay")
 
+    def stay(self) -> None: ...
+
 
 @pytest.fixture
 def pad() -> Iterator[Pad]:
