@@ -3,8 +3,8 @@
     python tools/make_film.py                  docs/images/kitchen.gif
     python tools/make_film.py OUT.gif          elsewhere
 
-The game is recorded as a server would, and the film is what `robotouille replay video` makes of the
-recording. Nothing here reads a clock or draws lots without a seed, so that it is the same each time.
+The game is recorded as a server does it, and `robotouille replay video` makes the same film of
+it. Nothing here reads a clock or draws lots without a seed, so that it is the same each time.
 """
 
 from __future__ import annotations

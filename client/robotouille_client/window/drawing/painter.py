@@ -46,7 +46,8 @@ class Painter:
     walks of several steps are not seen.
 
     Args:
-        rendering: In place of the one that belongs to the domain.
+        rendering: In place of the one that belongs to the domain; by its name for the domains whose
+            rendering it extends.
         pictures: A folder in which they are looked for first.
         strip: What is drawn below the kitchen.
         text_scale: How much larger letters are than they would be.
@@ -55,7 +56,7 @@ class Painter:
 
     def __init__(
         self,
-        rendering: RenderingFile | None = None,
+        rendering: RenderingFile | str | None = None,
         pictures: Path | None = None,
         strip: Strip | None = None,
         *,
@@ -195,7 +196,10 @@ class Painter:
         self._world = world
         self._stages = []
         self._lived = None
-        self._art: RenderingFile = self._rendering or rendering_of(world.task)
+        chosen = self._rendering
+        self._art: RenderingFile = (
+            chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen or "")
+        )
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )
