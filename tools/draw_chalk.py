@@ -75,7 +75,7 @@ class Chalk:
         stroke = self._colour(own.get("stroke", "none"))
         width = float(own.get("stroke-width", "1"))
         if fill is not None:
-            shape.set("fill", _hex(mixed(fill, SLATE, 0.62 if stroke else 0.4)))
+            shape.set("fill", _hex(mixed(fill, SLATE, 0.5 if stroke else 0.35)))
         if stroke is None:
             return
         if fill is None and not is_ink(stroke) and width >= WIDE:

@@ -42,7 +42,8 @@ class SettingsMenu:
         self._motion = Choice("What moves", motion, settings.reduced_motion)
         rows = (
             self._name, self._server, self._rendering, self._sound, self._motion,
-            self._full, self._scale, Button("Keys", "keys"), Button("Save", "save"), Button("Back", "back"),
+            self._full, self._scale, Button("Keys", "keys"), Button("Save", "save"),
+            Button("Back", "back"),
         )  # fmt: skip
         self.form = Form("Settings", rows)
 
