@@ -166,6 +166,7 @@ def moments() -> None:
     detail = "The game goes on when ben is back."
     moment("paused", seats=seats, pause=PauseView("ben's connection is lost", detail, 22.4, 0.7))
     moment("offline", offline=7.0)
+    moment("blocked", blocked=(("robot2", "stove1", "robot1"),))
     moment("chalk", rendering="chalk")
     moment("workshop", task="workshop/02")
 

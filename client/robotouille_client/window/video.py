@@ -68,7 +68,7 @@ def frames_of(
 
 
 def _at(view: View, phase: float, outcome: str = "", *, won: bool = False) -> View:
-    return replace(view, phase=phase, outcome=outcome, won=won)
+    return replace(view, phase=phase, outcome=outcome, won=won, lost=bool(outcome) and not won)
 
 
 def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> int:

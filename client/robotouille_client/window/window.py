@@ -176,7 +176,8 @@ class Window:
         if self.closed or surface is None:
             return
         hover = self._input.hover(view)
-        shown = dataclasses.replace(view, hover=view.hover or hover)
+        lost = bool(view.outcome) and not view.won
+        shown = dataclasses.replace(view, hover=view.hover or hover, lost=lost)
         overlay = self._input.overlay(view, hover)
         if self._card is not None:
             shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.

@@ -19,7 +19,7 @@ from robotouille_client.window.drawing.key_strip import KeyStrip
 from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer, Scene
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
-from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots
+from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots, ways
 from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
@@ -71,7 +71,7 @@ class Painter:
         self.text = self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
-        self._lived: tuple[tuple[State, State | None], Life] | None = None
+        self._lived: tuple[tuple[State, State | None, bool], Life] | None = None
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
@@ -94,6 +94,7 @@ class Painter:
             listed=self._listed(view, stage),
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
+                *ways(stage, scene.spots, scene.earlier, scene.life.travels),
                 *self._notices.reserved(place, ui_overlay),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
@@ -157,11 +158,11 @@ class Painter:
     def _life(self, view: View) -> Life:
         """What goes on in the step of a view; that of the last is kept."""
         before = view.previous
-        key = (view.state, before)
+        key = (view.state, before, view.lost)
         if self._lived is None or any(a is not b for a, b in zip(self._lived[0], key, strict=True)):
             now = Moment(view.state, self.stage(view.state))
             earlier = None if before is None else Moment(before, self.stage(before))
-            self._lived = (key, life(self._art, now, earlier))
+            self._lived = (key, life(self._art, now, earlier, lost=view.lost))
         return self._lived[1]
 
     def _poses(self, view: View) -> dict[str, Pose]:

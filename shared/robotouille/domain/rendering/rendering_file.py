@@ -160,7 +160,7 @@ class RenderingFile(Schema):
     language: Language = Language()
     effects: dict[str, Effect] = Field(default={}, max_length=50)
     during: dict[str, str] = Field(default={})
-    moments: dict[Literal["goal"], str] = Field(default={})
+    moments: dict[Literal["goal", "lost"], str] = Field(default={})
 
     @model_validator(mode="after")
     def _known_effects(self) -> RenderingFile:
