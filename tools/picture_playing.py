@@ -27,7 +27,7 @@ from robotouille_client.window.shell.games.local_game import Plan
 from robotouille_client.window.shell.screens.server_menus import lobby_menu
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
-from robotouille_client.window.view import PauseView, SeatView, View
+from robotouille_client.window.view import Bubble, PauseView, SeatView, View
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
@@ -166,6 +166,7 @@ def moments() -> None:
     detail = "The game goes on when ben is back."
     moment("paused", seats=seats, pause=PauseView("ben's connection is lost", detail, 22.4, 0.7))
     moment("offline", offline=7.0)
+    moment("refusal", bubbles=(Bubble("robot1", "The board is not free."),))
     moment("blocked", blocked=(("robot2", "stove1", "robot1"),))
     moment("chalk", rendering="chalk")
     moment("workshop", task="workshop/02")

@@ -110,9 +110,9 @@ class View:
     step takes where a clock says so.
 
     A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
-    the operator says to everybody. A game that begins in `starts_in` seconds is counted down to, and
-    one that stands still has a `pause`; `offline` are the seconds since the connection was lost,
-    None while there is one; with a `farewell` the owner is out of the game.
+    the operator says to everybody. A game that begins in `starts_in` seconds is counted down to,
+    and one that stands still has a `pause`; `offline` are the seconds since the connection was
+    lost, None while there is one; with a `farewell` the owner is out of the game.
     """
 
     world: World
