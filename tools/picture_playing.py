@@ -18,8 +18,8 @@ from robotouille import World, load_task
 from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
 from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
-from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.bots.partners import prompt_partners
+from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.screen import Screen
