@@ -1,6 +1,6 @@
 """Every object of a domain in every state on one picture, to be looked at.
 
-python tools/contact_sheet.py [--task asynchronous/10] [--out out/contact_sheet]
+python tools/contact_sheet.py [--task asynchronous/10] [--rendering chalk] [--out out/contact_sheet]
 
 Writes the sheet as it is and twice as large, and as people with deuteranopia and protanopia see it.
 """
@@ -34,9 +34,9 @@ COLUMNS, SIDE, LETTERS = 12, 84, 9
 GROUND = (232, 220, 196)
 
 
-def cells(task: Task, side: int) -> Iterator[tuple[str, pygame.Surface]]:
-    """Each picture with what it shows; only those that are there."""
-    rendering, text = rendering_of(task), Typesetter()
+def cells(task: Task, side: int, look: str = "") -> Iterator[tuple[str, pygame.Surface]]:
+    """Each picture with what it shows; only those that are there. `look`: a rendering."""
+    rendering, text = rendering_of(task, look), Typesetter()
     sprites = Sprites(rendering.folders(task.folder), text)
     yield from _things(rendering, sprites, side)
     yield from _players(task, rendering, sprites, side)
@@ -94,9 +94,9 @@ def _on(side: int, *pictures: pygame.Surface | None) -> pygame.Surface:
     return cell
 
 
-def sheet(task: Task, side: int = SIDE, letters: int = LETTERS) -> pygame.Surface:
+def sheet(task: Task, side: int = SIDE, letters: int = LETTERS, look: str = "") -> pygame.Surface:
     """All cells in rows; without words where `letters` is 0."""
-    shown, text = list(cells(task, side)), Typesetter()
+    shown, text = list(cells(task, side, look)), Typesetter()
     gap = side // 10
     high = side + gap + (text.height(letters) if letters else 0)
     rows = -(-len(shown) // COLUMNS)
@@ -124,12 +124,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Write the sheets."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--task", default="asynchronous/10", help="whose domain and rendering")
+    parser.add_argument("--rendering", default="", help="in place of the domain's own")
     parser.add_argument("--out", type=Path, default=Path("out/contact_sheet"))
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
     task = load_task(options.task)
-    plain = sheet(task)
-    pictures = {"sheet": plain, "sheet@2x": sheet(task, 2 * SIDE, 2 * LETTERS)}
+    look = options.rendering
+    plain = sheet(task, look=look)
+    pictures = {"sheet": plain, "sheet@2x": sheet(task, 2 * SIDE, 2 * LETTERS, look)}
     pictures |= {f"sheet-{kind}": seen_by(plain, kind) for kind in DICHROMACIES}
     for name, picture in pictures.items():
         path = options.out / f"{name}.png"

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/playing.md: a menu, a game, an end card, as somebody plays them.
+"""Draw the pictures of docs/playing.md: menus, games, end cards, and what happens in between.
 
 python tools/picture_playing.py
 """
@@ -6,18 +6,28 @@ python tools/picture_playing.py
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pygame
 
+from robotouille import World, load_task
+from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
+from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
 from robotouille_client.bots.partners import prompt_partners
+from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import Screen
 from robotouille_client.window.shell.games.local_game import Plan
+from robotouille_client.window.shell.screens.server_menus import lobby_menu
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
+from robotouille_client.window.view import Bubble, PauseView, SeatView, View
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
@@ -42,6 +52,10 @@ class Playing:
             sleep=self._sleep,
         )
         self._keys = script(self.display)
+
+    async def ask(self, form: Form) -> object:
+        """Show a form as the shell does."""
+        return await Screen(self.display, sleep=self._sleep).ask(form)
 
     async def _sleep(self, seconds: float) -> None:
         self.now += seconds
@@ -86,14 +100,95 @@ def end(display: Display) -> Iterator[str]:
     display.save(IMAGES / "end.png")
 
 
+def settings(display: Display) -> Iterator[str]:
+    """The settings."""
+    yield from ("", "up", "up", "return", "", "")
+    display.save(IMAGES / "settings.png")
+
+
+def tutorial(display: Display) -> Iterator[str]:
+    """The second lesson of the tutorial."""
+    yield from pause(30)
+    yield "up"
+    yield from pause(60)
+    display.save(IMAGES / "tutorial.png")
+
+
+def lost(display: Display) -> Iterator[str]:
+    """The end of a game whose steps ran out."""
+    yield from pause(300)
+    display.save(IMAGES / "lost.png")
+
+
+def lobby(display: Display) -> Iterator[str]:
+    """The kitchens of a server."""
+    yield from pause(3)
+    display.save(IMAGES / "lobby.png")
+
+
+def kitchens() -> Form:
+    """What a server might have."""
+    ada, ben = (SeatInfo(player=p, name=n) for p, n in (("robot1", "ada"), ("robot2", "ben")))
+    free = SeatInfo(player="robot3")
+    rows = [
+        ("KQXZB-MHTWA", "multi_agent/01_lettuce_burger", Phase.WAITING, [ada, free]),
+        ("RNYHV-KDQTA", "multi_agent/07_onion_potato_tomato_soup", Phase.RUNNING, [ada, ben]),
+    ]
+    episodes = [
+        EpisodeInfo(
+            episode=code, code=code, task=task, clock=Clock.REALTIME, phase=phase, step=0,
+            max_steps=300, seats=seats,
+        )
+        for code, task, phase, seats in rows
+    ]  # fmt: skip
+    return lobby_menu(episodes, "ws://127.0.0.1:8765")
+
+
+def moment(name: str, rendering: str = "", task: str = "multi_agent/01@2", **seen: Any) -> None:
+    """A kitchen of two as its window shows it."""
+    world = World(load_task(task, timing="people"))
+    first, second = world.players
+    seats = (SeatView(first, "ada", actions=4), SeatView(second, "ben", actions=3))
+    view = View(
+        world, world.initial, step=12, max_steps=300, clock="real time", seats=seats, me=first,
+        step_seconds=0.2,
+    )  # fmt: skip
+    surface = pygame.Surface(SIZE)
+    Painter(rendering).paint(surface, dataclasses.replace(view, **seen))
+    pygame.image.save(surface, IMAGES / f"{name}.png")
+
+
+def moments() -> None:
+    """What happens to a game, and other looks."""
+    moment("countdown", step=0, starts_in=2.4, status="The game begins")
+    away = SeatView("robot2", "ben", connected=False, actions=3)
+    seats = (SeatView("robot1", "ada", actions=4), away)
+    detail = "The game goes on when ben is back."
+    moment("paused", seats=seats, pause=PauseView("ben's connection is lost", detail, 22.4, 0.7))
+    moment("offline", offline=7.0)
+    moment("refusal", bubbles=(Bubble("robot1", "The board is not free."),))
+    moment("blocked", blocked=(("robot2", "stove1", "robot1"),))
+    moment("chalk", rendering="chalk")
+    moment("workshop", task="workshop/02")
+
+
 def main() -> None:
     """Draw all of them."""
+    moments()
     asyncio.run(Playing(menus).shell.run())
+    asyncio.run(Playing(settings).shell.run())
+    playing = Playing(lobby)
+    asyncio.run(playing.shell.run(playing.ask(kitchens())))
+    playing = Playing(tutorial)
+    asyncio.run(playing.shell.run(playing.shell.learn()))
     playing = Playing(game)
     asyncio.run(playing.shell.run(playing.shell.play(Plan("multi_agent/01", seats=2))))
     playing = Playing(end)
     turns = Plan("training/01", clock=Clock.TURN, max_steps=200)
     asyncio.run(playing.shell.run(playing.shell.play(turns)))
+    playing = Playing(lost)
+    short = Plan("training/01", max_steps=10, countdown=0.0)
+    asyncio.run(playing.shell.run(playing.shell.play(short)))
 
 
 if __name__ == "__main__":

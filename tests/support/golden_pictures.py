@@ -1,4 +1,5 @@
-"""Golden pictures of the window: the contact sheet of each domain, and a scene of each task.
+"""Golden pictures of the window: the contact sheet of each domain and
+rendering, and a scene of each task.
 
 python -m tests.support.golden_pictures
 
@@ -32,7 +33,9 @@ SIZE, SIDE = (320, 240), 32
 TILE, TOLERANCE = 16, 14.0
 """Pixels of a tile's side, and how far its mean colour may be from the golden one (of 255)."""
 
-SHEETS = ("asynchronous/10", "examples/pancakes")
+SHEETS = ("asynchronous/10", "examples/pancakes", "workshop/02")
+THEMED = ("asynchronous/10", "multi_agent/07")
+"""Tasks that are drawn with another rendering as well."""
 
 
 def middle(task: Task) -> tuple[State, State, int]:
@@ -54,7 +57,7 @@ def middle(task: Task) -> tuple[State, State, int]:
     return before, state, len(steps) * 2 // 3
 
 
-def scene(name: str) -> pygame.Surface:
+def scene(name: str, rendering: str = "") -> pygame.Surface:
     """A window in the middle of a task, with a few words."""
     before, state, step = middle(load_task(name))
     players = state.world.players
@@ -64,15 +67,17 @@ def scene(name: str) -> pygame.Surface:
         (Bubble(players[-1], "I am here.", "chat"),), (("Ada", "Hello."),), step_seconds=0.2,
     )  # fmt: skip
     surface = pygame.Surface(SIZE)
-    Painter().paint(surface, view)
+    Painter(rendering).paint(surface, view)
     return surface
 
 
-def _sheet(name: str) -> pygame.Surface:
-    return sheet(load_task(name), SIDE, 0)
+def _sheet(name: str, rendering: str = "") -> pygame.Surface:
+    return sheet(load_task(name), SIDE, 0, rendering)
 
 
 PICTURES: dict[str, Callable[[], pygame.Surface]] = {
+    "sheet-chalk": partial(_sheet, "asynchronous/10", "chalk"),
+    **{f"{name.replace('/', '-')}-chalk": partial(scene, name, "chalk") for name in THEMED},
     **{f"sheet-{name.replace('/', '-')}": partial(_sheet, name) for name in SHEETS},
     **{
         name.replace("/", "-"): partial(scene, name)

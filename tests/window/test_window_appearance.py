@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robotouille import World
+from robotouille import World, load_task
 from robotouille.domain.rendering import rendering_of
 from robotouille.world.world import State
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
@@ -113,7 +113,9 @@ def test_the_facts_of_a_kind_without_pictures_are_words(play) -> None:
     world = World("workshop/01")
     lines = ["grab gear1", "walk anvil1", "drop gear1", "hammer", "hammer"]
     state = play(world, *lines)[-1]
-    (gear,) = stage_of(state).piles["anvil1"]
+    kitchen = rendering_of(load_task("synchronous/01"))
+    stage = AppearanceResolver(world.task.domain, kitchen).stage(state)
+    (gear,) = stage.piles["anvil1"]
     assert (gear.appearance.asset, gear.appearance.kind, gear.appearance.words) == (
         None,
         "gear",
@@ -123,6 +125,7 @@ def test_the_facts_of_a_kind_without_pictures_are_words(play) -> None:
 
 def test_players_without_pictures_borrow_some() -> None:
     world = World("workshop/02")
-    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    kitchen = rendering_of(load_task("synchronous/01"))
+    resolver = AppearanceResolver(world.task.domain, kitchen)
     assert resolver.player("fitter", 0, "left").asset == "robot1_left.svg"
     assert resolver.player("fitter", 5, "back").asset == "robot2_back.svg"

@@ -71,6 +71,7 @@ async def look_in(server: Server, token: str | None, code: str | None, **opening
         server.url, code, "ada", None, False, token,
         cli._opening(opening.pop("create", None), **opening),  # type: ignore[arg-type]
         size=(320, 240), headless=True, screenshot=None, screenshot_step=None, linger=0.5,
+        rendering="",
     )  # fmt: skip
 
 

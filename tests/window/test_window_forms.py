@@ -18,6 +18,9 @@ from robotouille_client.window.forms.widgets import (
 )
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
+from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
+from robotouille_client.window.shell.screens.thumbnails import thumbnail
+from robotouille_client.window.shell.settings import Settings
 
 KEYS = KeyMap()
 AREA = pygame.Rect(0, 0, 400, 300)
@@ -158,3 +161,13 @@ def test_every_size_and_any_words(size: tuple[int, int]) -> None:
     form = Form("A title that is long " * 5, rows, picture=pygame.Surface((300, 300)))
     form.message = "Words " * 40
     drawn(form, pygame.Rect(0, 0, *size))
+
+
+def test_the_look_of_kitchens_is_a_setting() -> None:
+    settings = Settings()
+    menu = SettingsMenu(settings)
+    look = next(row for row in menu.form.rows if row.label == "Look")
+    look.command(Command.USE)
+    menu.apply(settings)
+    assert settings.rendering == "chalk"
+    assert thumbnail("synchronous/01", 60, "chalk") is not thumbnail("synchronous/01", 60)

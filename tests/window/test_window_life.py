@@ -12,6 +12,7 @@ from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.domain.rendering.art import Effect
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
+from robotouille_client.window.drawing.kitchen.spots import Spot, ways
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.view import View
 
@@ -109,3 +110,26 @@ def test_an_effect_that_is_not_there_is_named_with_the_nearest() -> None:
     with pytest.raises(ValueError, match=r"during.boil: there is no effect 'stem'.*'steam'"):
         RenderingFile.model_validate(file)
     assert Effect(asset="puff.svg").count == 3
+
+
+def test_players_sweat_where_a_game_is_lost(course: list[State]) -> None:
+    rendering, painter = rendering_of(course[0].world.task), Painter()
+    now = Moment(course[3], painter.stage(course[3]))
+    lost = life(rendering, now, None, lost=True).emissions
+    others = life(rendering, now, None).emissions
+    (sweat,) = (emission for emission in lost if emission not in others)
+    assert (sweat.effect, sweat.source) == (rendering.effects["sweat"], "robot1")
+
+
+def test_words_keep_off_the_way_of_what_travels(course: list[State]) -> None:
+    painter = Painter()
+    step = next(i for i in range(1, len(course)) if lived(course, i).travels)
+    now, before = painter.stage(course[step]), painter.stage(course[step - 1])
+    (name,) = lived(course, step).travels
+    here = {name: Spot(100, 100, 50.0)}
+    earlier = {name: Spot(200, 60, 50.0)}
+    (area,) = ways(now, here, earlier, {name})
+    assert area.collidepoint(101, 99)
+    assert area.collidepoint(199, 61)
+    assert ways(now, here, {}, {name}) == []
+    assert ways(before, here, earlier, set()) == []

@@ -9,9 +9,11 @@ from typing import Any
 import pygame
 import pytest
 
-from robotouille import FileError, load_task
+from robotouille import FileError, World, load_task
+from robotouille.domain.companions import other_renderings
 from robotouille.domain.files import read_model, validate
 from robotouille.domain.rendering import RenderingFile, rendering_of
+from robotouille.errors import RobotouilleError
 from robotouille.resources import data_folder
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/rendering/robotouille_config.json"
@@ -115,7 +117,9 @@ def test_the_picture_with_the_most_predicates_wins() -> None:
 
 
 def test_a_domain_without_a_rendering_has_the_kitchens_floor() -> None:
-    rendering = rendering_of(load_task("workshop/01"))
+    task = load_task("workshop/01")
+    domain = task.domain.model_copy(update={"rendering_json": "none.json"})
+    rendering = rendering_of(dataclasses.replace(task, domain=domain))
     assert rendering.floor.default == "floor_tile.svg"
     assert rendering.group_of("gear") is None
 
@@ -125,3 +129,29 @@ def test_a_domain_cannot_name_a_file_elsewhere() -> None:
     elsewhere = {"rendering_json": "/etc/../renderings/robotouille.json"}
     domain = task.domain.model_copy(update=elsewhere)
     assert rendering_of(dataclasses.replace(task, domain=domain)) == ours()
+
+
+def test_a_rendering_is_chosen_for_the_domains_whose_own_it_extends() -> None:
+    kitchen, workshop = load_task("asynchronous/10"), load_task("workshop/01")
+    assert rendering_of(kitchen, "chalk").assets == "chalk"
+    assert rendering_of(kitchen, "robotouille") == ours()
+    assert rendering_of(workshop, "chalk") == rendering_of(workshop)
+    assert other_renderings() == ["chalk"]
+    with pytest.raises(RobotouilleError, match="no rendering 'chalky'; did you mean 'chalk'"):
+        rendering_of(kitchen, "chalky")
+
+
+def test_chalk_says_nothing_but_where_its_pictures_are_and_has_all_of_them() -> None:
+    chalk, own = rendering_of(load_task("asynchronous/10"), "chalk"), ours()
+    places = {"assets": "kitchen", "inherited_assets": ()}
+    assert chalk.model_copy(update=places) == own.model_copy(update=places)
+    folder = chalk.folders(None)[0]
+    assert {path.name for path in folder.iterdir()} >= own.files()
+
+
+@pytest.mark.parametrize("name", ["workshop/01", "workshop/02"])
+def test_nothing_in_the_workshop_is_drawn_by_a_tile(name: str) -> None:
+    world = World(name)
+    rendering = rendering_of(world.task)
+    kinds = {"bolt", *(thing.kind for thing in world.initial.objects)}
+    assert [kind for kind in sorted(kinds) if not rendering.shows(kind)] == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
@@ -13,13 +14,14 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.kitchen.spots import hands
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.drawing.panel.seat_cards import SeatCards, status
 from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.pictures.badges import SHAPES, badge
 from robotouille_client.window.pictures.colour_vision import DICHROMACIES, linear, simulated
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import SEATS, Colour
-from robotouille_client.window.view import View
+from robotouille_client.window.view import SeatView, View
 
 PLAN = "07_onion_potato_tomato_soup@4.plan"
 HAT = 0.32
@@ -122,3 +124,38 @@ def free_station(world: World) -> str:
 
 def at(world: World) -> str | None:
     return Painter().stage(world.initial).placed["robot1"].at
+
+
+def test_a_card_says_who_is_waited_for_and_who_stands_in_the_way() -> None:
+    world = World("multi_agent/01")
+    ada, bot = SeatView("robot1", "ada"), SeatView("robot2", "otter", "bot")
+    view = View(world, world.initial, seats=(ada, bot), me="robot1")
+
+    def words(**changed: object) -> list[str]:
+        now = dataclasses.replace(view, **changed)
+        return [status(seat, now)[0] for seat in now.seats]
+
+    assert words() == ["robot1 · human", "robot2 · bot"]
+    assert words(waits_for=("robot1", "robot2")) == ["your turn", "thinks"]
+    assert words(me=None, waits_for=("robot1",)) == ["is waited for", "robot2 · bot"]
+    blocked = (("robot2", "stove1", "robot1"),)
+    assert words(blocked=blocked) == ["stands in otter's way", "waits for you"]
+    assert words(me=None, blocked=blocked)[1] == "waits for ada"
+
+
+def test_what_a_card_says_moves_nothing_below_it() -> None:
+    world = World("multi_agent/01")
+    seats = (SeatView("robot1", "ada"), SeatView("robot2", "otter", "bot"))
+    view = View(world, world.initial, seats=seats, me="robot1")
+    painter = Painter()
+    place = painter.layout((800, 500), world)
+    cards = SeatCards(
+        AppearanceResolver(world.task.domain, rendering_of(world.task)),
+        Sprites((), Typesetter()),
+        Typesetter(),
+    )
+    ends = {
+        cards.draw(pygame.Surface((800, 500)), pygame.Rect(0, 0, 250, 400), place, shown)
+        for shown in (view, dataclasses.replace(view, waits_for=("robot2",)))
+    }
+    assert len(ends) == 1

@@ -49,7 +49,7 @@ def pictures(dish: Dish) -> list[str]:
             [["topbun.svg", "tomato_cut.svg", "patty_cooked.svg", "bottombun.svg", "table.svg"],
              ["potato_fried.svg", "table.svg"]],
         ),
-        ("workshop/01", [["bolt", "painted gear", "box"], ["bin"]]),
+        ("workshop/01", [["bolt.svg", "gear_painted_bolt.svg", "box_gear.svg"], ["bin_fed.svg"]]),
         ("examples/pancakes", [["pancake_syrup.svg", "pancake.svg", "table.svg"]]),
     ],
 )  # fmt: skip
@@ -120,3 +120,9 @@ def test_hovering_lists_what_is_in_a_pot_or_stack() -> None:
     words = [words for _, words in resolver.listing(stage, "stove1")]
     assert words[0] == "pot"
     assert {"cut onion", "potato"} < set(words)
+
+
+def test_the_ticket_calls_things_what_people_call_them() -> None:
+    words = [layer.words for dish in drawn("multi_agent/01") for layer in dish.layers]
+    assert "bottom bun" in words
+    assert "bottombun" not in words

@@ -64,3 +64,12 @@ def test_without_pyav_the_install_line_is_given(tmp_path, monkeypatch) -> None:
 
 def test_no_states_no_frames() -> None:
     assert list(frames_of([])) == []
+
+
+def test_a_film_is_drawn_with_the_rendering_that_is_chosen(play) -> None:
+    course = play(World("synchronous/01"))
+    pictures = {
+        pygame.image.tobytes(next(iter(frames_of(enumerate(course), rendering=name))), "RGB")
+        for name in ("", "robotouille", "chalk")
+    }
+    assert len(pictures) == 2

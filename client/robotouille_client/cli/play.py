@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from robotouille.episode.rules import Clock
 from robotouille.errors import FileError, RobotouilleError
 from robotouille_client.bots.kinds import BotKind
-from robotouille_client.console import explain, fail
+from robotouille_client.console import RenderingOption, explain, fail
 
 if TYPE_CHECKING:
     from robotouille_client.window.shell.games.local_game import Plan
@@ -44,6 +44,7 @@ def play(
         bool,
         typer.Option(help="Draw tiles with names in place of the pictures that are missing."),
     ] = False,
+    rendering: RenderingOption = "",
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
     ] = None,
@@ -68,11 +69,11 @@ def play(
         if screenshot is not None:
             if not plan:
                 raise RobotouilleError("a picture is of a task: name one")
-            _picture(plan, size or "1280x720", screenshot)
+            _picture(plan, size or "1280x720", screenshot, rendering)
             return
         from robotouille_client.window.shell.starting import open_shell
 
-        shell = open_shell(size=size)
+        shell = open_shell(size=size, rendering=rendering)
         asyncio.run(shell.run(shell.play(plan) if plan else None))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
@@ -94,7 +95,7 @@ def _check_look(name: str) -> None:
         )
 
 
-def _picture(plan: Plan, size: str, path: Path) -> None:
+def _picture(plan: Plan, size: str, path: Path, rendering: str) -> None:
     """Save a game's first picture."""
     from robotouille_client.window import parse_size
     from robotouille_client.window.shell.games.local_game import LocalGame
@@ -103,7 +104,7 @@ def _picture(plan: Plan, size: str, path: Path) -> None:
     if not path.parent.is_dir():
         raise RobotouilleError(f"there is no folder {path.parent}")
     game = LocalGame(replace(plan, countdown=0.0), "you", time.monotonic, None)
-    window = Window(parse_size(size), headless=True)
+    window = Window(parse_size(size), headless=True, rendering=rendering)
     try:
         window.frame(game.source)
         window.screenshot(path)

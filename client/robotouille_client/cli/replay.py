@@ -24,7 +24,7 @@ from robotouille.replay.model_calls import call_texts
 from robotouille.replay.notes import rejections
 from robotouille.replay.recording import Recording, read_recording
 from robotouille.replay.timeline import course, course_text, note_lines
-from robotouille_client.console import explain, fail
+from robotouille_client.console import RenderingOption, explain, fail
 
 __all__ = ["replay"]
 
@@ -326,6 +326,7 @@ def play(
     screenshot: Annotated[
         Path | None, typer.Option(help="Only save a picture of that step; needs no screen.")
     ] = None,
+    rendering: RenderingOption = "",
 ) -> None:
     """Watch a recording in a window, or two side by side: H shows the keys.
 
@@ -339,7 +340,7 @@ def play(
 
         recordings = [_open(file, damaged=True) for file in files]
         opened = list(zip(files, recordings, strict=True))
-        watch(opened, speed, size, at=at, screenshot=screenshot)
+        watch(opened, speed, size, at=at, screenshot=screenshot, rendering=rendering)
     except RobotouilleError as error:
         fail(explain(error))
 
@@ -356,6 +357,7 @@ def video(
     last: Annotated[
         int | None, typer.Option("--to", help="The last step; else the end.", min=0)
     ] = None,
+    rendering: RenderingOption = "",
 ) -> None:
     """Write a recording, or a span of it, as a video."""
     from robotouille_client.window import require_pygame
@@ -366,7 +368,7 @@ def video(
         from robotouille_client.window.replay.history.recorded import RecordedHistory
 
         history = RecordedHistory(_open(file, damaged=True))
-        frames = film(history, output, speed, size, (first, last))
+        frames = film(history, output, speed, size, (first, last), rendering)
     except RobotouilleError as error:
         fail(explain(error))
     tell(f"{output}: {frames} frames")

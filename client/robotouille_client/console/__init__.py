@@ -1,6 +1,7 @@
 """What the commands share: how they fail, how a server is named, and a seat that outlives them."""
 
 from robotouille_client.console.command_line import (
+    RenderingOption,
     TokenOption,
     explain,
     fail,
@@ -9,4 +10,12 @@ from robotouille_client.console.command_line import (
     server_url,
 )
 
-__all__ = ["TokenOption", "explain", "fail", "failing", "name_and_value", "server_url"]
+__all__ = [
+    "RenderingOption",
+    "TokenOption",
+    "explain",
+    "fail",
+    "failing",
+    "name_and_value",
+    "server_url",
+]

@@ -11,7 +11,15 @@ import typer
 from robotouille.errors import FileError, ProtocolError, RobotouilleError
 from robotouille.program import printable, quoted, tell
 
-__all__ = ["TokenOption", "explain", "fail", "failing", "name_and_value", "server_url"]
+__all__ = [
+    "RenderingOption",
+    "TokenOption",
+    "explain",
+    "fail",
+    "failing",
+    "name_and_value",
+    "server_url",
+]
 
 P = ParamSpec("P")
 
@@ -22,6 +30,11 @@ TokenOption = Annotated[
         envvar="ROBOTOUILLE_TOKEN",
         help="A signed role token, where the server asks for one.",
     ),
+]
+
+RenderingOption = Annotated[
+    str,
+    typer.Option(help="What the kitchen looks like, by the name of a rendering, e.g. chalk."),
 ]
 
 

@@ -14,7 +14,7 @@ import typer
 from robotouille.absence import Absence
 from robotouille.errors import RobotouilleError
 from robotouille.program import VersionOption
-from robotouille_client.console import TokenOption, explain, fail, server_url
+from robotouille_client.console import RenderingOption, TokenOption, explain, fail, server_url
 
 if TYPE_CHECKING:
     from robotouille_client.client import Client
@@ -75,6 +75,7 @@ async def _show(
     screenshot_step: int | None,
     linger: float | None,
     look: KitchenLook | None,
+    rendering: str,
 ) -> None:
     import asyncio
 
@@ -89,7 +90,13 @@ async def _show(
     strip = watched.strip if watched else None
     caption = f"Robotouille {game.code}"
     window = Window(
-        size, caption=caption, headless=headless, look=look, strip=strip, clock=loop.time
+        size,
+        caption=caption,
+        headless=headless,
+        look=look,
+        rendering=rendering,
+        strip=strip,
+        clock=loop.time,
     )
     showing = asyncio.create_task(window.run(source, linger=linger))
     try:
@@ -163,6 +170,7 @@ def command(
     size: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT in pixels; else as it was last.")
     ] = None,
+    rendering: RenderingOption = "",
     headless: Annotated[bool, typer.Option(help="Draw without a screen.")] = False,
     screenshot: Annotated[
         Path | None, typer.Option(help="Save a picture here at the end (or --screenshot-step).")
@@ -198,7 +206,7 @@ def command(
                 _run(
                     address, code, name or PLAYER, seat, watch, token, opening,
                     size=parse_size(size or SIZE), headless=headless, screenshot=screenshot,
-                    screenshot_step=screenshot_step, linger=linger,
+                    screenshot_step=screenshot_step, linger=linger, rendering=rendering,
                 )
             )  # fmt: skip
             return
@@ -207,7 +215,10 @@ def command(
             menu = code is None or token is None
         if not (menu or asked):
             raise RobotouilleError("without a menu there is nothing to show: name a CODE")
-        _open_shell(address, code, name, seat, watch, token, opening, size, asked=asked, menu=menu)
+        _open_shell(
+            address, code, name, seat, watch, token, opening, size, rendering, asked=asked,
+            menu=menu,
+        )  # fmt: skip
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
@@ -223,6 +234,7 @@ def _open_shell(
     token: str | None,
     opening: Opening | None,
     size: str | None,
+    rendering: str,
     *,
     asked: bool,
     menu: bool,
@@ -232,7 +244,7 @@ def _open_shell(
 
     from robotouille_client.window.shell.starting import open_shell
 
-    shell = open_shell(size=size, name=name, token=token, menu=menu)
+    shell = open_shell(size=size, name=name, token=token, menu=menu, rendering=rendering)
 
     async def first() -> object:
         found = code

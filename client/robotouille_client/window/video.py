@@ -35,14 +35,15 @@ def frames_of(
     max_steps: int | None = None,
     outcome: str = "",
     hold: int = 12,
+    rendering: str = "",
 ) -> Iterator[pygame.Surface]:
     """Draw a course of (step, state) with some frames for each step.
 
     `seats` are those at each state. The first state is shown standing still, the last one for
-    `hold` frames more, with the outcome. The same surface is yielded each time: use it before
-    asking for the next.
+    `hold` frames more, with the outcome; `rendering` is that of Painter. The same surface is
+    yielded each time: use it before asking for the next.
     """
-    painter, surface = Painter(), pygame.Surface(size)
+    painter, surface = Painter(rendering), pygame.Surface(size)
     previous: State | None = None
     view: View | None = None
     for index, (step, state) in enumerate(states):
@@ -67,7 +68,7 @@ def frames_of(
 
 
 def _at(view: View, phase: float, outcome: str = "", *, won: bool = False) -> View:
-    return replace(view, phase=phase, outcome=outcome, won=won)
+    return replace(view, phase=phase, outcome=outcome, won=won, lost=bool(outcome) and not won)
 
 
 def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> int:

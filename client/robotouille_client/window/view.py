@@ -109,10 +109,10 @@ class View:
     `blocked` tells who waits for which station, and who stands there. `step_seconds` is how long a
     step takes where a clock says so.
 
-    A game that is over has an `outcome` in words, and was `won` or not. `notice` is something the
-    operator says to everybody. A game that begins in `starts_in` seconds is counted down to, and
-    one that stands still has a `pause`; `offline` are the seconds since the connection was lost,
-    None while there is one; with a `farewell` the owner is out of the game.
+    A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
+    the operator says to everybody. A game that begins in `starts_in` seconds is counted down to,
+    and one that stands still has a `pause`; `offline` are the seconds since the connection was
+    lost, None while there is one; with a `farewell` the owner is out of the game.
     """
 
     world: World
@@ -130,6 +130,7 @@ class View:
     code: str = ""
     outcome: str = ""
     won: bool = False
+    lost: bool = False
     hover: str | None = None
     notice: str = ""
     pause: PauseView | None = None

@@ -39,7 +39,8 @@ class Window:
 
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
     itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
-    that of a kitchen which is not installed. A `strip` is drawn below the kitchen, and asked first
+    that of a kitchen which is not installed, `rendering` the name of the one that is chosen for the
+    others. A `strip` is drawn below the kitchen, and asked first
     about each event; a `painter` that is given draws instead of the window's own, and draws the
     strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters moves.
     `keys` are those of the window's own commands. A `display` that is given stays open when this
@@ -61,6 +62,7 @@ class Window:
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
         help_rows: HelpRows | None = None,
         look: KitchenLook | None = None,
+        rendering: str = "",
         strip: Strip | None = None,
         painter: Painter | None = None,
         text_scale: float = 1.0,
@@ -92,7 +94,7 @@ class Window:
         self._card_since = 0.0
         self._over = False
         self._painter = painter or Painter(
-            look.rendering if look else None,
+            look.rendering if look else rendering,
             look.pictures if look else None,
             strip,
             text_scale=text_scale,
@@ -174,7 +176,8 @@ class Window:
         if self.closed or surface is None:
             return
         hover = self._input.hover(view)
-        shown = dataclasses.replace(view, hover=view.hover or hover)
+        lost = bool(view.outcome) and not view.won
+        shown = dataclasses.replace(view, hover=view.hover or hover, lost=lost)
         overlay = self._input.overlay(view, hover)
         if self._card is not None:
             shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.

@@ -10,10 +10,17 @@ from pathlib import Path
 
 from robotouille.domain.files import is_file, read_json
 from robotouille.domain.schema import DomainFile
-from robotouille.errors import FileError
+from robotouille.errors import FileError, RobotouilleError, did_you_mean
 from robotouille.resources import data_folder
 
-__all__ = ["KITCHEN_RENDERING", "companion_folder", "input_path", "rendering_path"]
+__all__ = [
+    "KITCHEN_RENDERING",
+    "companion_folder",
+    "input_path",
+    "other_renderings",
+    "rendering_path",
+    "shipped_rendering",
+]
 
 KITCHEN_RENDERING = "robotouille.json"
 """What a domain without a rendering of its own looks like."""
@@ -39,6 +46,26 @@ def rendering_path(domain: DomainFile, beside: Path | None) -> Path:
         candidates = [beside / f"{domain.name}.rendering.json", beside / named, *candidates]
     found = (path for path in candidates if is_file(path) and not _is_domain(path))
     return next(found, shipped / KITCHEN_RENDERING)
+
+
+def shipped_rendering(name: str) -> Path:
+    """A shipped rendering by its name; RobotouilleError with the nearest one if there is none."""
+    known = _names("renderings")
+    if name not in known:
+        listed = ", ".join(sorted(known))
+        raise RobotouilleError(
+            f"there is no rendering {name!r}{did_you_mean(name, known)} (there are {listed})"
+        )
+    return data_folder("renderings") / f"{name}.json"
+
+
+def other_renderings() -> list[str]:
+    """The shipped renderings that no domain looks like unless one chooses them."""
+    return sorted(_names("renderings") - _names("domains"))
+
+
+def _names(folder: str) -> set[str]:
+    return {path.stem for path in data_folder(folder).glob("*.json")}
 
 
 def companion_folder(folder: str, name: str, beside: Path | None) -> Path:

@@ -18,7 +18,16 @@ from robotouille.domain.schema import Schema
 from robotouille.errors import Fault, FileError, did_you_mean
 from robotouille.resources import data_folder
 
-__all__ = ["MAX_EXTENDS", "FileKind", "by", "each", "in_own_words", "read_extending", "union"]
+__all__ = [
+    "MAX_EXTENDS",
+    "FileKind",
+    "by",
+    "chain_of",
+    "each",
+    "in_own_words",
+    "read_extending",
+    "union",
+]
 
 MAX_EXTENDS = 8
 """Files that may extend one another in a chain."""
@@ -96,6 +105,17 @@ class FileKind(Generic[S]):
 def read_extending(path: Path, kind: FileKind[S]) -> S:
     """A file together with what it extends; FileError lists all its faults."""
     return _read(path, kind, ())
+
+
+def chain_of(path: Path, kind: FileKind[S]) -> tuple[Path, ...]:
+    """A file and all that it extends, itself first; FileError where one of them is not there."""
+    chain: tuple[Path, ...] = (path,)
+    while True:
+        raw = read_json(chain[-1])
+        name = raw.get("extends") if isinstance(raw, dict) else None
+        if name is None:
+            return chain
+        chain += (_find(name, chain[-1], kind, chain),)
 
 
 def _read(path: Path, kind: FileKind[S], chain: tuple[Path, ...]) -> S:

@@ -44,9 +44,7 @@ class Interruptions:
             shown.append(self._banner(target, layout, y, _lost(view.offline), fill, PAPER))
             y = shown[-1].bottom + layout.text * 2 // 3
         if view.starts_in is not None:
-            left = str(ceil(view.starts_in))
-            shown.append(self._banner(target, layout, y, left, PAPER, INK))
-            y = shown[-1].bottom + layout.text * 2 // 3
+            shown.append(self._countdown(target, layout, ceil(view.starts_in)))
         if view.notice:
             shown.append(self._banner(target, layout, y, view.notice, ACCENT, INK))
         return shown
@@ -77,6 +75,17 @@ class Interruptions:
         for i, line in enumerate(lines):
             drawn = self._text.line(line, size, ink)
             target.blit(drawn, drawn.get_rect(midtop=(area.centerx, area.y + pad + i * step)))
+        return area
+
+    def _countdown(self, target: pygame.Surface, layout: Layout, left: int) -> pygame.Rect:
+        """A large number in the middle."""
+        side = layout.text * 6
+        area = pygame.Rect(0, 0, side, side)
+        area.center = layout.kitchen.center
+        target.blit(ellipse((side + 8, side + 8), (*INK, 150)), area.move(-4, 0))
+        target.blit(ellipse((side, side), PAPER), area)
+        number = self._text.line(str(left), side // 2, INK)
+        target.blit(number, number.get_rect(center=area.center))
         return area
 
     def _pause(self, target: pygame.Surface, layout: Layout, pause: PauseView) -> pygame.Rect:

@@ -19,7 +19,7 @@ from robotouille_client.window.drawing.key_strip import KeyStrip
 from robotouille_client.window.drawing.kitchen.kitchen_layer import KitchenLayer, Scene
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.motion import Motion, Pose
-from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots
+from robotouille_client.window.drawing.kitchen.spots import Spot, occupied, spots, ways
 from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
@@ -46,7 +46,8 @@ class Painter:
     walks of several steps are not seen.
 
     Args:
-        rendering: In place of the one that belongs to the domain.
+        rendering: In place of the one that belongs to the domain; by its name for the domains whose
+            rendering it extends.
         pictures: A folder in which they are looked for first.
         strip: What is drawn below the kitchen.
         text_scale: How much larger letters are than they would be.
@@ -55,7 +56,7 @@ class Painter:
 
     def __init__(
         self,
-        rendering: RenderingFile | None = None,
+        rendering: RenderingFile | str | None = None,
         pictures: Path | None = None,
         strip: Strip | None = None,
         *,
@@ -70,7 +71,7 @@ class Painter:
         self.text = self._text = Typesetter()
         self._world: World | None = None
         self._stages: list[tuple[State, Stage]] = []
-        self._lived: tuple[tuple[State, State | None], Life] | None = None
+        self._lived: tuple[tuple[State, State | None, bool], Life] | None = None
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None
@@ -93,6 +94,7 @@ class Painter:
             listed=self._listed(view, stage),
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
+                *ways(stage, scene.spots, scene.earlier, scene.life.travels),
                 *self._notices.reserved(place, ui_overlay),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
@@ -156,11 +158,11 @@ class Painter:
     def _life(self, view: View) -> Life:
         """What goes on in the step of a view; that of the last is kept."""
         before = view.previous
-        key = (view.state, before)
+        key = (view.state, before, view.lost)
         if self._lived is None or any(a is not b for a, b in zip(self._lived[0], key, strict=True)):
             now = Moment(view.state, self.stage(view.state))
             earlier = None if before is None else Moment(before, self.stage(before))
-            self._lived = (key, life(self._art, now, earlier))
+            self._lived = (key, life(self._art, now, earlier, lost=view.lost))
         return self._lived[1]
 
     def _poses(self, view: View) -> dict[str, Pose]:
@@ -195,7 +197,10 @@ class Painter:
         self._world = world
         self._stages = []
         self._lived = None
-        self._art: RenderingFile = self._rendering or rendering_of(world.task)
+        chosen = self._rendering
+        self._art: RenderingFile = (
+            chosen if isinstance(chosen, RenderingFile) else rendering_of(world.task, chosen or "")
+        )
         self._sprites = Sprites(
             (*self._pictures, *self._art.folders(world.task.folder)), self._text
         )

@@ -137,10 +137,12 @@ class AppearanceResolver:
         return self.words(placed.thing.kind, placed.facts)
 
     def words(self, kind: str, facts: Collection[str]) -> str:
-        """A kind with what has become of it, e.g. `painted gear`."""
+        """What people call a kind, with what has become of it, e.g. `toasted bottom bun`."""
         told = self._pictured if self.rendering.shows(kind) else self._words
         states = sorted(self._words[fact] for fact in facts if fact in told and fact in self._words)
-        return " ".join([*states, kind])
+        names = self.rendering.language.kinds.get(kind, ())
+        name = next((n.name for n in names if n.when is None or n.when in facts), kind)
+        return " ".join([*states, name])
 
     def player(self, kind: str, index: int, facing: str, *, carrying: bool = False) -> Appearance:
         """What the player in seat `index` looks like from one side."""

@@ -25,12 +25,14 @@ def film(
     speed: float,
     size: str,
     span: tuple[int | None, int | None] = (None, None),
+    rendering: str = "",
 ) -> int:
     """Write a recording as a video; returns the number of frames.
 
     Args:
         speed: Steps a second.
         size: WIDTHxHEIGHT in pixels.
+        rendering: The name of the one to draw it with; else the domain's own.
         span: The first and the last step; None for those of the recording.
 
     Raises:
@@ -53,6 +55,7 @@ def film(
         max_steps=history.recording.header["rules"]["max_steps"],
         outcome=outcome_words(history.outcome) if ended and history.outcome else "",
         hold=2 * fps,
+        rendering=rendering,
     )
     total = (last - first + 1) * frames_per_step + 2 * fps
     try:

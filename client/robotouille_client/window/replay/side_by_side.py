@@ -33,11 +33,15 @@ class SideBySidePainter(Painter):
     """
 
     def __init__(
-        self, left: TimelineStrip, right: TimelineStrip, right_view: Callable[[], View]
+        self,
+        left: TimelineStrip,
+        right: TimelineStrip,
+        right_view: Callable[[], View],
+        rendering: str,
     ) -> None:
-        super().__init__()
-        self._left = Painter(strip=left)
-        self._right = Painter(strip=right)
+        super().__init__(rendering)
+        self._left = Painter(rendering, strip=left)
+        self._right = Painter(rendering, strip=right)
         self._right_view = right_view
 
     def paint(

@@ -37,12 +37,14 @@ def watch(
     *,
     at: int = 0,
     screenshot: Path | None = None,
+    rendering: str = "",
 ) -> None:
     """Show a recording, or two side by side, until the window is closed.
 
     Args:
         rate: Steps a second; None: as it was recorded.
         at: The step to begin at.
+        rendering: The name of the one to draw it with; else the domain's own.
         screenshot: Save a picture there instead, for which no screen is needed.
 
     Raises:
@@ -50,7 +52,13 @@ def watch(
     """
     if screenshot is None:
         require_screen()
-    viewer = Viewer(recordings, rate, size=parse_size(size), headless=screenshot is not None)
+    viewer = Viewer(
+        recordings,
+        rate,
+        size=parse_size(size),
+        headless=screenshot is not None,
+        rendering=rendering,
+    )
     if at:
         viewer.playhead.seek(at, playing=False)
     try:
@@ -78,6 +86,7 @@ class Viewer(ReplaySource):
         *,
         size: tuple[int, int] = (1280, 720),
         headless: bool = False,
+        rendering: str = "",
         now: Callable[[], float] = time.monotonic,
         make_window: Callable[..., Window] = Window,
     ) -> None:
@@ -94,7 +103,7 @@ class Viewer(ReplaySource):
         ]
         alone = len(recordings) == 1
         self._export = SpanExport(
-            recordings[0][0], self.histories[0], self.state, self.playhead.rate
+            recordings[0][0], self.histories[0], self.state, self.playhead.rate, rendering
         )
         keys = ViewerKeys(
             self.histories, self.playhead, self.state, now,
@@ -107,7 +116,9 @@ class Viewer(ReplaySource):
         caption = f"Robotouille: {recordings[0][1].task.name}"
         if alone:
             strip = self.strips[0]
-            self.window = make_window(size, caption=caption, headless=headless, strip=strip)
+            self.window = make_window(
+                size, caption=caption, headless=headless, strip=strip, rendering=rendering
+            )
             return
         right = ReplaySource(self.histories[1], self.playhead, self.state, titles[1])
         self.window = make_window(
@@ -115,7 +126,7 @@ class Viewer(ReplaySource):
             caption=caption,
             headless=headless,
             strip=SideBySideStrip(strips[0], strips[1]),
-            painter=SideBySidePainter(strips[0], strips[1], right.view),
+            painter=SideBySidePainter(strips[0], strips[1], right.view, rendering),
         )
 
     def view(self) -> View:

@@ -19,7 +19,8 @@ Side = Annotated[int, Field(ge=160, le=8192)]
 class Settings(BaseModel):
     """All that is remembered.
 
-    `size` is that of the window in pixels, `text_scale` makes letters larger or smaller, `keys` are
+    `size` is that of the window in pixels, `rendering` the name of the one that is chosen for the
+    kitchens that may look like it, `text_scale` makes letters larger or smaller, `keys` are
     those that differ from the defaults. `task`, `partner` and `rate` (steps a second) were played
     last, `server` and `code` joined last.
     """
@@ -32,6 +33,7 @@ class Settings(BaseModel):
     fullscreen: bool = False
     sound: bool = True
     reduced_motion: bool = False
+    rendering: Annotated[str, Field(max_length=64)] = ""
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
     keys: dict[str, list[str]] = {}
     task: str = "synchronous/01"

@@ -312,7 +312,9 @@ class Shell:
         self._screen.splash("Loading …")
         recordings = [(path, read_recording(path, damaged=True))]
         make = partial(self._window, ReplayCards())
-        viewer = Viewer(recordings, now=self._clock, make_window=make)
+        viewer = Viewer(
+            recordings, rendering=self.settings.rendering, now=self._clock, make_window=make
+        )
         try:
             await self._watched(viewer.window, viewer)
         finally:
@@ -326,7 +328,9 @@ class Shell:
 
         output = path.with_suffix(".mp4")
         history = RecordedHistory(read_recording(path))
-        work = asyncio.to_thread(film, history, output, 5.0, "1280x720")
+        work = asyncio.to_thread(
+            film, history, output, 5.0, "1280x720", rendering=self.settings.rendering
+        )
         try:
             done = await self._wait(work, "Saving the video …")
             self.message = f"Saved {output}" if done is not None else ""
@@ -341,7 +345,7 @@ class Shell:
 
     def _window(self, cards: Cards, size: object = None, **options: Any) -> Window:
         """A window in the shell's display; sizes and captions are the display's own affair."""
-        for own in ("caption", "headless"):
+        for own in ("caption", "headless", "rendering"):
             options.pop(own, None)
         return Window(
             display=self.display,
@@ -351,6 +355,7 @@ class Shell:
             keys=self._screen.keys,
             text_scale=self.settings.text_scale,
             reduced_motion=self.settings.reduced_motion,
+            rendering=self.settings.rendering,
             clock=self._clock,
             sleep=self._sleep,
             **options,

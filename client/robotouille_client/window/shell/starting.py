@@ -18,22 +18,29 @@ def open_shell(
     name: str | None = None,
     token: str | None = None,
     menu: bool = True,
+    rendering: str = "",
 ) -> Shell:
     """The window with what is remembered of its owner; what is given here comes first.
 
     Raises:
-        RobotouilleError: There is no screen, pygame is missing, or the size is none.
+        RobotouilleError: There is no screen, pygame is missing, the size is none, or the
+            rendering is not there.
     """
     require_pygame()
     require_screen()
+    from robotouille.domain.companions import other_renderings, shipped_rendering
     from robotouille_client.window.forms.display import Display
     from robotouille_client.window.forms.screen import Screen
     from robotouille_client.window.shell.settings import load_settings, settings_path
 
+    if rendering:
+        shipped_rendering(rendering)
     path = settings_path()
     settings, told = load_settings(path)
     if size is not None:
         settings.size = parse_size(size)
+    remembered = settings.rendering if settings.rendering in other_renderings() else ""
+    settings.rendering = rendering or remembered
     settings.name = name or settings.name
     display = Display(settings.size, fullscreen=settings.fullscreen)
     Screen(display).splash("Robotouille")

@@ -15,8 +15,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from robotouille.domain.companions import companion_folder, rendering_path
-from robotouille.domain.extends import FileKind, each, read_extending
+from robotouille.domain.companions import companion_folder, rendering_path, shipped_rendering
+from robotouille.domain.extends import FileKind, chain_of, each, read_extending
 from robotouille.domain.rendering.art import (
     Art,
     Effect,
@@ -160,7 +160,7 @@ class RenderingFile(Schema):
     language: Language = Language()
     effects: dict[str, Effect] = Field(default={}, max_length=50)
     during: dict[str, str] = Field(default={})
-    moments: dict[Literal["goal"], str] = Field(default={})
+    moments: dict[Literal["goal", "lost"], str] = Field(default={})
 
     @model_validator(mode="after")
     def _known_effects(self) -> RenderingFile:
@@ -265,9 +265,18 @@ RENDERING_FILES = FileKind(
 )
 
 
-def rendering_of(task: Task) -> RenderingFile:
-    """The rendering beside a task or shipped for its domain; the kitchen's where there is none."""
-    return read_extending(rendering_path(task.domain, task.folder), RENDERING_FILES)
+def rendering_of(task: Task, name: str = "") -> RenderingFile:
+    """The rendering beside a task or shipped for its domain; the kitchen's where there is none.
+
+    With the `name` of a shipped one, that one in its place, if it extends it: other domains look as
+    they do. FileError lists all faults, RobotouilleError has the nearest name.
+    """
+    own = rendering_path(task.domain, task.folder)
+    if name:
+        chosen = shipped_rendering(name)
+        if own in chain_of(chosen, RENDERING_FILES):
+            return read_extending(chosen, RENDERING_FILES)
+    return read_extending(own, RENDERING_FILES)
 
 
 def language_of(task: Task) -> Language:

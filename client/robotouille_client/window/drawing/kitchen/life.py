@@ -42,13 +42,16 @@ class Life:
     emissions: tuple[Emission, ...] = ()
 
 
-def life(rendering: RenderingFile, now: Moment, before: Moment | None) -> Life:
-    """What goes on between two moments; at the first of a game, what goes on at it."""
+def life(
+    rendering: RenderingFile, now: Moment, before: Moment | None, *, lost: bool = False
+) -> Life:
+    """What goes on between two moments; at the first of a game, what goes on at it. `lost`: the
+    game is over, and its goal was not reached."""
     advanced = set(_advanced(now.state, before.state)) if before is not None else set()
     return Life(
         frozenset(_travels(now.stage, before.stage)) if before is not None else frozenset(),
         frozenset(_working(now, advanced)),
-        tuple(_emissions(rendering, now, before, advanced)),
+        (*_emissions(rendering, now, before, advanced), *_at_the_end(rendering, now, before, lost)),
     )
 
 
@@ -91,10 +94,17 @@ def _emissions(
     for source, effects in _lasting(now.stage):
         for name in effects:
             yield Emission(rendering.effects[name], source)
-    goal = rendering.moments.get("goal")
-    if goal is not None and before is not None and _reached(now.state, before.state):
+
+
+def _at_the_end(
+    rendering: RenderingFile, now: Moment, before: Moment | None, lost: bool
+) -> Iterator[Emission]:
+    """The effects of a game that was won or lost, which its players have."""
+    won = before is not None and _reached(now.state, before.state)
+    effect = rendering.moments.get("lost" if lost else "goal")
+    if effect is not None and (won or lost):
         for player in now.state.world.players:
-            yield Emission(rendering.effects[goal], player)
+            yield Emission(rendering.effects[effect], player)
 
 
 def _reached(state: State, before: State) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import pygame
@@ -11,7 +12,7 @@ from robotouille_client.window.drawing.kitchen.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import SpritePiece, Stage
 
-__all__ = ["HEAD", "RAISED", "Spot", "hands", "occupied", "pile_spot", "spots"]
+__all__ = ["HEAD", "RAISED", "Spot", "hands", "occupied", "pile_spot", "spots", "ways"]
 
 RAISED = 0.12
 """How much higher than its tile a player is drawn, in tiles."""
@@ -115,15 +116,35 @@ def occupied(layout: Layout, stage: Stage, poses: dict[str, Pose]) -> list[pygam
     return areas
 
 
+def ways(
+    stage: Stage,
+    now: Mapping[str, Spot],
+    earlier: Mapping[str, Spot],
+    travels: Collection[str],
+) -> list[pygame.Rect]:
+    """Where things pass in a step that are on their way; that stays the same for all of it."""
+    areas = []
+    for pieces in stage.piles.values():
+        for piece in pieces:
+            if piece.name in travels and piece.name in now and piece.name in earlier:
+                start = _around(piece, earlier[piece.name])
+                areas.append(start.union(_around(piece, now[piece.name])))
+    return areas
+
+
 def _middle(layout: Layout, tile: Tile) -> Spot:
     x, y = layout.corner(tile)
     return Spot(x + layout.tile / 2, y + layout.tile * 0.4, float(layout.tile))
 
 
 def _covered(piece: SpritePiece, base: Spot) -> pygame.Rect:
-    side = max(1, round(piece.scale * base.tile * _SEEN))
+    return _around(piece, base.up(piece.rise))
+
+
+def _around(piece: SpritePiece, spot: Spot) -> pygame.Rect:
+    side = max(1, round(piece.scale * spot.tile * _SEEN))
     area = pygame.Rect(0, 0, side, side)
-    area.center = (round(base.x), round(base.y - piece.rise * base.tile))
+    area.center = (round(spot.x), round(spot.y))
     return area
 
 

@@ -87,7 +87,7 @@ class SeatCards:
         ink = TEXT if seat.connected else FAINT
         top = card.centery - (self._text.height(size) + self._text.height(small)) // 2 + 1
         surface.blit(self._text.line(name, size, ink), (x, top))
-        words, ink = status(seat)
+        words, ink = status(seat, view)
         words = self._text.fit(words, small, counts - x - 6)
         surface.blit(self._text.line(words, small, ink), (x, top + self._text.height(size)))
 
@@ -131,12 +131,24 @@ class SeatCards:
         return min(place.left, below.left)
 
 
-def status(seat: SeatView) -> tuple[str, Colour]:
-    """Who moves a player, in a few words, and their colour."""
+def status(seat: SeatView, view: View) -> tuple[str, Colour]:
+    """Who moves a player, or what holds them up, in a few words, and their colour."""
     if seat.stand_in or not seat.connected:
         return seat.moved_by, mixed(_light(seat) or FAINT, TEXT, 0.3)
+    names = {one.player: one.name or one.player for one in view.seats}
+    for waiting, _, blocking in view.blocked:
+        if seat.player == waiting and blocking != waiting:
+            return f"waits for {'you' if blocking == view.me else names[blocking]}", ACCENT
+        if seat.player == blocking != waiting:
+            return f"stands in {names[waiting]}'s way", ACCENT
+    if seat.player in view.waits_for:
+        return "your turn" if seat.player == view.me else _deciding(seat), ACCENT
     words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
     return words, FAINT
+
+
+def _deciding(seat: SeatView) -> str:
+    return "is waited for" if seat.kind == "human" else "thinks"
 
 
 def _light(seat: SeatView) -> Colour | None:

@@ -23,13 +23,17 @@ class SpanExport:
 
     Args:
         rate: Steps a second in the video.
+        rendering: The name of the one to draw it with; else the domain's own.
     """
 
-    def __init__(self, path: Path, history: History, state: ViewerState, rate: float) -> None:
+    def __init__(
+        self, path: Path, history: History, state: ViewerState, rate: float, rendering: str = ""
+    ) -> None:
         self._path = path
         self._history = history
         self._state = state
         self._rate = rate
+        self._rendering = rendering
         self._output = path
         self._process: subprocess.Popen[str] | None = None
 
@@ -49,6 +53,7 @@ class SpanExport:
             sys.executable, "-c", PROGRAM, "replay", "video",
             str(self._path), str(self._output),
             "--from", str(first), "--to", str(last), "--speed", f"{rate:g}",
+            "--rendering", self._rendering,
         )  # fmt: skip
         self._process = subprocess.Popen(  # noqa: S603
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True

@@ -69,7 +69,7 @@ class PlayMenu:
     def _show(self) -> None:
         """The task's picture and goal, and for how many it is."""
         task = load_task(str(self._task.value))
-        self.form.picture = thumbnail(task.name, PICTURE)
+        self.form.picture = thumbnail(task.name, PICTURE, self._settings.rendering)
         self._goal.label = task.goal_description
         counts = task.problem.seats or (task.seats,)
         words = {1: "you alone", 2: "you and a bot"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robotouille.domain.companions import other_renderings
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Row, Slider, TextField
 from robotouille_client.window.hands.commands import DEFAULT_KEYS, Command, KeyMap
@@ -34,12 +35,15 @@ class SettingsMenu:
         self._scale = Slider(
             "Size of letters", settings.text_scale, 0.8, 1.6, 0.1, lambda x: f"{round(x * 100)} %"
         )
+        looks = [("as it comes", ""), *((name, name) for name in other_renderings())]
+        self._rendering = Choice("Look", looks, settings.rendering)
         self._sound = Choice("Sound", [("on", True), ("off", False)], settings.sound)
         motion = [("all", False), ("only what matters", True)]
         self._motion = Choice("What moves", motion, settings.reduced_motion)
         rows = (
-            self._name, self._server, self._sound, self._motion, self._full, self._scale,
-            Button("Keys", "keys"), Button("Save", "save"), Button("Back", "back"),
+            self._name, self._server, self._rendering, self._sound, self._motion,
+            self._full, self._scale, Button("Keys", "keys"), Button("Save", "save"),
+            Button("Back", "back"),
         )  # fmt: skip
         self.form = Form("Settings", rows)
 
@@ -48,6 +52,7 @@ class SettingsMenu:
         settings.name = self._name.text.strip() or settings.name
         settings.server = self._server.text.strip() or settings.server
         settings.reduced_motion = bool(self._motion.value)
+        settings.rendering = str(self._rendering.value)
         settings.sound = bool(self._sound.value)
         settings.fullscreen = bool(self._full.value)
         settings.text_scale = self._scale.value

@@ -16,13 +16,13 @@ __all__ = ["thumbnail"]
 
 
 @lru_cache(maxsize=32)
-def thumbnail(task: str, width: int) -> pygame.Surface | None:
+def thumbnail(task: str, width: int, rendering: str = "") -> pygame.Surface | None:
     """A task's kitchen as it begins; None where the task cannot be loaded."""
     try:
         world = World(load_task(task))
     except RobotouilleError:
         return None
-    painter = Painter()
+    painter = Painter(rendering)
     whole = pygame.Surface((640, 400))
     painter.paint(whole, View(world, world.initial))
     kitchen = painter.layout(whole.get_size(), world).kitchen.clip(whole.get_rect())
