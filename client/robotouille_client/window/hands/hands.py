@@ -129,7 +129,7 @@ class Hands:
     # What is seen
 
     def target(self, state: State, me: str) -> str | None:
-        """The station that the newest action is about."""
+        """The station that the newest action is about, while that is shown."""
         sent = self.queue.sent
         if sent is None:
             return None

@@ -274,10 +274,11 @@ class PlayInput:
         if self.hands.choices:
             there = destination(self.hands.choices[self.hands.chosen])
             return Mark(there, "asked") if there else None
-        if view.me is None or self.hands.queue.sent is None:
+        sent = self.hands.queue.sent  # Once: it is over when its time is.
+        if view.me is None or sent is None:
             return None
         station = self.hands.target(view.state, view.me)
-        return Mark(station, self.hands.queue.sent.fate) if station else None
+        return Mark(station, sent.fate) if station else None
 
     def _choices(self, view: View) -> tuple[tuple[str, ...] | None, str]:
         actions = self.hands.choices

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.usefulness import useful_actions, work_in_progress
 from robotouille.world.scene import scene
 from robotouille.world.world import State
 from robotouille_client.window.controls import Controls, Meaning
@@ -12,8 +13,9 @@ __all__ = ["possible", "use", "walk"]
 
 
 def possible(state: State, me: str) -> tuple[GroundAction, ...]:
-    """All valid actions of a player: what can be done here, then the walks, the nearest first."""
-    valid = state.actions(me)
+    """What a player can do that changes something: here first, then the walks, the nearest
+    first."""
+    valid = useful_actions(state, me)
     walks = {action: there for action in valid if (there := destination(action))}
     here = scene(state)[me].at
     floor = state.world.floor
@@ -60,6 +62,6 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
 
 
 def _at_work(state: State, action: GroundAction | None) -> bool:
-    """Whether an action is about something in progress."""
-    subjects = {row.subject for row in state.progress() if row.running}
+    """Whether an action is about something in progress that still changes it."""
+    subjects = {row.subject for row in work_in_progress(state) if row.running}
     return action is not None and not subjects.isdisjoint(action.arguments)
