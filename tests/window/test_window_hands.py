@@ -313,3 +313,20 @@ def test_alt_and_enter_fill_the_screen_and_do_not_open_the_chat(table: Table) ->
     table.press(pygame.K_F11)
     assert not table.window._display.fullscreen
     assert pygame.display.get_surface().get_size() == SIZE
+
+
+def test_a_mark_may_end_while_a_picture_is_made(slow: Table) -> None:
+    slow.press(pygame.K_LEFT)
+    slow.step()
+
+    class Hurried(Timer):
+        def __call__(self) -> float:
+            self.now += 0.03
+            return self.now
+
+    hurried = Hurried()
+    hurried.now = slow.timer.now
+    slow.window._input.hands.queue._clock = hurried
+    marks = [slow.overlay().mark for _ in range(60)]
+    assert marks[0] is not None
+    assert marks[-1] is None
