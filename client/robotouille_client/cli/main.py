@@ -191,9 +191,10 @@ def text(
     from pydantic import ValidationError
 
     from robotouille import World, load_task
+    from robotouille.world.lint import sound_task
 
     try:
-        tell(World(load_task(task)).initial.text(player))
+        tell(World(sound_task(load_task(task))).initial.text(player))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
 

@@ -38,6 +38,7 @@ from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording
+from robotouille.world.lint import sound_task
 from robotouille_client.console import explain, fail
 
 __all__ = ["plan"]
@@ -113,7 +114,7 @@ def _beginning(
     if recording is None:
         if name is None:
             raise RobotouilleError("expected a task, a problem file or --from RECORDING@STEP")
-        return load_task(name, seats=seats, timing=timing or Timing.BENCHMARK), None
+        return sound_task(load_task(name, seats=seats, timing=timing or Timing.BENCHMARK)), None
     if seats is not None or timing is not None:
         raise RobotouilleError("a recording has its own seats and timing: leave out yours")
     start = _recorded_state(recording)

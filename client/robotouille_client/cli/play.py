@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import FileError, RobotouilleError
+from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import explain, fail
 
@@ -70,6 +71,8 @@ def play(
                 raise RobotouilleError("a picture is of a task: name one")
             _picture(plan, size or "1280x720", screenshot)
             return
+        if plan:
+            sound_task(plan.load())
         from robotouille_client.window.shell.starting import open_shell
 
         shell = open_shell(size=size)

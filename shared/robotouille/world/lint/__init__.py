@@ -7,6 +7,7 @@ from robotouille.world.lint.linting import (
     lint_task,
     reachable_facts,
 )
+from robotouille.world.lint.sound import sound_task
 
 __all__ = [
     "lint_domain",
@@ -15,4 +16,5 @@ __all__ = [
     "lint_pictures",
     "lint_task",
     "reachable_facts",
+    "sound_task",
 ]
