@@ -48,6 +48,10 @@ def play(
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
     ] = None,
+    tasks: Annotated[
+        Path | None,
+        typer.Option(help="A folder of own kitchens, whose replays have its pictures; TASK's own."),
+    ] = None,
 ) -> None:
     """Play a task in a window, without a server. Bots play the other seats.
 
@@ -75,7 +79,9 @@ def play(
             sound_task(plan.load())
         from robotouille_client.window.shell.starting import open_shell
 
-        shell = open_shell(size=size)
+        if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
+            tasks = Path(task).parent
+        shell = open_shell(size=size, tasks=tasks)
         asyncio.run(shell.run(shell.play(plan) if plan else None))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))

@@ -170,6 +170,9 @@ def command(
     screenshot_step: Annotated[
         int | None, typer.Option(help="Save the picture at this step already.")
     ] = None,
+    tasks: Annotated[
+        Path | None, typer.Option(help="A folder of own kitchens, whose replays have its pictures.")
+    ] = None,
     linger: Annotated[
         float | None,
         typer.Option(help="Close so many seconds after the end; else when you close it."),
@@ -207,7 +210,9 @@ def command(
             menu = code is None or token is None
         if not (menu or asked):
             raise RobotouilleError("without a menu there is nothing to show: name a CODE")
-        _open_shell(address, code, name, seat, watch, token, opening, size, asked=asked, menu=menu)
+        _open_shell(
+            address, code, name, seat, watch, token, opening, size, tasks, asked=asked, menu=menu
+        )
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
     except KeyboardInterrupt:
@@ -223,6 +228,7 @@ def _open_shell(
     token: str | None,
     opening: Opening | None,
     size: str | None,
+    tasks: Path | None,
     *,
     asked: bool,
     menu: bool,
@@ -232,7 +238,7 @@ def _open_shell(
 
     from robotouille_client.window.shell.starting import open_shell
 
-    shell = open_shell(size=size, name=name, token=token, menu=menu)
+    shell = open_shell(size=size, name=name, token=token, menu=menu, tasks=tasks)
 
     async def first() -> object:
         found = code

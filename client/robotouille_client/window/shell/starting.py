@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robotouille_client.window import parse_size, require_pygame, require_screen
@@ -18,8 +19,12 @@ def open_shell(
     name: str | None = None,
     token: str | None = None,
     menu: bool = True,
+    tasks: Path | None = None,
 ) -> Shell:
     """The window with what is remembered of its owner; what is given here comes first.
+
+    Args:
+        tasks: A folder of own kitchens: recordings of them are shown with its pictures.
 
     Raises:
         RobotouilleError: There is no screen, pygame is missing, or the size is none.
@@ -42,7 +47,13 @@ def open_shell(
     from robotouille_client.window.shell.shell import Shell
 
     shell = Shell(
-        settings, display, path=path, recordings=recordings_folder(), token=token, menu=menu
+        settings,
+        display,
+        path=path,
+        recordings=recordings_folder(),
+        tasks=tasks,
+        token=token,
+        menu=menu,
     )
     shell.message = told
     return shell
