@@ -51,7 +51,7 @@ class Outlets:
         if sample is not None:
             self._steps.push_sample(sample, stamp)
         if isinstance(event, RosterChanged):
-            stands = event.phase, event.pause and event.pause.reason
+            stands = event.phase, event.pause.reason if event.pause else None
             if stands == self._stood:
                 return
             self._stood = stands
