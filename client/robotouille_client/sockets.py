@@ -6,7 +6,7 @@ import ssl
 from urllib.parse import urlsplit
 
 from websockets.asyncio.client import connect
-from websockets.exceptions import InvalidMessage, InvalidStatus
+from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
 
 from robotouille_client.sansio.addresses import check_host
 
@@ -29,6 +29,10 @@ def why_not(error: Exception, url: str) -> str:
     if isinstance(error, InvalidStatus) and error.response.body:
         said = error.response.body.decode(errors="replace").strip().partition("\n")[0][:300]
         return "that is no Robotouille server, but a web page" if said.startswith("<") else said
+    if isinstance(error, InvalidURI):
+        given = urlsplit(url).netloc
+        near = f", as in ws://{given} or, with TLS, wss://{given}" if given else ""
+        return f"a server's address begins with ws:// or wss://{near}"
     if isinstance(error, InvalidMessage) and url.startswith("ws:"):
         return f"{error}. If it speaks TLS, it is at wss://"
     if isinstance(error, ssl.SSLCertVerificationError):

@@ -163,7 +163,8 @@ async def serve_until_stopped(settings: ServerSettings, worker: WorkerSlot | Non
     ):
         loop.set_exception_handler(LoopErrors(loop.time, server.metrics).handle)
         if worker is None or worker.index == 0:
-            tell(_greeting(server, first_room(server), operator))
+            restored = len(server.lobby.rooms)
+            tell(_greeting(server, first_room(server), operator, restored))
         if await signals.get() is signal.SIGTERM:
             await _drain(server, signals)
             await server.stop("the server is restarted", hand_over=True)
@@ -231,13 +232,17 @@ async def _drain(server: Server, signals: asyncio.Queue[signal.Signals]) -> None
 
 
 def first_room(server: Server) -> Room | None:
-    """The episode that is there from the start: a new one, or one that was there before; None
-    where no new one can be recorded."""
+    """The server's own episode: a new one, or one that was there before.
+
+    None where no new one can be recorded, and where a server goes on with those of others alone:
+    their codes are not for everybody.
+    """
     from robotouille.protocol import messages
 
     live = [r for r in server.lobby.rooms.values() if not r.episode.ended]
     if live:
-        return min(live, key=lambda room: (room.owner != SERVER, room.episode.step))
+        own = (room for room in live if room.owner == SERVER)
+        return min(own, key=lambda room: room.episode.step, default=None)
     from robotouille_server.runtime.logs import get_logger
 
     try:
@@ -249,7 +254,8 @@ def first_room(server: Server) -> Room | None:
         return None
 
 
-def _greeting(server: Server, room: Room | None, operator: str) -> str:
+def _greeting(server: Server, room: Room | None, operator: str, restored: int = 0) -> str:
+    """What is told at the start; `restored` episodes were there before."""
     settings = server.settings
     lines = (
         [f"Robotouille is serving at {server.public_url}"]
@@ -260,7 +266,6 @@ def _greeting(server: Server, room: Room | None, operator: str) -> str:
         lines.append(f"  watch over it:  {operator}")
     if settings.is_local:
         lines.append("  only programs on this machine can connect (--host 0.0.0.0 for others)")
-    restored = sum(one is not room for one in server.lobby.rooms.values())
     if restored:
         lines.append(f"  going on with {restored} earlier episode{'s' * (restored > 1)}")
     return "\n".join([*lines, "  stop:   Ctrl+C"])

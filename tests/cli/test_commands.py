@@ -14,6 +14,7 @@ from typer.testing import CliRunner, Result
 
 from robotouille import task_names
 from robotouille.replay.recording import read_recording
+from robotouille.resources import data_folder
 from robotouille_client.cli.main import app
 from tests.support.games import recorded_game
 from tests.support.processes import process
@@ -44,6 +45,20 @@ def test_the_text_that_an_agent_reads() -> None:
     assert text.startswith("Station ")
     assert "\nValid Actions:\n" in text
     assert robotouille("text", "synchronous/99").exit_code == 1
+
+
+@pytest.mark.parametrize("command", ["play", "plan", "text", "generate"])
+def test_a_kitchen_with_faults_is_refused_as_the_server_does(tmp_path: Path, command: str) -> None:
+    path = tmp_path / "mine.json"
+    raw = json.loads((data_folder("problems") / "synchronous/01_cheese_sandwich.json").read_text())
+    path.write_text(json.dumps(raw))
+    assert robotouille("text", str(path)).exit_code == 0
+    raw["players"][0]["direction"] = [1, 0]
+    path.write_text(json.dumps(raw))
+    refused = robotouille(command, str(path))
+    assert refused.exit_code == 1
+    assert refused.output.startswith(f"{path}: robot1: faces")
+    assert "a player begins at one" in refused.output
 
 
 def test_replay_info_and_verify(recording: Path) -> None:

@@ -6,7 +6,7 @@ import ssl
 
 import pytest
 from websockets.datastructures import Headers
-from websockets.exceptions import InvalidMessage, InvalidStatus
+from websockets.exceptions import InvalidMessage, InvalidStatus, InvalidURI
 from websockets.http11 import Response
 
 from robotouille_client.sockets import why_not
@@ -29,6 +29,12 @@ def untrusted(message: str) -> ssl.SSLCertVerificationError:
     [
         (refused(b"the server is full\nmore"), HERE, "the server is full"),
         (refused(b"<html>"), HERE, "that is no Robotouille server, but a web page"),
+        (
+            InvalidURI("http://a:1", "scheme"),
+            "http://a:1",
+            "as in ws://a:1 or, with TLS, wss://a:1",
+        ),
+        (InvalidURI("a:1", "scheme"), "a:1", "begins with ws:// or wss://"),
         (InvalidMessage("no HTTP response"), HERE, "If it speaks TLS, it is at wss://"),
         (untrusted("self-signed certificate"), SAFE, "SSL_CERT_FILE=FILE"),
         (untrusted("IP address mismatch, not valid for 'x'."), SAFE, "Say --url with a name"),

@@ -140,6 +140,17 @@ def test_actions_without_a_key(tmp_path: Path) -> None:
     ]
 
 
+def test_a_misspelt_predicate_is_told_of_the_rendering_alone(tmp_path: Path) -> None:
+    art = {"default": "bread.svg", "cut": {"asset": "bread.svg", "predicates": ["iscutt"]}}
+    entities = {"bread": {"assets": art}}
+    write(tmp_path, "mine.json", {"name": "mine", "extends": "robotouille"})
+    own = {"version": "2.0", "extends": "robotouille", "item": {"entities": entities}}
+    (fault,) = lint_file(write(tmp_path, "mine.rendering.json", own))
+    place = "item.entities.bread.assets.cut"
+    assert str(fault) == f"{place}: mine has no predicate 'iscutt'; did you mean 'iscut'?"
+    assert fault.severity == "warning"
+
+
 def test_files_that_are_named_and_not_there(tmp_path: Path) -> None:
     task = task_in(tmp_path, input_json="no.input.json", rendering_json="folder/no.json")
     assert findings(task) == [

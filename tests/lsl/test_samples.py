@@ -27,6 +27,27 @@ STEP = Changed(7, WORLD.initial, None, (("robot1", FIRST, True), ("robot2", SECO
 PAUSE = messages.Pause(reason="absence")
 
 
+def test_a_phase_is_told_once() -> None:
+    told: list[str] = []
+
+    class Kept:
+        def push_sample(self, x: list[object], timestamp: float) -> None:
+            told.append(json.loads(str(x[0])))
+
+    outlets = Outlets(Kept(), Kept(), lambda: 0.0)
+    for phase, pause in (
+        ("waiting", None),
+        ("running", None),
+        ("running", None),
+        ("paused", PAUSE),
+    ):
+        outlets.push(RosterChanged(phase, (), pause), 0, 0.0)
+    outlets.push(RosterChanged("running", ()), 0, 0.0)
+    assert [(row["phase"], row.get("reason")) for row in told] == [
+        ("waiting", None), ("running", None), ("paused", "absence"), ("running", None),
+    ]  # fmt: skip
+
+
 def test_a_step_has_a_number_for_each_channel() -> None:
     assert step_sample(STEP, 0.0015) == [7, 1, 1, 1.5]
     assert len(STEP_CHANNELS) == 4

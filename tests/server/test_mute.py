@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from robotouille.replay.recording import read_recording
+from robotouille_client import Heard, NotSaid, connect
 from robotouille_server import Server
 from robotouille_server.auth.roles import Role
 from robotouille_server.rooms.session import Session
@@ -77,6 +78,24 @@ def test_it_survives_lost_connections_and_restarts_and_another_session(tmp_path:
                 await other.ask({**HELLO, "token": token}, "welcome")
                 await other.ask({**join, "role": "spectator"}, "joined")
                 assert await says(other, "under another name") == "seat/muted"
+
+    run(main())
+
+
+def test_in_python_what_is_not_told_is_an_event(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as server, connect(server.url, name="eve") as eve:
+            created = await eve.create("synchronous/01", chat="phrases", phrases=["thanks"])
+            game = await eve.join(created.code)
+            game.say("something else")
+            while not isinstance(event := await game.next_event(), NotSaid):
+                pass
+            assert event.code == "chat/phrase"
+            assert "thanks" in event.reason or "phrase" in event.reason
+            game.say("thanks")
+            while not isinstance(event := await game.next_event(), Heard):
+                pass
+            assert event.text == "thanks"
 
     run(main())
 

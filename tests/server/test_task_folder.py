@@ -8,9 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from robotouille.errors import ProtocolError
+from robotouille.protocol import messages
 from robotouille.replay.recording import read_recording
 from robotouille.resources import data_folder
 from robotouille_client import connect
+from robotouille_server.cli import SERVER, _greeting, first_room
 from robotouille_server.runtime.task_folder import TaskFolderError, read_task_folder
 from tests.support.pixels import png
 from tests.support.servers import crash, raw, serving
@@ -114,6 +117,39 @@ def test_of_a_shipped_task_nothing_is_sent(tmp_path: Path) -> None:
         async with serving(tmp_path) as server, connect(server.url, name="ada") as ada:
             await ada.join((await ada.create("synchronous/01")).code)
             assert (await ada.rendering()).rendering is None
+
+    run(main())
+
+
+def test_a_name_that_is_none_is_answered_with_the_nearest_of_the_folder(
+    tmp_path: Path, bistro: Path
+) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path / "recordings", tasks=bistro) as server,
+            connect(server.url, name="ada") as ada,
+        ):
+            with pytest.raises(ProtocolError, match="'crepse'; did you mean 'crepes'") as refused:
+                await ada.create("crepse")
+            assert refused.value.code == "task/unknown"
+            with pytest.raises(ProtocolError, match="did you mean 'multi_agent/01_lettuce_burger'"):
+                await ada.create("multi_agent/01_letuce_burger")
+
+    run(main())
+
+
+def test_a_restarted_server_shows_its_own_kitchen_or_none(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path) as first, raw(first) as ada:
+            await ada.ask(
+                {"type": "create", "task": "synchronous/01", "open_for": 9000.0}, "created"
+            )
+            await crash(first)
+        async with serving(tmp_path, seed=2) as second:
+            assert first_room(second) is None
+            assert "going on with 1 earlier episode\n" in _greeting(second, None, "", 1)
+            own = second.lobby.create(messages.Create(), owner=SERVER)
+            assert first_room(second) is own
 
     run(main())
 

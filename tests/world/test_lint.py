@@ -86,7 +86,7 @@ def test_a_sound_problem_has_no_faults() -> None:
         ),
         (
             {"players": [robot(0, 3, [0, 1])]},
-            "error: robot1: faces (0, 4), where there is no station",
+            "error: robot1: faces (0, 4), where there is no station: a player begins at one",
         ),
         (
             {"players": [robot(1, 0, [1, 0])]},

@@ -70,6 +70,7 @@ def generate(
     The same seed and options give the same file on every machine.
     """
     from robotouille import load_task
+    from robotouille.world.lint import sound_task
 
     if out == STDOUT and (count > 1 or json_output):
         fail("--out - is for one instance without --json")
@@ -80,7 +81,7 @@ def generate(
         parameters = Parameters(
             width, height, stations, items, stacking, held, min_steps, max_steps
         )
-        generator = Generator(load_task(task), kind, parameters, attempts=attempts)
+        generator = Generator(sound_task(load_task(task)), kind, parameters, attempts=attempts)
         for instance in _progress(generator, seeds_from(seed, count), task):
             if out == STDOUT:
                 typer.echo(printable_json(instance.text), nl=False)

@@ -176,10 +176,19 @@ def _lint_input(path: Path, domain: str | None) -> list[Fault]:
 
 def _lint_rendering(path: Path) -> list[Fault]:
     from robotouille.domain.extends import read_extending
+    from robotouille.domain.files import read_json
     from robotouille.domain.rendering import RENDERING_FILES
-    from robotouille.world.lint import lint_pictures
+    from robotouille.domain.task import read_domain
+    from robotouille.world.lint import lint_facts, lint_pictures
 
-    return lint_pictures(read_extending(path, RENDERING_FILES), path.parent)
+    rendering = read_extending(path, RENDERING_FILES)
+    faults = lint_pictures(rendering, path.parent)
+    own = path.with_name(path.name.replace(".rendering.json", ".json"))
+    if own == path or not own.is_file():
+        return faults
+    groups = (read_json(path).get(role, {}) for role in ("station", "item", "container"))
+    kinds = [kind for group in groups for kind in group.get("entities", {})]
+    return faults + lint_facts(rendering, read_domain(str(own)), kinds)
 
 
 @app.command()
@@ -191,9 +200,10 @@ def text(
     from pydantic import ValidationError
 
     from robotouille import World, load_task
+    from robotouille.world.lint import sound_task
 
     try:
-        tell(World(load_task(task)).initial.text(player))
+        tell(World(sound_task(load_task(task))).initial.text(player))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
 

@@ -38,12 +38,16 @@ from robotouille.planning.search.unsolvable import unreachable_goal
 from robotouille.planning.search_result import Limits
 from robotouille.program import printable_json, tell
 from robotouille.replay.recording import read_recording
+from robotouille.world.lint import sound_task
 from robotouille_client.console import explain, fail
 
 __all__ = ["plan"]
 
 PATIENCE = 2.0
 """Seconds before progress is shown."""
+FIRST_LINE = 10.0
+"""Seconds before progress is told in a line, where there is no terminal; the next lines come after
+twice as long each."""
 
 
 def plan(
@@ -113,7 +117,7 @@ def _beginning(
     if recording is None:
         if name is None:
             raise RobotouilleError("expected a task, a problem file or --from RECORDING@STEP")
-        return load_task(name, seats=seats, timing=timing or Timing.BENCHMARK), None
+        return sound_task(load_task(name, seats=seats, timing=timing or Timing.BENCHMARK)), None
     if seats is not None or timing is not None:
         raise RobotouilleError("a recording has its own seats and timing: leave out yours")
     start = _recorded_state(recording)
@@ -178,19 +182,27 @@ def _interruptible(deadline: Deadline) -> Iterator[None]:
 
 
 class _Progress:
-    """A `Watch` that shows a long search on stderr, where that is a terminal."""
+    """A `Watch` that shows a long search on stderr: on a terminal always, else in a few lines."""
 
     def __init__(self) -> None:
+        self._console = Console(stderr=True)
         self._began = time.monotonic()
+        self._next_line = FIRST_LINE
         self._status: Status | None = None
 
     def __call__(self, expansions: int, bound: int, length: int | None) -> None:
-        if time.monotonic() - self._began < PATIENCE:
+        seconds = time.monotonic() - self._began
+        if seconds < (PATIENCE if self._console.is_terminal else self._next_line):
             return
         best = "no plan yet" if length is None else f"plan {length}, gap {max(0, length - bound)}"
-        words = f"{expansions:,} expansions, bound {bound}, {best} (Ctrl-C takes what there is)"
+        words = f"{seconds:.0f} s, {expansions:,} expansions, bound {bound}, {best}"
+        words += " (Ctrl-C takes what there is)"
+        if not self._console.is_terminal:
+            tell(words, err=True)
+            self._next_line *= 2
+            return
         if self._status is None:
-            self._status = Console(stderr=True).status(words)
+            self._status = self._console.status(words)
             self._status.start()
         self._status.update(words)
 

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import FileError, RobotouilleError
+from robotouille.world.lint import sound_task
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.console import RenderingOption, explain, fail
 
@@ -48,6 +49,10 @@ def play(
     screenshot: Annotated[
         Path | None, typer.Option(help="Draw without a screen, save one picture and exit.")
     ] = None,
+    tasks: Annotated[
+        Path | None,
+        typer.Option(help="A folder of own kitchens, whose replays have its pictures; TASK's own."),
+    ] = None,
 ) -> None:
     """Play a task in a window, without a server. Bots play the other seats.
 
@@ -71,9 +76,13 @@ def play(
                 raise RobotouilleError("a picture is of a task: name one")
             _picture(plan, size or "1280x720", screenshot, rendering)
             return
+        if plan:
+            sound_task(plan.load())
         from robotouille_client.window.shell.starting import open_shell
 
-        shell = open_shell(size=size, rendering=rendering)
+        if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
+            tasks = Path(task).parent
+        shell = open_shell(size=size, rendering=rendering, tasks=tasks)
         asyncio.run(shell.run(shell.play(plan) if plan else None))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))

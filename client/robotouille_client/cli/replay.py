@@ -36,6 +36,12 @@ PATIENCE = 2.0
 """Seconds before progress is shown."""
 
 FileArgument = Annotated[Path, typer.Argument(help="A recording (.rbt, or .rbt.part while open).")]
+TasksOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--tasks", help="The folder of the kitchen's files, for its pictures; else the current one."
+    ),
+]
 DamagedOption = Annotated[
     bool, typer.Option("--damaged", help="Of a damaged file, read what stands before the damage.")
 ]
@@ -46,10 +52,28 @@ def _open(file: Path, *, damaged: bool = False) -> Recording:
         recording = read_recording(file, damaged=damaged)
     except RobotouilleError as error:
         fail(explain(error))
+    _tell_damage(file, recording)
+    return recording
+
+
+def _open_shown(file: Path, tasks: Path | None) -> Recording:
+    """A recording that is to be drawn, damaged or not."""
+    from robotouille_client.window.replay.recorded_look import open_shown
+
+    if tasks is not None and not tasks.is_dir():
+        raise RobotouilleError(f"--tasks {tasks}: there is no such folder")
+    recording = open_shown(file, tasks, damaged=True)
+    if tasks is not None and recording.task.folder != tasks:
+        name = recording.task.domain.name
+        tell(f"--tasks {tasks}: has no rendering of the domain {name!r}", err=True)
+    _tell_damage(file, recording)
+    return recording
+
+
+def _tell_damage(file: Path, recording: Recording) -> None:
     if recording.damage:
         read = f"the {recording.length} steps before it are read"
         tell(printable(f"{file}: {recording.damage}; {read}"), err=True)
-    return recording
 
 
 @replay.command()
@@ -327,6 +351,7 @@ def play(
         Path | None, typer.Option(help="Only save a picture of that step; needs no screen.")
     ] = None,
     rendering: RenderingOption = "",
+    tasks: TasksOption = None,
 ) -> None:
     """Watch a recording in a window, or two side by side: H shows the keys.
 
@@ -338,7 +363,7 @@ def play(
         require_pygame()
         from robotouille_client.window.replay.viewer import watch
 
-        recordings = [_open(file, damaged=True) for file in files]
+        recordings = [_open_shown(file, tasks) for file in files]
         opened = list(zip(files, recordings, strict=True))
         watch(opened, speed, size, at=at, screenshot=screenshot, rendering=rendering)
     except RobotouilleError as error:
@@ -358,6 +383,7 @@ def video(
         int | None, typer.Option("--to", help="The last step; else the end.", min=0)
     ] = None,
     rendering: RenderingOption = "",
+    tasks: TasksOption = None,
 ) -> None:
     """Write a recording, or a span of it, as a video."""
     from robotouille_client.window import require_pygame
@@ -367,7 +393,7 @@ def video(
         from robotouille_client.window.replay.film import film
         from robotouille_client.window.replay.history.recorded import RecordedHistory
 
-        history = RecordedHistory(_open(file, damaged=True))
+        history = RecordedHistory(_open_shown(file, tasks))
         frames = film(history, output, speed, size, (first, last), rendering)
     except RobotouilleError as error:
         fail(explain(error))

@@ -10,7 +10,7 @@ from robotouille.errors import MissingExtraError, RobotouilleError
 from robotouille.program import printable
 from robotouille.release import RELEASE
 from robotouille_client.lsl.samples import STEP_CHANNELS, Channel, markers, step_sample
-from robotouille_client.sansio.game_events import GameEvent
+from robotouille_client.sansio.game_events import GameEvent, RosterChanged
 
 __all__ = ["Outlet", "Outlets", "load_pylsl", "open_outlets"]
 
@@ -37,6 +37,7 @@ class Outlets:
         self._steps = steps
         self._events = events
         self._clock = clock
+        self._stood: tuple[str, str | None] | None = None
 
     def push(self, event: GameEvent, step: int, correction: float) -> None:
         """What has just arrived, at the time at which the server sent it.
@@ -49,6 +50,11 @@ class Outlets:
         sample = step_sample(event, correction)
         if sample is not None:
             self._steps.push_sample(sample, stamp)
+        if isinstance(event, RosterChanged):
+            stands = event.phase, event.pause.reason if event.pause else None
+            if stands == self._stood:
+                return
+            self._stood = stands
         for marker in markers(event, step):
             self._events.push_sample([marker], stamp)
 

@@ -14,6 +14,7 @@ from robotouille_client.sansio.game_events import (
     Changed,
     GameEvent,
     Heard,
+    NotSaid,
     Over,
     RosterChanged,
 )
@@ -73,6 +74,8 @@ class Journal:
                     self._write(line)
             case Announced():
                 self._write(f"The operator of the server says {quoted(event.text)}")
+            case NotSaid():
+                self._write(f"What you said was not told: {quoted(event.reason)}")
             case Over():
                 why = f" ({quoted(event.reason)})" if event.reason else ""
                 self._write(f"The episode is over for you{why}.")

@@ -18,6 +18,7 @@ __all__ = [
     "Changed",
     "GameEvent",
     "Heard",
+    "NotSaid",
     "Observed",
     "Over",
     "Refused",
@@ -78,6 +79,15 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
+class NotSaid:
+    """What one said, or had recorded, was not taken: `code` is that of the server's error
+    (`chat/phrase`, `chat/off`, `seat/muted`, `rate/words`), `reason` says it in words."""
+
+    code: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Announced:
     """The server's operator said something."""
 
@@ -105,7 +115,7 @@ class Over:
     code: str = ""
 
 
-GameEvent = Changed | Observed | Refused | Heard | Announced | RosterChanged | Over
+GameEvent = Changed | Observed | Refused | Heard | NotSaid | Announced | RosterChanged | Over
 """Whatever one is told in a game."""
 
 

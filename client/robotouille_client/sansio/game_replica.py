@@ -27,6 +27,7 @@ from robotouille_client.sansio.game_events import (
     Changed,
     GameEvent,
     Heard,
+    NotSaid,
     Observed,
     Over,
     Refused,
@@ -35,6 +36,11 @@ from robotouille_client.sansio.game_events import (
 from robotouille_client.sansio.sent_actions import ActionRequest, SentActions, wire_action
 
 __all__ = ["PRESENT", "GameReplica"]
+
+NOT_SAID = frozenset({
+    ErrorCode.CHAT_OFF, ErrorCode.CHAT_PHRASE, ErrorCode.SEAT_MUTED, ErrorCode.RATE_WORDS,
+})  # fmt: skip
+"""Errors that answer what was said or noted: such messages have no reference of their own."""
 
 PRESENT = -1
 """As the basis of an action: the step that is known when it is sent."""
@@ -291,6 +297,8 @@ class GameReplica:
                 if message.number > self.said or message.number == 0:
                     self.said = max(self.said, message.number)
                     self._emit(Heard(message.name, message.seat, message.text))
+            case messages.Error(ref=None, code=code) if code in NOT_SAID:
+                self._emit(NotSaid(code, message.message))
             case messages.Notice():
                 self._emit(Announced(message.text))
             case messages.Roster():

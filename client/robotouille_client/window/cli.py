@@ -178,6 +178,9 @@ def command(
     screenshot_step: Annotated[
         int | None, typer.Option(help="Save the picture at this step already.")
     ] = None,
+    tasks: Annotated[
+        Path | None, typer.Option(help="A folder of own kitchens, whose replays have its pictures.")
+    ] = None,
     linger: Annotated[
         float | None,
         typer.Option(help="Close so many seconds after the end; else when you close it."),
@@ -216,7 +219,7 @@ def command(
         if not (menu or asked):
             raise RobotouilleError("without a menu there is nothing to show: name a CODE")
         _open_shell(
-            address, code, name, seat, watch, token, opening, size, rendering, asked=asked,
+            address, code, name, seat, watch, token, opening, size, rendering, tasks, asked=asked,
             menu=menu,
         )  # fmt: skip
     except (RobotouilleError, ValidationError) as error:
@@ -235,6 +238,7 @@ def _open_shell(
     opening: Opening | None,
     size: str | None,
     rendering: str,
+    tasks: Path | None,
     *,
     asked: bool,
     menu: bool,
@@ -244,7 +248,9 @@ def _open_shell(
 
     from robotouille_client.window.shell.starting import open_shell
 
-    shell = open_shell(size=size, name=name, token=token, menu=menu, rendering=rendering)
+    shell = open_shell(
+        size=size, name=name, token=token, menu=menu, rendering=rendering, tasks=tasks
+    )
 
     async def first() -> object:
         found = code

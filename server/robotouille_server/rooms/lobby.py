@@ -12,7 +12,7 @@ from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.episode import Chat, Episode, Phase, Rules
-from robotouille.errors import FileError, ProtocolError, UnknownTaskError
+from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
@@ -457,7 +457,9 @@ class Lobby:
                 return load_task(name, seats=seats, timing=timing, seed=seed)
             return _shipped(name, seats, timing, seed)
         except UnknownTaskError as error:
-            raise ProtocolError("task/unknown", str(error), "task") from None
+            near = did_you_mean(name.partition("@")[0], self.tasks.names)
+            message = f"no task {name!r}{near}" if near else str(error)
+            raise ProtocolError("task/unknown", message, "task") from None
         except FileError as error:
             fault = error.faults[0]
             field = "seats" if fault.path == "seats" else "task"

@@ -21,7 +21,7 @@ from robotouille.domain.rendering import rendering_of
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import FileError, RobotouilleError
 from robotouille.resources import data_folder
-from robotouille.world.lint import lint_task
+from robotouille.world.lint import sound_task
 
 __all__ = ["Look", "TaskFolder", "TaskFolderError", "read_task_folder"]
 
@@ -151,10 +151,7 @@ class _Reading:
         name = path.stem
         if name in task_names() or len(name) > 64:
             raise TaskFolderError(f"{path.name}: a shipped task is called so, or it is too long")
-        task = load_task(str(path))
-        errors = [fault for fault in lint_task(task) if fault.severity == "error"]
-        if errors:
-            raise FileError(str(path), errors)
+        task = sound_task(load_task(str(path)))
         self.paths[name] = path
         self.looks[name] = self._look(task)
 

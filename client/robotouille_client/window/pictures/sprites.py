@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import pygame
 
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.generated_tiles import generate
+from robotouille_client.window.pictures.svg_gradients import with_percentages
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 
 __all__ = ["Sprites"]
@@ -76,7 +78,8 @@ class Sprites:
             return None
         try:
             if path.suffix == ".svg":
-                loaded = pygame.image.load_sized_svg(path, (size, size))
+                drawing = BytesIO(with_percentages(path.read_bytes()))
+                loaded = pygame.image.load_sized_svg(drawing, (size, size))
             else:
                 loaded = pygame.image.load(path)
         except (pygame.error, OSError):

@@ -55,6 +55,7 @@ class Shell:
     Args:
         settings: What is remembered; `path` is where, None to remember nothing.
         recordings: Where games that are played here are kept, None to keep none.
+        tasks: A folder of own kitchens: recordings of them are shown with its pictures.
         token: A signed role token, where servers ask for one.
         menu: Whether there is one; without it, the shell ends with what comes first.
         make_partners: The bots of games that are played here.
@@ -68,6 +69,7 @@ class Shell:
         *,
         path: Path | None = None,
         recordings: Path | None = None,
+        tasks: Path | None = None,
         token: str | None = None,
         menu: bool = True,
         make_partners: MakePartners = PartnerProcess,
@@ -79,6 +81,7 @@ class Shell:
         self.message = ""
         self._path = path
         self._recordings = recordings
+        self._tasks = tasks
         self._token = token
         self._menu = menu
         self._make_partners = make_partners
@@ -306,11 +309,11 @@ class Shell:
 
     async def _watch(self, path: Path) -> None:
         """Watch a recording in this window until its owner leaves it."""
-        from robotouille.replay.recording import read_recording
+        from robotouille_client.window.replay.recorded_look import open_shown
         from robotouille_client.window.replay.viewer import Viewer
 
         self._screen.splash("Loading …")
-        recordings = [(path, read_recording(path, damaged=True))]
+        recordings = [(path, open_shown(path, self._tasks, damaged=True))]
         make = partial(self._window, ReplayCards())
         viewer = Viewer(
             recordings, rendering=self.settings.rendering, now=self._clock, make_window=make
@@ -322,12 +325,12 @@ class Shell:
 
     async def _film(self, path: Path) -> None:
         """Save a recording as a video beside it."""
-        from robotouille.replay.recording import read_recording
         from robotouille_client.window.replay.film import film
         from robotouille_client.window.replay.history.recorded import RecordedHistory
+        from robotouille_client.window.replay.recorded_look import open_shown
 
         output = path.with_suffix(".mp4")
-        history = RecordedHistory(read_recording(path))
+        history = RecordedHistory(open_shown(path, self._tasks))
         work = asyncio.to_thread(
             film, history, output, 5.0, "1280x720", rendering=self.settings.rendering
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robotouille_client.window import parse_size, require_pygame, require_screen
@@ -19,8 +20,12 @@ def open_shell(
     token: str | None = None,
     menu: bool = True,
     rendering: str = "",
+    tasks: Path | None = None,
 ) -> Shell:
     """The window with what is remembered of its owner; what is given here comes first.
+
+    Args:
+        tasks: A folder of own kitchens: recordings of them are shown with its pictures.
 
     Raises:
         RobotouilleError: There is no screen, pygame is missing, the size is none, or the
@@ -49,7 +54,13 @@ def open_shell(
     from robotouille_client.window.shell.shell import Shell
 
     shell = Shell(
-        settings, display, path=path, recordings=recordings_folder(), token=token, menu=menu
+        settings,
+        display,
+        path=path,
+        recordings=recordings_folder(),
+        tasks=tasks,
+        token=token,
+        menu=menu,
     )
     shell.message = told
     return shell

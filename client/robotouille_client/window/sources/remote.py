@@ -19,6 +19,7 @@ from robotouille_client.sansio.game_events import (
     Changed,
     GameEvent,
     Heard,
+    NotSaid,
     Over,
     Refused,
     RosterChanged,
@@ -107,6 +108,8 @@ class RemoteSource:
                 case Heard():
                     self._chat_log.said(event.name, event.seat, event.text)
                     self._blockages.said(event.seat, event.text, game.state, self._wording)
+                case NotSaid():
+                    self._chat_log.happened(event.reason)
                 case RosterChanged():
                     for news in comings_and_goings(self._seats, event.seats, game.seat):
                         self._chat_log.happened(news)

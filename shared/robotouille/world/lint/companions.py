@@ -161,6 +161,6 @@ def _missing(field: str, name: str, meanwhile: str) -> Fault:
 def _in(path: Path, faults: Iterable[Fault]) -> Iterator[Fault]:
     """Findings in another file than the one that is looked at."""
     for fault in faults:
-        file = f"{path.parent.name}/{path.name}"
+        file = f"{path.resolve().parent.name}/{path.name}"
         place = f"{file}: {fault.path}" if fault.path else file
         yield Fault(place, fault.message, fault.severity)

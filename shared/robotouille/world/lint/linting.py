@@ -94,7 +94,8 @@ def _placement(world: World) -> Iterator[Fault]:
     for player in (o for o in world.placed if o.type in domain.player_types):
         target = player.facing or player.tile
         if target not in blocked:
-            yield Fault(player.name, f"faces {target}, where there is no station")
+            message = f"faces {target}, where there is no station: a player begins at one"
+            yield Fault(player.name, message)
         if player.facing is not None and player.tile in blocked:
             yield Fault(player.name, f"stands inside {blocked[player.tile]} at {player.tile}")
         if target in faced:

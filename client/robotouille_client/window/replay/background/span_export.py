@@ -30,6 +30,8 @@ class SpanExport:
         self, path: Path, history: History, state: ViewerState, rate: float, rendering: str = ""
     ) -> None:
         self._path = path
+        folder = history.world.task.folder
+        self._tasks = ("--tasks", str(folder)) if folder not in (None, path.parent) else ()
         self._history = history
         self._state = state
         self._rate = rate
@@ -52,7 +54,7 @@ class SpanExport:
         command = (
             sys.executable, "-c", PROGRAM, "replay", "video",
             str(self._path), str(self._output),
-            "--from", str(first), "--to", str(last), "--speed", f"{rate:g}",
+            *self._tasks, "--from", str(first), "--to", str(last), "--speed", f"{rate:g}",
             "--rendering", self._rendering,
         )  # fmt: skip
         self._process = subprocess.Popen(  # noqa: S603

@@ -19,6 +19,7 @@ from robotouille.errors import RecordingError
 from robotouille.planning.policies.standing import seat_out_of_the_way
 from robotouille.replay.container import compress
 from robotouille.replay.recorder import Recorder, header
+from robotouille.world.lint import sound_task
 from robotouille.world.world import World
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.bots.names import given_names
@@ -54,6 +55,10 @@ class Plan:
         """The timing: people's in real time, unless something else is asked for."""
         return self.timing or ("people" if self.clock is Clock.REALTIME else "benchmark")
 
+    def load(self) -> Task:
+        """Its task; RobotouilleError as `load_task` raises it."""
+        return load_task(self.task, seats=self.seats, timing=self.profile, seed=self.seed)
+
 
 def recordings_folder() -> Path:
     """Where the games that were played here are kept."""
@@ -76,7 +81,7 @@ class LocalGame:
         folder: Path | None,
         make_partners: MakePartners = PartnerProcess,
     ) -> None:
-        task = load_task(plan.task, seats=plan.seats, timing=plan.profile, seed=plan.seed)
+        task = sound_task(plan.load())
         self.world = World(task)
         rules = _rules(plan, task)
         me = seat_out_of_the_way(self.world.initial)

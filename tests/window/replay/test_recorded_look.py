@@ -1,0 +1,60 @@
+"""Recordings of somebody's own kitchen, and where its pictures are found."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.support.games import recorded_game
+
+from robotouille import load_task
+from robotouille.domain.rendering import rendering_of
+from robotouille.resources import data_folder
+from robotouille_client.window.replay.recorded_look import open_shown
+
+
+@pytest.fixture
+def kitchen(tmp_path: Path) -> Path:
+    """A folder with a kitchen that is called as no shipped one."""
+    folder = tmp_path / "tasks"
+    folder.mkdir()
+    domain = json.loads((data_folder("domains") / "diner.json").read_text())
+    problem = json.loads((data_folder("problems") / "examples/pancakes.json").read_text())
+    domain.pop("rendering_json", None)
+    (folder / "mine.json").write_text(json.dumps({**domain, "name": "mine"}))
+    (folder / "crepes.json").write_text(json.dumps({**problem, "domain": "mine"}))
+    shutil.copy(data_folder("renderings") / "diner.json", folder / "mine.rendering.json")
+    return folder
+
+
+@pytest.fixture
+def recording(kitchen: Path, tmp_path: Path) -> Path:
+    path = tmp_path / "recordings" / "game.rbt"
+    path.parent.mkdir()
+    path.write_bytes(recorded_game(str(kitchen / "crepes.json"), steps=2))
+    return path
+
+
+def looks_own(path: Path, tasks: Path | None = None) -> bool:
+    return rendering_of(open_shown(path, tasks).task).assets == "diner"
+
+
+def test_without_the_files_it_looks_like_the_kitchen(recording: Path) -> None:
+    assert not looks_own(recording)
+    assert not looks_own(recording, recording.parent)
+
+
+def test_the_folder_that_is_named_or_the_current_one(
+    recording: Path, kitchen: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert looks_own(recording, kitchen)
+    monkeypatch.chdir(kitchen)
+    assert looks_own(recording)
+
+
+def test_it_is_the_same_task(recording: Path, kitchen: Path) -> None:
+    shown = open_shown(recording, kitchen)
+    assert shown.task == load_task(str(kitchen / "crepes.json"))
+    assert shown.verify().ok
