@@ -51,9 +51,18 @@ LEFT_OUT = {
 
 
 def check_license(identifier: str) -> None:
-    """Nothing is done; CatalogueError if that is no identifier of SPDX."""
-    if identifier and not SPDX.fullmatch(identifier):
-        raise CatalogueError(f"{identifier!r} is no licence's identifier of SPDX, as CC-BY-4.0")
+    """Nothing is done; CatalogueError if that is no licence of `LICENSES`, nor one's own as
+    `LicenseRef-…`."""
+    if not identifier or identifier in LICENSES or OWN_LICENSE.fullmatch(identifier):
+        return
+    shown = identifier[:60]
+    near = get_close_matches(shown.lower(), {each.lower(): each for each in LICENSES}, 1)
+    named = next((each for each in LICENSES if near and each.lower() == near[0]), "")
+    hint = f"; did you mean {named}?" if named else ""
+    raise CatalogueError(
+        f"{shown!r} is no known identifier of SPDX{hint} There are {', '.join(LICENSES)}; another "
+        "is written LicenseRef-NAME"
+    )
 
 
 def write_card(folder: Path, manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:
