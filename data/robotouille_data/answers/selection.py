@@ -83,7 +83,9 @@ def check_label(connection: Connection, name: str, value: str | None = None) -> 
     """
     names = set(connection.scalars(sa.select(LABELS.c.name).distinct()))
     if name not in names:
-        raise CatalogueError(f"no episode has a label {name!r}; {_there_are('labels', name, names)}")
+        raise CatalogueError(
+            f"no episode has a label {name!r}; {_there_are('labels', name, names)}"
+        )
     its = sa.select(LABELS.c.value).where(LABELS.c.name == name).distinct()
     values = set() if value is None else set(connection.scalars(its))
     if value is not None and value not in values:
