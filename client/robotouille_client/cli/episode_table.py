@@ -15,6 +15,7 @@ from typing import IO, Any
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
+from robotouille.iso_time import iso_time
 from robotouille.protocol import messages
 
 __all__ = ["TableError", "closed_codes", "listed_row", "read_requests", "seconds", "write_table"]
@@ -159,7 +160,7 @@ def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
         "max_steps": info.max_steps,
         "seats": "; ".join(seats),
         "spectators": info.spectators,
-        "created": info.created,
+        "created": iso_time(info.created),
         "closes": closes,
         "reason": info.reason,
         "detail": info.detail,

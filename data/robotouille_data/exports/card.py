@@ -66,10 +66,10 @@ def check_license(identifier: str) -> None:
     shown = identifier[:60]
     near = get_close_matches(shown.lower(), {each.lower(): each for each in LICENSES}, 1)
     named = next((each for each in LICENSES if near and each.lower() == near[0]), "")
-    hint = f"; did you mean {named}?" if named else ""
+    hint = f"; did you mean {named}?" if named else "."
     raise CatalogueError(
-        f"{shown!r} is no licence's identifier of SPDX that is known here{hint or '.'} There are {', '.join(LICENSES)}; another "
-        "is written LicenseRef-NAME"
+        f"{shown!r} is no licence's identifier of SPDX that is known here{hint} There are "
+        f"{', '.join(LICENSES)}; another is written LicenseRef-NAME"
     )
 
 
