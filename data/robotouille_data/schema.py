@@ -98,7 +98,7 @@ SEATS = Table(
     Column("staleness", Double, doc="mean `steps.staleness`; null where no basis is recorded"),
     Column("contribution", Double, nullable=False, doc="its share of the [work](metrics.md) done"),
     Column("shown_as", Text, nullable=False, server_default="",
-           doc="the kind that others [saw](studies.md#what-a-study-does-to-a-seat); empty: its own"),
+           doc="what others [saw](studies.md#what-a-study-does-to-a-seat) it as; empty: its kind"),
     Column("delay_ms", Integer, nullable=False, server_default="0",
            doc="by how much a study held its actions back; a part of `steps.ms`"),
     Index("seats_participant", "participant"),

@@ -107,7 +107,8 @@ def export(
         tell(f"left out: {', '.join(left_out)}")
     parts = [f"{name} {count}" for name, count in found.episodes.items() if name]
     told = f" ({', '.join(parts)})" if parts else ""
-    tell(printable(f"{out}: {sum(found.episodes.values())} episodes{told}"))
+    count = sum(found.episodes.values())
+    tell(printable(f"{out}: {count} episode{'s' * (count != 1)}{told}"))
 
 
 def card(

@@ -50,8 +50,8 @@ def write_report(
     Raises:
         MissingExtraError: Matplotlib is not installed.
         UnavailableError: The database cannot be read now.
-        CatalogueError: There is no catalogue of this version, the query is none, or there is no such
-            episode or label.
+        CatalogueError: There is no catalogue of this version, the query is none, or there is no
+            such episode or label.
         OSError: The page cannot be written; what was there before stays.
     """
     if not all(map(find_spec, ("matplotlib", "numpy"))):
