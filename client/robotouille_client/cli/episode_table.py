@@ -28,7 +28,7 @@ NUMBERS = {
 }  # fmt: skip
 WORDS = ("task", "clock", "timing", "thinking", "absence", "stand_in", "chat")
 COLUMNS = (*WORDS, *NUMBERS, "open_for", "phrases")
-GROUPS = ("label", "shown_as", "delay_ms")
+GROUPS = ("label", "shown_as", "delay_ms", "participant")
 """Columns `GROUP.NAME`: a label's name, or a player's."""
 
 
@@ -124,6 +124,8 @@ def _fields(row: Mapping[str, str]) -> dict[str, Any]:
             continue
         if group == "label":
             fields.setdefault("labels", {})[of] = value
+        elif group == "participant":
+            fields.setdefault("participants", {})[of] = value
         elif group == "shown_as":
             treatments.setdefault(of, {})["shown_as"] = value
         elif group == "delay_ms":
