@@ -48,6 +48,7 @@ async def play_seat(url: str, row: Row, player: str, seed: int) -> None:
     if breaks and player == GOES:
         async with connect(url, name=name, kind="bot", token=token) as client:
             game = await client.join(row["code"], seat=player)
+            game.say("hello")
             await play_until(game, before, lambda: game.step >= LEAVES_AT)
             resume = client.resume
         await asyncio.sleep(AWAY_SECONDS)

