@@ -82,7 +82,7 @@ def _episode(number: int) -> tuple[Any, ...]:
 
 def _seat(number: int, seat: int) -> tuple[Any, ...]:
     who = (f"robot{seat + 1}", f"name{number % 100}", "human", f"p{number % 100}")
-    return number, seat, *who, 100, 60, 10, 10, 10, 10, 1, 2, 3, 6, 2, 30_000, 1.5, 0.5
+    return number, seat, *who, 100, 60, 10, 10, 10, 10, 1, 2, 3, 6, 2, 30_000, 1.5, 0.5, "", 0
 
 
 def _steps(number: int) -> Iterator[tuple[Any, ...]]:

@@ -90,6 +90,8 @@ def database_errors(url: URL) -> Iterator[None]:
         kind = UnavailableError if passing or lost else CatalogueError
         raise kind(f"{_shown(url)}: {words}") from None
     except OSError as error:
+        if error.filename is not None:  # Another file, as one that an answer is written to.
+            raise
         raise UnavailableError(f"{_shown(url)}: {error.strerror or error}") from None
 
 

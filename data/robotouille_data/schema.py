@@ -97,6 +97,10 @@ SEATS = Table(
     Column("thinking_ms", BigInteger, nullable=False, doc="milliseconds that its actions took"),
     Column("staleness", Double, doc="mean `steps.staleness`; null where no basis is recorded"),
     Column("contribution", Double, nullable=False, doc="its share of the [work](metrics.md) done"),
+    Column("shown_as", Text, nullable=False, server_default="",
+           doc="what others [saw](studies.md#what-a-study-does-to-a-seat) it as; empty: its kind"),
+    Column("delay_ms", Integer, nullable=False, server_default="0",
+           doc="by how much a study held its actions back; a part of `steps.ms`"),
     Index("seats_participant", "participant"),
 )  # fmt: skip
 
@@ -181,7 +185,7 @@ EPISODE_SEATS = Table(
     *_same(EPISODES, "steps", "seconds"),
     *_same(SEATS, "seat", "player", "name", "kind", "participant", "acted", "busy", "waiting",
            "idle", "away", "substituted", "lost", "invalid", "malformed", "rejected", "said",
-           "thinking_ms", "staleness", "contribution"),
+           "thinking_ms", "staleness", "contribution", "shown_as", "delay_ms"),
     Column("decision_ms", Double, doc="mean `steps.ms` of the steps with an action of its own"),
 )  # fmt: skip
 

@@ -3,8 +3,9 @@
     python examples/study/bots.py opened.csv [--url URL] [--at-once 5]
 
 The first bot of an episode plays its part of a plan; the second does so, too, or does anything, as
-the label `condition` says. In every second episode the second bot's line breaks in the middle, and
-it comes back.
+the label `condition` says. Where the label `line` says so the second bot's line breaks in the
+middle, and it comes back. Experts plan anew then, both of them: what was done meanwhile is in no
+plan of before.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,43 +21,66 @@ from robotouille.resources import data_folder
 from robotouille_client import Game, connect
 from robotouille_client.bots import play
 from robotouille_client.bots.kinds import BotKind, policy_maker
+from robotouille_client.bots.seat_policy import MakePolicy
 
 LEAVES_AT = 15
 """The step in which somebody's line breaks."""
 AWAY_SECONDS = 1.0
 LOOK_SECONDS = 0.05
 PLAYERS = ("robot1", "robot2")
+GOES = "robot2"
+"""Whose line breaks."""
 PLAN = data_folder("problems") / "multi_agent/01_lettuce_burger@2.plan"
 
 Row = Mapping[str, str]
 
 
-async def play_seat(url: str, row: Row, player: str, seed: int, *, goes: bool) -> None:
+async def play_seat(url: str, row: Row, player: str, seed: int) -> None:
     """A seat of an episode, to its end."""
-    novice = player == "robot2" and row["label.condition"] == "novice"
-    bot = policy_maker(BotKind.RANDOM if novice else BotKind.SCRIPTED, seed, PLAN)
+    novice = row["label.condition"] == "novice"
+    breaks = row["label.line"] == "breaks"
+    kind = BotKind.RANDOM if novice and player == GOES else BotKind.SCRIPTED
+    before = after = policy_maker(kind, seed, PLAN)
+    if breaks and not novice:
+        after = policy_maker(BotKind.PLANNER)
     name, token = f"{row['label.pair']}-{player}", row[f"token.{player}"]
     resume = None
-    if goes:
+    if breaks and player == GOES:
         async with connect(url, name=name, kind="bot", token=token) as client:
             game = await client.join(row["code"], seat=player)
-            playing = asyncio.create_task(play(game, bot))
-            await until(game, LEAVES_AT)
-            playing.cancel()
-            with suppress(asyncio.CancelledError):
-                await playing
+            game.say("hello")
+            await play_until(game, before, lambda: game.step >= LEAVES_AT)
             resume = client.resume
         await asyncio.sleep(AWAY_SECONDS)
     async with connect(url, name=name, kind="bot", token=token, resume=resume) as client:
         game = await client.join(row["code"], seat=player)
-        game.say("I am back" if goes else "hello")
-        await play(game, bot)
+        game.say("hello" if resume is None else "I am back")
+        if breaks and player != GOES:
+            await play_until(game, before, came_back(game))
+        await play(game, after)
 
 
-async def until(game: Game, step: int) -> None:
-    """Wait for a step, or for the end."""
-    while not game.ended and game.step < step:  # noqa: ASYNC110
-        await asyncio.sleep(LOOK_SECONDS)
+def came_back(game: Game) -> Callable[[], bool]:
+    """Whether who goes was away and is there again."""
+    away = False
+
+    def there_again() -> bool:
+        nonlocal away
+        there = any(seat.player == GOES and seat.present for seat in game.seats)
+        away = away or (game.step >= LEAVES_AT and not there)
+        return away and there
+
+    return there_again
+
+
+async def play_until(game: Game, bot: MakePolicy, over: Callable[[], bool]) -> None:
+    """Play until something is so, or to the end."""
+    playing = asyncio.create_task(play(game, bot))
+    while not (over() or playing.done()):
+        await asyncio.wait([playing], timeout=LOOK_SECONDS)
+    playing.cancel()
+    with suppress(asyncio.CancelledError):
+        await playing
 
 
 async def play_all(url: str, rows: list[Row], at_once: int) -> None:
@@ -66,8 +90,7 @@ async def play_all(url: str, rows: list[Row], at_once: int) -> None:
     async def episode(number: int, row: Row) -> None:
         async with free, asyncio.TaskGroup() as group:
             for player in PLAYERS:
-                goes = player == "robot2" and number % 2 == 0
-                group.create_task(play_seat(url, row, player, number, goes=goes))
+                group.create_task(play_seat(url, row, player, number))
         print(f"{row['code']} {row['label.pair']} {row['label.condition']}: over", flush=True)
 
     async with asyncio.TaskGroup() as group:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -105,12 +106,25 @@ class Services:
     loop_budget: LoopBudget
     shutdown_notice: Callable[[], ShutdownNotice | None]
 
-    def seat_tokens(self, room: Room) -> dict[str, str]:
-        """A token for each seat of an episode, good for a day after it may have begun."""
+    def seat_tokens(
+        self, room: Room, participants: Mapping[str, str], owner: str
+    ) -> dict[str, str]:
+        """A token for each seat of an episode, good for a day after it may have begun.
+
+        Args:
+            participants: Who is to have it, by player, in the owner's words.
+            owner: Who has opened the episode.
+        """
         seconds = (room.episode.rules.open_for or 0.0) + DAY_SECONDS
         return {
             player: self.tokens.mint_role(
-                Role.PLAYER, f"{room.id}-{number}", seconds=seconds, episode=room.id, seat=player
+                Role.PLAYER,
+                _pseudonym(owner, participants[player])
+                if player in participants
+                else f"{room.id}-{number}",
+                seconds=seconds,
+                episode=room.id,
+                seat=player,
             )
             for number, player in enumerate(room.world.players, 1)
         }
@@ -429,7 +443,11 @@ class Conversation:
     def _create(self, session: Session, message: messages.Create) -> None:
         check_opening(session.only_episode)
         room = self._services.lobby.create(message, owner=_owner(session))
-        tokens = self._services.seat_tokens(room) if message.tokens else {}
+        tokens = (
+            self._services.seat_tokens(room, message.participants, _owner(session))
+            if message.tokens
+            else {}
+        )
         created = messages.Created(ref=message.ref, episode=room.id, code=room.code, tokens=tokens)
         self.peer.send(created)
 
@@ -536,6 +554,12 @@ class Conversation:
         if session.room is None:
             raise ProtocolError("episode/none", "join an episode first", "type")
         return session.room
+
+
+def _pseudonym(owner: str, participant: str) -> str:
+    """Under which somebody is recorded in all episodes of an owner; another one's are others."""
+    digest = hashlib.sha256(f"{owner}\0{participant}".encode()).hexdigest()
+    return f"participant-{digest[:16]}"
 
 
 def _owner(session: Session) -> str:

@@ -31,6 +31,12 @@ def table(folder: Path, text: str) -> Path:
     return path
 
 
+def test_a_row_says_who_is_to_have_a_seat(tmp_path: Path) -> None:
+    text = "task,participant.robot1,participant.robot2\nx,p01,\n"
+    _, (request,) = read_requests(table(tmp_path, text))
+    assert request.participants == {"robot1": "p01"}
+
+
 def test_a_row_says_what_to_open(tmp_path: Path) -> None:
     rows, (first, second) = read_requests(table(tmp_path, TABLE), open_for=3600.0)
     assert first.labels == {"condition": "bot", "pair": "p1"}

@@ -85,6 +85,9 @@ def test_what_does_not_only_read_is_refused(filled: str, query: str) -> None:
         ("SELECT x.steps FROM seats s", ["no table of the query is called `x`; it has seats, s"]),
         ("SELECT condition FROM seats", ["`condition`", "labels are rows of the table labels"]),
         ("SELECT count(*) FROM seat", ["no table `seat`; did you mean `seats`. The tables: "]),
+        ('SELECT steps FROM episodes WHERE "stepz" > 3', ["`stepz`", "did you mean `steps`"]),
+        ('SELECT s."idel" FROM seats s', ["no column `idel` in seats", "did you mean `idle`"]),
+        ('SELECT "condition" FROM seats', ["`condition`", "labels are rows of the table labels"]),
         ("SELECT * FROM zzzz", ["no table `zzzz`. The tables: "]),
     ],
 )  # fmt: skip
@@ -94,6 +97,25 @@ def test_unknown_names_are_told_with_the_nearest(filled: str, query: str, told: 
     for words in told:
         assert words in str(error.value)
     assert "LINE" not in str(error.value)
+
+
+def test_names_in_double_quotes_are_names_and_texts_stay_texts(filled: str) -> None:
+    query = (
+        'SELECT "value" AS "a ""b` c", \'x "y" \'\'z\'\'\' AS text -- "nothing" \'in\' here\n'
+        'FROM "labels" /* "nor here" */ WHERE "episode_id" = 7'
+    )
+    with asking(database_url(filled, Path()), query) as answer:
+        assert answer.columns == ('a "b` c', "text")
+        assert [tuple(row) for row in answer.rows] == [("c7", "x \"y\" 'z'")]
+
+
+@pytest.mark.parametrize("query", ["DELETE FROM labels", "PRAGMA query_only = OFF"])
+def test_what_writes_is_told_that_a_query_only_reads(tmp_path: Path, query: str) -> None:
+    database = str(tmp_path / "catalogue.sqlite")
+    with writing_engine(database_url(database, Path())).begin() as connection:
+        migrate(connection)
+    with pytest.raises(CatalogueError, match="a query only reads"):
+        ask(database, query)
 
 
 def test_time_is_limited(filled: str) -> None:

@@ -224,7 +224,37 @@ def test_too_many_groups_are_told(tmp_path: Path) -> None:
     assert "12 groups of “condition” with 24 episodes: there is room for the 8 largest" in page
 
 
-def fill(connection: sa.Connection, count: int, *, groups: int = 2, text: str = "") -> None:
+def test_seats_are_told_apart_and_a_delay_is_told(tmp_path: Path) -> None:
+    database = str(tmp_path / "c.sqlite")
+    with writing_engine(database_url(database, tmp_path)).begin() as connection:
+        migrate(connection)
+        fill(connection, 6, delay=250)
+    page = page_of(tmp_path, database)
+    for group in ("c0", "c1"):
+        for player in ("robot0", "robot1"):
+            assert f"{group}: {player}" in page
+    assert "12 seats whose actions the study held back, by 250 ms at most" in text_of(page)
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"by": "condtion"}, "no episode has a label 'condtion'; did you mean 'condition'"),
+        ({"labels": {"round": "9"}}, "label round=9; the values of 'round': 1, 2, 3"),
+    ],
+)
+def test_labels_that_nobody_has_are_told(tmp_path: Path, asked: dict[str, Any], told: str) -> None:
+    database = str(tmp_path / "c.sqlite")
+    with writing_engine(database_url(database, tmp_path)).begin() as connection:
+        migrate(connection)
+        fill(connection, 3)
+    with pytest.raises(CatalogueError, match=told):
+        page_of(tmp_path, database, **asked)
+
+
+def fill(
+    connection: sa.Connection, count: int, *, groups: int = 2, text: str = "", delay: int = 0
+) -> None:
     """Made-up episodes of no recording, with words of somebody's."""
     rng = random.Random(0)
     rows: dict[sa.Table, list[tuple[Any, ...]]] = {
@@ -241,7 +271,7 @@ def fill(connection: sa.Connection, count: int, *, groups: int = 2, text: str = 
             acted = rng.randrange(10, 40)
             rows[SEATS].append((
                 number, seat, f"robot{seat}", text, text or "human", "", acted, 0, 0, steps - acted,
-                0, 0, 0, 0, 0, 0, 1, 0, None, 0.5,
+                0, 0, 0, 0, 0, 0, 1, 0, None, 0.5, "", delay,
             ))  # fmt: skip
         rows[EVENTS].append((number, 0, 1, 5, "said", 0, text, text, "{}"))
         rows[LABELS].append((number, text or "condition", text or f"c{number % groups}"))

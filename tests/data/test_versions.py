@@ -18,7 +18,7 @@ from robotouille_data.database import database_url, writing_engine
 from robotouille_data.errors import CatalogueError
 from robotouille_data.indexing import Indexed, index
 from robotouille_data.recordings.reading import content_digest, episode_id, recorded_rows
-from robotouille_data.schema import MEASURES, METADATA
+from robotouille_data.schema import MEASURES, METADATA, SEATS
 from robotouille_data.store import ReadFile, Stamp, store
 from robotouille_data.versions import MIGRATIONS, check_version, migrate
 from tests.support.random_play import write_recordings
@@ -28,7 +28,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "later"
-down_revision = "0003"
+down_revision = "0004"
 
 def upgrade():
     op.add_column("episodes", sa.Column("later", sa.Text()))
@@ -92,10 +92,13 @@ def read_file(path: Path) -> ReadFile:
     """A recording, with the rows that it had in the first version."""
     content, status = path.read_bytes(), path.stat()
     digest = content_digest(content)
-    first = sa.Table("measures", sa.MetaData(), *(sa.Column(str(n)) for n in range(6)))
+    first = {
+        table: sa.Table(table.name, sa.MetaData(), *(sa.Column(str(n)) for n in range(count)))
+        for table, count in ((MEASURES, 6), (SEATS, 20))
+    }
     parts = [
-        [(first, [row[:6] for row in rows]) if table is MEASURES else (table, rows)
-         for table, rows in part]
+        [(old, [row[: len(old.columns)] for row in rows])
+         for table, rows in part for old in [first.get(table, table)]]
         for part in recorded_rows(content, episode_id(digest))
     ]  # fmt: skip
     return ReadFile(str(path), Stamp(status.st_size, status.st_mtime_ns), digest, parts=parts)

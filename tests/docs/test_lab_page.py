@@ -187,6 +187,8 @@ def test_the_table_is_what_the_recordings_say(study: tuple[Path, str, Path]) -> 
     assert Counter(row["condition"] for row in table) == {"expert": 20, "novice": 20}
     assert sum(int(row["away"]) > 0 for row in table) == 10
     assert all(int(row["chat"]) for row in table)
+    came_back = [row for row in table if row["condition"] == "expert" and int(row["away"])]
+    assert "goal" in {row["outcome"] for row in came_back}
     assert table[0]["episode"] in printed
 
 
@@ -249,6 +251,9 @@ def test_conditions_are_balanced() -> None:
     counted = Counter((row["label.condition"], row["label.round"]) for row in rows)
     assert set(counted.values()) == {5}
     assert len({(row["label.pair"], row["label.condition"]) for row in rows}) == 20
+    breaks = [row for row in rows if row["label.line"] == "breaks"]
+    for label in ("label.condition", "label.round"):
+        assert set(Counter(row[label] for row in breaks).values()) == {5}
 
 
 def test_the_broker_has_told_of_all_of_it(study: tuple[Path, str, Path]) -> None:

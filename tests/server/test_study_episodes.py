@@ -193,6 +193,27 @@ def test_tokens_are_each_for_one_seat_of_one_episode(tmp_path: Path) -> None:
     run(main())
 
 
+def test_one_person_has_one_pseudonym_in_all_episodes_of_an_owner(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with serving(tmp_path, require_token=True) as server:
+            pseudonyms = []
+            for owner in ("lab", "lab", "other"):
+                async with opened(server) as lab:
+                    await host(lab, server.tokens.mint_role(Role.HOST, owner, seconds=60))
+                    asked = {**CREATE, "tokens": True, "participants": {"robot1": "p01"}}
+                    tokens = (await lab.ask(asked, "created"))["tokens"]
+                    grants = [server.tokens.check_role(token) for token in tokens.values()]
+                    pseudonyms.append([grant.subject for grant in grants])
+                    unknown = {**CREATE, "participants": {"robot9": "p01"}}
+                    assert (await lab.ask(unknown, "created"))["field"] == "participants"
+            (one, alone), (same, another), (strange, _) = pseudonyms
+            assert one == same != strange
+            assert alone != another
+            assert "p01" not in one
+
+    run(main())
+
+
 def test_hosts_close_their_own_and_operators_any(tmp_path: Path) -> None:
     async def main() -> None:
         async with serving(tmp_path) as server, opened(server) as lab, opened(server) as other:

@@ -15,6 +15,7 @@ from typing import IO, Any
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
+from robotouille.iso_time import iso_time
 from robotouille.protocol import messages
 
 __all__ = ["TableError", "closed_codes", "listed_row", "read_requests", "seconds", "write_table"]
@@ -27,7 +28,7 @@ NUMBERS = {
 }  # fmt: skip
 WORDS = ("task", "clock", "timing", "thinking", "absence", "stand_in", "chat")
 COLUMNS = (*WORDS, *NUMBERS, "open_for", "phrases")
-GROUPS = ("label", "shown_as", "delay_ms")
+GROUPS = ("label", "shown_as", "delay_ms", "participant")
 """Columns `GROUP.NAME`: a label's name, or a player's."""
 
 
@@ -123,6 +124,8 @@ def _fields(row: Mapping[str, str]) -> dict[str, Any]:
             continue
         if group == "label":
             fields.setdefault("labels", {})[of] = value
+        elif group == "participant":
+            fields.setdefault("participants", {})[of] = value
         elif group == "shown_as":
             treatments.setdefault(of, {})["shown_as"] = value
         elif group == "delay_ms":
@@ -159,7 +162,7 @@ def listed_row(info: messages.EpisodeInfo, now: datetime) -> dict[str, Any]:
         "max_steps": info.max_steps,
         "seats": "; ".join(seats),
         "spectators": info.spectators,
-        "created": info.created,
+        "created": iso_time(info.created),
         "closes": closes,
         "reason": info.reason,
         "detail": info.detail,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -24,6 +25,12 @@ AT_ONCE = 1000
 """Rows that are fetched at once."""
 INSTRUCTIONS = 10_000
 """Instructions of SQLite's machine between two looks at the clock."""
+QUOTED = re.compile(
+    r"""'(?:[^']|'')*'|`(?:[^`]|``)*`|\[[^\]]*\]|--[^\n]*|/\*.*?(?:\*/|\Z)|"((?:[^"]|"")*)\"""",
+    re.DOTALL,
+)
+"""Texts, names and remarks; the group has what is in double quotes."""
+WRITES = "what would write, attach or change a setting is refused"
 ALLOWED = frozenset({
     sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE
 })  # fmt: skip
@@ -87,16 +94,31 @@ def _ask_sqlite(connection: Connection, query: str, seconds: float) -> Answer:
     deadline = time.monotonic() + seconds
     driver.set_progress_handler(lambda: time.monotonic() > deadline, INSTRUCTIONS)
     try:
-        cursor = driver.execute(query)
-    except sqlite3.OperationalError as error:
+        cursor = driver.execute(_with_backticks(query))
+    except sqlite3.DatabaseError as error:
         if words := explain_unknown(str(error), query):
             raise CatalogueError(words) from None
+        if "not authorized" in str(error) or "prohibited" in str(error):
+            raise CatalogueError(f"a query only reads: {WRITES}") from None
         raise
     except (sqlite3.Warning, sqlite3.ProgrammingError) as error:  # Several statements.
         raise CatalogueError(f"one query at a time: {error}") from None
     if cursor.description is None:
         raise CatalogueError("not a query: it has no columns")
     return Answer(_unlike([column[0] for column in cursor.description]), cursor)
+
+
+def _with_backticks(query: str) -> str:
+    """A query whose names in double quotes are in backticks: SQLite takes what it does not know in
+    double quotes for a text, so that a condition holds of all rows."""
+
+    def in_backticks(found: re.Match[str]) -> str:
+        name = found[1]
+        if name is None:
+            return found[0]
+        return "`{}`".format(name.replace('""', '"').replace("`", "``"))
+
+    return QUOTED.sub(in_backticks, query)
 
 
 def _authorize(action: int, *_: str | None) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
 import sqlalchemy as sa
@@ -13,10 +14,13 @@ from robotouille_data.answers.query import SECONDS, asking
 from robotouille_data.errors import CatalogueError
 from robotouille_data.schema import EPISODES, LABELS
 
-__all__ = ["Selection", "select_episodes"]
+__all__ = ["Selection", "check_label", "select_episodes"]
 
 KEYS = ("episode_id", "id")
 """The columns of a query that can say which episodes are meant, the first that it has."""
+
+MAX_TOLD = 20
+"""Names or values of labels that a message lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +67,39 @@ def select_episodes(
         left_out[reason] = left_out.get(reason, 0) + len(found) - len(having)
         found = having
     if not found:
+        for name, value in (labels or {}).items():
+            check_label(connection, name, value)
         reasons = ", ".join(f"{count} by {name}" for name, count in left_out.items() if count)
         raise CatalogueError(f"no episode is left{f': left out {reasons}' if reasons else ''}")
     return Selection(tuple(sorted(found)), left_out)
+
+
+def check_label(connection: Connection, name: str, value: str | None = None) -> None:
+    """Nothing is done.
+
+    Raises:
+        CatalogueError: No episode of the catalogue has a label of this name, or this value of it;
+            those that there are are told, the nearest first.
+    """
+    names = set(connection.scalars(sa.select(LABELS.c.name).distinct()))
+    if name not in names:
+        raise CatalogueError(
+            f"no episode has a label {name!r}; {_there_are('labels', name, names)}"
+        )
+    its = sa.select(LABELS.c.value).where(LABELS.c.name == name).distinct()
+    values = set() if value is None else set(connection.scalars(its))
+    if value is not None and value not in values:
+        told = _there_are(f"values of {name!r}", value, values)
+        raise CatalogueError(f"no episode has the label {name}={value}; {told}")
+
+
+def _there_are(what: str, wanted: str, known: set[str]) -> str:
+    """What is known, at most some of it."""
+    near = get_close_matches(wanted, sorted(known), 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    listed = sorted(known)[:MAX_TOLD]
+    more = f" and {len(known) - MAX_TOLD} more" if len(known) > MAX_TOLD else ""
+    return f"{hint}the {what}: {', '.join(listed) or 'none'}{more}"
 
 
 def _asked(url: URL, query: str, seconds: float) -> set[int]:

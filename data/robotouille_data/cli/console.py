@@ -39,6 +39,8 @@ def errors_told() -> Iterator[None]:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise
         fail(explain(MissingExtraError("a catalogue of recordings", "data")))
+    except BrokenPipeError:  # Whoever reads has read enough: nothing is told.
+        raise
     except OSError as error:
         fail(printable(f"{error.filename}: {error.strerror}"))
     except KeyboardInterrupt:

@@ -107,7 +107,8 @@ def export(
         tell(f"left out: {', '.join(left_out)}")
     parts = [f"{name} {count}" for name, count in found.episodes.items() if name]
     told = f" ({', '.join(parts)})" if parts else ""
-    tell(printable(f"{out}: {sum(found.episodes.values())} episodes{told}"))
+    count = sum(found.episodes.values())
+    tell(printable(f"{out}: {count} episode{'s' * (count != 1)}{told}"))
 
 
 def card(
@@ -163,4 +164,7 @@ def _shares(text: str) -> dict[str, float]:
             shares[name] = 0.0
         if not NAME.fullmatch(name) or not 0 < shares[name] < math.inf:
             fail(f"--split {printable(each)}: expected a name and a share above 0")
+    whole = all(share.is_integer() for share in shares.values())
+    if shares and not whole and not math.isclose(sum(shares.values()), 1, abs_tol=1e-6):
+        fail(f"--split {printable(text)}: the shares sum to {sum(shares.values()):g}, not to 1")
     return shares

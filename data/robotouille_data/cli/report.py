@@ -51,4 +51,4 @@ def report(
                 url, out, query=query, labels=labels, by=by, text=text, title=title,
                 seconds=seconds, progress=progress.stage,
             )  # fmt: skip
-    tell(printable(f"{out}: {count} episodes"))
+    tell(printable(f"{out}: {count} episode{'s' * (count != 1)}"))

@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,16 @@ from robotouille_data.exports.request import TABLES, About, ExportFormat
 
 __all__ = ["card_text", "check_license", "rewrite_card", "write_card"]
 
-SPDX = re.compile(r"[A-Za-z0-9.+-]{1,64}")
 PLAIN = re.compile(r"[A-Za-z0-9.+-]{1,64}")
 """What is a version's name, and needs no quotation: recordings say what they want."""
+LICENSES = (
+    "CC0-1.0", "CC-BY-4.0", "CC-BY-SA-4.0", "CC-BY-NC-4.0", "CC-BY-NC-SA-4.0", "CC-BY-ND-4.0",
+    "CC-BY-NC-ND-4.0", "CDLA-Permissive-2.0", "CDLA-Sharing-1.0", "ODbL-1.0", "ODC-By-1.0",
+    "PDDL-1.0", "MIT", "Apache-2.0", "BSD-3-Clause",
+)  # fmt: skip
+"""Identifiers of SPDX for what data is usually given under."""
+OWN_LICENSE = re.compile(r"LicenseRef-[A-Za-z0-9.-]{1,48}")
+"""What SPDX has for all others."""
 DTYPES = {
     "biginteger": "int64",
     "integer": "int32",
@@ -51,9 +59,18 @@ LEFT_OUT = {
 
 
 def check_license(identifier: str) -> None:
-    """Nothing is done; CatalogueError if that is no identifier of SPDX."""
-    if identifier and not SPDX.fullmatch(identifier):
-        raise CatalogueError(f"{identifier!r} is no licence's identifier of SPDX, as CC-BY-4.0")
+    """Nothing is done; CatalogueError if that is no licence of `LICENSES`, nor one's own as
+    `LicenseRef-…`."""
+    if not identifier or identifier in LICENSES or OWN_LICENSE.fullmatch(identifier):
+        return
+    shown = identifier[:60]
+    near = get_close_matches(shown.lower(), {each.lower(): each for each in LICENSES}, 1)
+    named = next((each for each in LICENSES if near and each.lower() == near[0]), "")
+    hint = f"; did you mean {named}?" if named else "."
+    raise CatalogueError(
+        f"{shown!r} is no licence's identifier of SPDX that is known here{hint} There are "
+        f"{', '.join(LICENSES)}; another is written LicenseRef-NAME"
+    )
 
 
 def write_card(folder: Path, manifest: Mapping[str, Any], codebook: Mapping[str, Any]) -> str:

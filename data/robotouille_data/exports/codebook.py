@@ -14,6 +14,7 @@ __all__ = ["UNITS", "table_entry"]
 
 UNITS = {
     "seats.thinking_ms": "ms",
+    "seats.delay_ms": "ms",
     "steps.t": "ms",
     "steps.ms": "ms",
     "events.t": "ms",

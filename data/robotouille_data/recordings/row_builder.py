@@ -9,6 +9,7 @@ from typing import Any
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
+from robotouille.iso_time import iso_time
 from robotouille_data.recordings.action_words import (
     occupied_predicates,
     player_names,
@@ -156,7 +157,7 @@ class RowBuilder:
             self._id,
             _clean(header["episode"]),
             "unfinished" if end is None else "ended",
-            _clean(header["created"]),
+            _clean(iso_time(header["created"])),
             _clean(header["software"]),
             _clean(header["task"]["name"]),
             _clean(header["digest"]),
@@ -185,6 +186,7 @@ class RowBuilder:
     def seats(self) -> list[Row]:
         """The rows of the seats, in order."""
         work = sum(seat.work for seat in self._seats.values())
+        treatments = self._header.get("treatments", {})
         return [
             (
                 self._id,
@@ -202,8 +204,11 @@ class RowBuilder:
                 _bounded(seat.thinking),
                 seat.stale / seat.based if seat.based else None,
                 seat.work / work if work else 0.0,
+                _clean(treated.get("shown_as") or ""),
+                _bounded(treated.get("delay_ms", 0), INT32),
             )
             for seat in self._seats.values()
+            for treated in [treatments.get(seat.player, {})]
         ]
 
     def labels(self) -> list[Row]:

@@ -179,7 +179,11 @@ class Commands:
             except ProtocolError as refused:
                 error = AnswerError(code=refused.code, message=refused.message, field=refused.field)
                 break
-            tokens = services.seat_tokens(room) if command.create.tokens else {}
+            tokens = (
+                services.seat_tokens(room, command.create.participants, grant.subject)
+                if command.create.tokens
+                else {}
+            )
             opened.append(models.OpenedEpisode(episode=room.id, code=room.code, tokens=tokens))
             await asyncio.sleep(0)  # Each is a file: the games have their turn in between.
         self._note("open", grant, count=len(opened), **_labels(command.create.labels))

@@ -151,7 +151,8 @@ class Lobby:
         code = self._new_code()
         world = shared_world(task)
         created, treatments = self._timestamp(), request.treatments
-        _check_players(treatments, world.players)
+        _check_players("treatments", treatments, world.players)
+        _check_players("participants", request.participants, world.players)
         head = header(
             task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner,
             labels=request.labels, treatments=treatments, open_until=self._open_until(rules),
@@ -480,11 +481,11 @@ def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
     return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
 
 
-def _check_players(treatments: Iterable[str], players: Collection[str]) -> None:
-    for player in treatments:
+def _check_players(field: str, named: Iterable[str], players: Collection[str]) -> None:
+    for player in named:
         if player not in players:
             message = f"no seat {player!r}; there are {', '.join(players)}"
-            raise ProtocolError("seat/unknown", message, "treatments")
+            raise ProtocolError("seat/unknown", message, field)
 
 
 def _inspect(room: Room) -> bool:

@@ -164,7 +164,7 @@ class Create(Message):
     are recorded, and shown to hosts and operators. `chat` says what may be said: with `phrases`,
     only one of these. `treatments` are what a study does to seats, by player: others see the kind
     `shown_as` there, and each action is held back by `delay_ms`. With `tokens` the answer has a
-    role token for each seat.
+    role token for each seat; `participants` says who is to have them, by player.
     """
 
     type: Literal["create"] = "create"
@@ -186,6 +186,7 @@ class Create(Message):
     chat: ByValue[Chat] | None = None
     phrases: Annotated[list[Phrase], Field(max_length=MAX_PHRASES)] = []
     treatments: Annotated[dict[Identifier, SeatTreatment], Field(max_length=16)] = {}
+    participants: Annotated[dict[Identifier, Identifier], Field(max_length=16)] = {}
     tokens: bool = False
 
 

@@ -83,6 +83,8 @@ def test_errors_are_a_line_and_nothing_is_written(folder: Path, tmp_path: Path) 
         [out, "--folder", folder, "--split", "train=much"],
         [out, "--folder", folder, "--split", "../x=1"],
         [out, "--folder", folder, "--license", "free for all"],
+        [out, "--folder", folder, "--license", "CCBY"],
+        [out, "--folder", folder, "--split", "train=0.9,test=0.2"],
         [out, "--folder", folder, "--query", "SELECT 1"],
     ):
         result = run("export", *arguments)

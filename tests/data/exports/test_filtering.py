@@ -59,8 +59,8 @@ def test_who_has_not_consented_is_left_out_and_counted(write: Write) -> None:
     [
         ({"query": "SELECT steps FROM episodes"}, "has no column"),
         ({"query": "SELECT episode AS id FROM episodes"}, "is no id"),
-        ({"query": "DELETE FROM episodes"}, "not authorized"),
-        ({"labels": {"condition": "c"}}, "left out 8 by label"),
+        ({"query": "DELETE FROM episodes"}, "a query only reads"),
+        ({"labels": {"condition": "c"}}, "no episode has the label condition=c; "),
         ({"split": {"train": 1.0, "test": 1.0}, "split_by": "condition"}, "nothing is left for"),
     ],
 )

@@ -54,7 +54,8 @@ class Episode:
 
 @dataclass(frozen=True, slots=True)
 class Seat:
-    """One seat of an episode; `decision_ms` is the mean of its participant's applied actions."""
+    """One seat of an episode; `decision_ms` is the mean of its participant's applied actions, in
+    which `delay_ms` is by which a study held them back."""
 
     episode: Episode
     number: int
@@ -66,6 +67,7 @@ class Seat:
     said: int
     contribution: float
     decision_ms: float | None
+    delay_ms: int
 
     def steps(self, activity: str) -> int:
         """The steps in which it did something."""
@@ -163,16 +165,35 @@ def _seats(
     did = [its[name] for name in ACTIVITIES]
     query = sa.select(
         its.episode_id, its.seat, its.player, its.kind, its.rejected, its.lost, its.said,
-        its.contribution, *did,
+        its.contribution, its.delay_ms, *did,
     )  # fmt: skip
     times = _decision_times(connection, some)
     wanted = query.where(its.episode_id.in_(some)).order_by(its.episode_id, its.seat)
-    for number, seat, player, kind, rejected, lost, said, work, *counts in connection.execute(
-        wanted
-    ):
+    for (
+        number,
+        seat,
+        player,
+        kind,
+        rejected,
+        lost,
+        said,
+        work,
+        delay,
+        *counts,
+    ) in connection.execute(wanted):
         time = times.get((number, seat))
         yield Seat(
-            episodes[number], seat, player, kind, tuple(counts), rejected, lost, said, work, time
+            episodes[number],
+            seat,
+            player,
+            kind,
+            tuple(counts),
+            rejected,
+            lost,
+            said,
+            work,
+            time,
+            delay,
         )
 
 

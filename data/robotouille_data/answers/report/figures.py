@@ -79,7 +79,9 @@ def _outcomes(groups: Sequence[Group]) -> Picture | None:
         return None
 
     def draw(figure: Figure) -> None:
-        left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.25))
+        left, right = figure.subplots(
+            1, 2, sharey=True, width_ratios=(1, 1.25), gridspec_kw={"wspace": 0.08}
+        )
         for place, group in enumerate(groups):
             found = success_of(group.episodes)
             if found is not None:
@@ -123,19 +125,21 @@ def median_of_steps(episodes: Sequence[Episode]) -> Interval | None:
 # What seats did
 
 
-def _kinds(groups: Sequence[Group]) -> Iterator[tuple[str, str, list[Seat]]]:
-    """The seats of each group and kind, with a label and the group's colour; the kind is said
-    where there are several."""
-    several = len({kind for group in groups for kind in group.by_kind()}) > 1
+def _roles(groups: Sequence[Group]) -> Iterator[tuple[str, str, list[Seat]]]:
+    """The seats of each group and role, with a label and the group's colour; the kind is said where
+    there are several."""
+    several = len({role.kind for group in groups for role in group.roles()}) > 1
     for place, group in enumerate(groups):
-        for kind, seats in group.by_kind().items():
-            label = f"{group.name}: {kind}" if several else group.name
-            yield label, GROUP_COLOURS[place], seats
+        for role in group.roles():
+            words = [role.player, role.kind if several else ""]
+            about = ", ".join(filter(None, words))
+            label = f"{group.name}: {about}" if about else group.name
+            yield label, GROUP_COLOURS[place], role.seats
 
 
 def _activities(groups: Sequence[Group]) -> Picture | None:
     """The shares of the six activities, of all steps of all seats."""
-    lines = [(label, seats) for label, _, seats in _kinds(groups)]
+    lines = [(label, seats) for label, _, seats in _roles(groups)]
     sums = [np.sum([seat.did for seat in seats], axis=0) for _, seats in lines]
     if not any(each.sum() for each in sums):
         return None
@@ -176,8 +180,8 @@ def _activity_legend(axes: Axes) -> None:
 def _idle(groups: Sequence[Group]) -> Picture | None:
     caption = (
         "How much of the time in which it could be controlled by its participant each seat was "
-        "idle. Dots are seats of episodes, boxes hold the middle half, diamonds are medians with "
-        "95 % bootstrap intervals."
+        "idle, each role on a line of its own. Dots are seats of episodes, boxes hold the middle "
+        "half, diamonds are medians with 95 % bootstrap intervals."
     )
     label = "idle, % of the steps with its participant"
     return _of_seats("idle", groups, lambda seat: _percent(seat.idle_share), label, caption)
@@ -206,7 +210,7 @@ def _of_seats(
 ) -> Picture | None:
     lines = [
         Line(title, colour, *_values_of_seats(seats, value))
-        for title, colour, seats in _kinds(groups)
+        for title, colour, seats in _roles(groups)
     ]
     lines = [line for line in lines if line.values]
     if not lines:
@@ -266,7 +270,7 @@ def _rounds(groups: Sequence[Group]) -> Picture | None:
                 right, place, group, {n: success_of(some) for n, some in own.items()}, 100
             )
         left.set_ylabel("steps to the goal, median")
-        left.set_ylim(bottom=0)
+        left.set_ylim(0, 1.08 * max(left.dataLim.y1, 1))
         right.set_ylabel("goal reached, %")
         right.set_ylim(-4, 104)
         for axes in (left, right):

@@ -5,15 +5,27 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 from robotouille_client.console.pages.drawing import plain
 from robotouille_data.answers.report.facts import Episode, Facts, Seat
 
-__all__ = ["KINDS", "MAX_GROUPS", "Group", "Groups", "grouped", "in_order"]
+__all__ = ["KINDS", "MAX_GROUPS", "Group", "Groups", "Role", "grouped", "in_order"]
 
 MAX_GROUPS = 8
 """Groups that are compared: those with most episodes."""
+MAX_PLAYERS = 4
+"""Players of a task that are told apart."""
 KINDS = {"human": "people", "bot": "bots", "model": "models", "": "nobody"}
+
+
+class Role(NamedTuple):
+    """Seats of a group that are alike: their player (empty: all players), what plays them."""
+
+    player: str
+    kind: str
+    seats: list[Seat]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,14 +36,19 @@ class Group:
     episodes: tuple[Episode, ...]
     seats: tuple[Seat, ...]
 
-    def by_kind(self) -> dict[str, list[Seat]]:
-        """The seats by what plays them, in an order of its own."""
+    def roles(self) -> list[Role]:
+        """The seats by the player that they move and by what plays them: roles of a task may have
+        little in common. Of more players than `MAX_PLAYERS` all are one."""
+        players = in_order({seat.player for seat in self.seats})
+        told = 1 < len(players) <= MAX_PLAYERS
+        found: dict[tuple[str, str], list[Seat]] = {}
         kinds = {seat.kind for seat in self.seats}
         order = [kind for kind in KINDS if kind in kinds] + sorted(kinds - KINDS.keys())
-        return {
-            KINDS.get(kind, kind): [seat for seat in self.seats if seat.kind == kind]
-            for kind in order
-        }
+        for player, kind in product(players if told else [""], order):
+            seats = [s for s in self.seats if s.kind == kind and player in ("", s.player)]
+            if seats:
+                found[plain(player, 24), KINDS.get(kind, kind)] = seats
+        return [Role(player, kind, seats) for (player, kind), seats in found.items()]
 
 
 @dataclass(frozen=True, slots=True)

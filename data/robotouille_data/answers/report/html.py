@@ -151,7 +151,7 @@ def recordings_html(group: Group, folder: Path) -> str:
     listed = group.episodes[:MAX_LISTED]
     columns = ("episode", "pair", "round", "result", "steps", "watch it")
     body = "".join(_recording(each, folder) for each in listed)
-    count = f"{len(group.episodes):,} episodes"
+    count = f"{len(group.episodes):,} episode{'s' * (len(group.episodes) != 1)}"
     if len(listed) < len(group.episodes):
         count += f", the first {len(listed)} of them"
     text = [name in ("pair", "result", "watch it") for name in columns]

@@ -54,7 +54,7 @@ class Material:
 def cards(material: Material) -> Iterator[tuple[str, str]]:
     """Numbers of episodes, each with what it counts."""
     episodes, facts = material.facts.episodes, material.facts
-    yield f"{len(episodes):,}", "episodes"
+    yield f"{len(episodes):,}", "episode" if len(episodes) == 1 else "episodes"
     for group in material.shown[:4]:
         yield f"{len(group.episodes):,}", f"{material.by}: {group.name}"
     unfinished = sum(each.state != "ended" for each in episodes)
@@ -81,6 +81,13 @@ def notes(material: Material) -> Iterator[str]:
         yield "these are several tasks: steps of one do not compare with those of another"
     if len({each.clock for each in facts.episodes}) > 1:
         yield "these are several clocks: times to decide mean different things in them"
+    delayed = [seat for seat in facts.seats if seat.delay_ms]
+    if delayed:
+        longest = max(seat.delay_ms for seat in delayed)
+        yield (
+            f"{_counted(len(delayed), 'seat')} whose actions the study held back, by {longest:,} "
+            "ms at most: the delay is in their times to decide"
+        )
 
 
 def _counted(count: int, noun: str) -> str:
@@ -115,7 +122,8 @@ def sections(material: Material, progress: Progress) -> Iterator[Section]:
     yield Section(
         "spread", "Idle and decision times",
         "Medians over seats, with 95 % intervals by bootstrap; all seats of a pair are drawn "
-        "together, as they are alike. In real time, to decide includes to look on.",
+        "together, as they are alike. In real time the time to decide has in it "
+        "the time in which one only watched.",
         [figures.get("idle", ""), figures.get("decisions", ""),
          table_html(tables.spread_table(shown, by))],
     )  # fmt: skip
@@ -143,7 +151,7 @@ def _rounds(material: Material, figures: Mapping[str, str]) -> Section:
         hint = "Not shown: it takes a label “round” with at least two numbers."
         return Section("rounds", "Learning over rounds", hint, [])
     hint = (
-        "A line that falls on the left is a group that grows quicker. Not every pair need have "
+        "A line that falls on the left is a group that becomes faster. Not every pair need have "
         "played every round: the table has how many did."
     )
     table = table_html(tables.rounds_table(material.shown, material.by))
@@ -158,7 +166,9 @@ def _time_lines(material: Material) -> Section:
             continue
         left = len(group.episodes) - len(lines)
         note = f", {left:,} more are not drawn" if left else ""
-        heading = f"<h3>{escape(group.name)} <small>{len(lines)} episodes{note}</small></h3>"
+        heading = (
+            f"<h3>{escape(group.name)} <small>{_counted(len(lines), 'episode')}{note}</small></h3>"
+        )
         drawn = draw_time_lines(f"course {place}", lines, max(steps))
         content.append(heading + figure_html(drawn))
     hint = (
@@ -189,15 +199,15 @@ def _left_out(material: Material) -> Iterator[str]:
     if groups.left_out:
         count = sum(groups.left_out.values())
         yield (
-            f"{len(groups.left_out)} groups of “{material.by}” with {count:,} episodes: there is "
-            f"room for the {MAX_GROUPS} largest"
+            f"{_counted(len(groups.left_out), 'group')} of “{material.by}” with "
+            f"{_counted(count, 'episode')}: there is room for the {MAX_GROUPS} largest"
         )
     pairs = zip(shown, material.time_lines, strict=True)
     left = sum(len(group.episodes) - len(lines) for group, lines in pairs)
     if left:
         yield (
-            f"time lines and chat of {left:,} episodes: of each group {MAX_SHOWN} are drawn, each "
-            f"pair's first ones, and none of more than {MAX_STEPS:,} steps"
+            f"time lines and chat of {_counted(left, 'episode')}: of each group {MAX_SHOWN} are "
+            f"drawn, each pair's first ones, and none of more than {MAX_STEPS:,} steps"
         )
     if any(len(group.episodes) > MAX_LISTED for group in shown):
         yield f"links to all recordings: the first {MAX_LISTED} of each group are listed"

@@ -83,30 +83,29 @@ def outcomes_table(groups: Sequence[Group], by: str) -> Table:
 def activities_table(groups: Sequence[Group], by: str) -> Table:
     """What seats did with their steps, in per cent, and what each did on average."""
     rows = []
-    for group, kind, seats in _kinds(groups):
+    for role, seats in _roles(groups):
         did = [sum(seat.steps(name) for seat in seats) for name in ACTIVITIES]
         shares = (f"{100 * count / max(1, sum(did)):.1f}" for count in did)
         means = (_mean(seats, attrgetter(name)) for name in ("rejected", "lost", "said"))
-        rows.append((group, kind, _count(len(seats)), *shares, *means))
-    columns = (by, "played by", "seats", *(f"{name}, %" for name in ACTIVITIES),
+        rows.append((*role, _count(len(seats)), *shares, *means))
+    columns = (by, "player", "played by", "seats", *(f"{name}, %" for name in ACTIVITIES),
                "refused per seat", "lost per seat", "said per seat")  # fmt: skip
-    return Table(columns, tuple(rows), frozenset({"played by"}))
+    return Table(columns, tuple(rows), frozenset({"player", "played by"}))
 
 
 def spread_table(groups: Sequence[Group], by: str) -> Table:
     """Idle share, decision time and contribution: medians over seats."""
     rows = [
         (
-            group,
-            kind,
+            *role,
             _count(len(seats)),
             _interval(median_of_seats(seats, lambda seat: seat.idle_share), _as_percent),
             _interval(median_of_seats(seats, lambda seat: seat.decision_ms), "{:,.0f}".format),
         )
-        for group, kind, seats in _kinds(groups)
+        for role, seats in _roles(groups)
     ]
-    columns = (by, "played by", "seats", "idle, %", "time to decide, ms")
-    return Table(columns, tuple(rows), frozenset({"played by"}))
+    columns = (by, "player", "played by", "seats", "idle, %", "time to decide, ms")
+    return Table(columns, tuple(rows), frozenset({"player", "played by"}))
 
 
 def rounds_table(groups: Sequence[Group], by: str) -> Table:
@@ -143,10 +142,11 @@ def interruptions_table(groups: Sequence[Group], facts: Facts, by: str) -> Table
     return Table(columns, tuple(rows))
 
 
-def _kinds(groups: Sequence[Group]) -> Iterator[tuple[str, str, list[Seat]]]:
+def _roles(groups: Sequence[Group]) -> Iterator[tuple[tuple[str, str, str], list[Seat]]]:
+    """What each row begins with, and the seats that it is about."""
     for group in groups:
-        for kind, seats in group.by_kind().items():
-            yield group.name, kind, seats
+        for role in group.roles():
+            yield (group.name, role.player or "all", role.kind), role.seats
 
 
 def _interval(found: Interval | None, write: Callable[[float], str]) -> str:

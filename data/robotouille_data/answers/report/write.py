@@ -16,7 +16,7 @@ from robotouille_data.answers.report.grouping import grouped
 from robotouille_data.answers.report.html import Page, render_page
 from robotouille_data.answers.report.sections import Material, cards, notes, sections
 from robotouille_data.answers.report.time_lines import read_time_lines
-from robotouille_data.answers.selection import select_episodes
+from robotouille_data.answers.selection import check_label, select_episodes
 
 __all__ = ["BY", "write_report"]
 
@@ -50,13 +50,16 @@ def write_report(
     Raises:
         MissingExtraError: Matplotlib is not installed.
         UnavailableError: The database cannot be read now.
-        CatalogueError: There is no catalogue of this version, or the query is none, or no episode.
+        CatalogueError: There is no catalogue of this version, the query is none, or there is no
+            such episode or label.
         OSError: The page cannot be written; what was there before stays.
     """
     if not all(map(find_spec, ("matplotlib", "numpy"))):
         raise MissingExtraError("a report", "data")
     with reading(url) as connection:
         selection = select_episodes(connection, url, query, labels, seconds=seconds)
+        if by != BY:
+            check_label(connection, by)
         facts = read_facts(connection, selection, by, progress)
         groups = grouped(facts)
         time_lines = []
