@@ -128,7 +128,7 @@ async def test_a_game_its_end_its_replay_again_and_quit(evening: Evening) -> Non
         assert evening.form is not None
         words = [row.label for row in evening.form.rows]
         assert words[0].startswith("Goal reached in ")
-        assert words[1].startswith("Proven best: 8 steps. This game: ")
+        assert words[1] == "Proven best: 8 steps."
         assert words[-6:] == [
             "Play again", "Next task", "Watch the replay", "Save a video", "Menu", "Quit",
         ]  # fmt: skip
@@ -410,3 +410,22 @@ async def test_settings_that_cannot_be_saved_are_no_reason_to_stop(evening: Even
 
 def test_the_settings_file_says_its_version(tmp_path: Path) -> None:
     assert json.loads(Settings().model_dump_json())["version"] == 1
+
+
+@pytest.mark.parametrize("renamed", [False, True])
+async def test_what_is_said_for_one_time_is_not_kept(tmp_path: Path, renamed: bool) -> None:
+    path = tmp_path / "settings.json"
+    remembered = Settings(name="ada", size=(1280, 720))
+    display = Display((640, 360), headless=True)
+    now = remembered.model_copy(update={"name": "guest", "size": (640, 360)})
+    shell = Shell(now, display, path=path, remembered=remembered)
+
+    async def first() -> object:
+        if renamed:
+            shell.settings.name = "grace"
+        return "quit"
+
+    await shell.run(first())
+    kept, _ = load_settings(path)
+    assert kept.size == (1280, 720)
+    assert kept.name == ("grace" if renamed else "ada")

@@ -58,7 +58,7 @@ class Overlays:
         if placed is None or placed.tile is None:
             return
         cell = layout.cell(placed.tile)
-        target.blit(box(cell.size, (255, 255, 255, 60), layout.tile // 10), cell)
+        target.blit(box(cell.size, (255, 255, 255, 24), layout.tile // 10), cell)
         width = max(2, layout.tile // 24)
         pygame.draw.rect(target, ACCENT, cell, width=width, border_radius=layout.tile // 10)
 

@@ -57,6 +57,8 @@ class Shell:
         recordings: Where games that are played here are kept, None to keep none.
         tasks: A folder of own kitchens: recordings of them are shown with its pictures.
         token: A signed role token, where servers ask for one.
+        remembered: What is on disk, where that differs: what was said for this time only is not
+            kept, unless it is changed.
         menu: Whether there is one; without it, the shell ends with what comes first.
         make_partners: The bots of games that are played here.
         clock, sleep: Injected for tests.
@@ -68,6 +70,7 @@ class Shell:
         display: Display,
         *,
         path: Path | None = None,
+        remembered: Settings | None = None,
         recordings: Path | None = None,
         tasks: Path | None = None,
         token: str | None = None,
@@ -80,6 +83,10 @@ class Shell:
         self.display = display
         self.message = ""
         self._path = path
+        self._remembered = remembered or settings
+        self._for_now = {
+            name: value for name, value in settings if value != getattr(self._remembered, name)
+        }
         self._recordings = recordings
         self._tasks = tasks
         self._token = token
@@ -404,7 +411,16 @@ class Shell:
         self.settings.size = self.display.size
         self.settings.fullscreen = self.display.fullscreen
         if self._path is not None:
-            self.message = save_settings(self.settings, self._path) or self.message
+            saved = self.settings.model_copy(update=self._as_before())
+            self.message = save_settings(saved, self._path) or self.message
+
+    def _as_before(self) -> dict[str, object]:
+        """What was said for this time only, and has not been changed since, as it was."""
+        return {
+            name: getattr(self._remembered, name)
+            for name, value in self._for_now.items()
+            if getattr(self.settings, name) == value
+        }
 
 
 def _following(task: str) -> str:

@@ -42,11 +42,17 @@ def open_shell(
         shipped_rendering(rendering)
     path = settings_path()
     settings, told = load_settings(path)
+    if settings.rendering not in other_renderings():
+        settings.rendering = ""
+    for_now: dict[str, object] = {}
     if size is not None:
-        settings.size = parse_size(size)
-    remembered = settings.rendering if settings.rendering in other_renderings() else ""
-    settings.rendering = rendering or remembered
-    settings.name = name or settings.name
+        for_now["size"] = parse_size(size)
+    if rendering:
+        for_now["rendering"] = rendering
+    if name:
+        for_now["name"] = name
+    remembered = settings
+    settings = settings.model_copy(update=for_now)
     display = Display(settings.size, fullscreen=settings.fullscreen)
     Screen(display).splash("Robotouille")
 
@@ -57,6 +63,7 @@ def open_shell(
         settings,
         display,
         path=path,
+        remembered=remembered,
         recordings=recordings_folder(),
         tasks=tasks,
         token=token,
