@@ -19,7 +19,13 @@ from robotouille.episode import (
     Started,
 )
 from robotouille.replay.container import magic, read_frames
-from robotouille.replay.recorder import HASH_EVERY, MAX_NOTES, SNAPSHOT_EVERY, Recorder
+from robotouille.replay.recorder import (
+    HASH_EVERY,
+    MAX_NOTES,
+    SNAPSHOT_EVERY,
+    Recorder,
+    iso_time,
+)
 from robotouille.replay.recording import Recording
 from robotouille.world.unmet import only_words
 from tests.support.episodes import TWO
@@ -86,3 +92,16 @@ def test_what_time_it_was_is_written_where_time_begins_to_run() -> None:
         written = Recorder(TWO, wall=wall).record(events)
         (frame,) = read_frames(magic(2) + written)
         assert [note.get("utc_ms") for note in frame["notes"]] == expected
+
+
+@pytest.mark.parametrize(
+    ("created", "told"),
+    [
+        ("20261122T191339Z", "2026-11-22T19:13:39Z"),
+        ("2026-11-22T19:13:39Z", "2026-11-22T19:13:39Z"),
+        ("", ""),
+        ("yesterday", "yesterday"),
+    ],
+)
+def test_times_are_told_so_that_they_compare_with_dates(created: str, told: str) -> None:
+    assert iso_time(created) == told

@@ -15,8 +15,8 @@ from typing import IO, Any
 from pydantic import ValidationError
 
 from robotouille.errors import RobotouilleError
-from robotouille.iso_time import iso_time
 from robotouille.protocol import messages
+from robotouille.replay.recorder import iso_time
 
 __all__ = ["TableError", "closed_codes", "listed_row", "read_requests", "seconds", "write_table"]
 

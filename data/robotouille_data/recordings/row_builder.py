@@ -9,7 +9,7 @@ from typing import Any
 
 from robotouille.episode.rules import Clock
 from robotouille.errors import RecordingError
-from robotouille.iso_time import iso_time
+from robotouille.replay.recorder import iso_time
 from robotouille_data.recordings.action_words import (
     occupied_predicates,
     player_names,

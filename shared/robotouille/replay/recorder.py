@@ -6,6 +6,7 @@ the original byte for byte.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -38,13 +39,31 @@ from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
 from robotouille.world.unmet import UnmetKind
 from robotouille.world.world import Attempt, State, World
 
-__all__ = ["HASH_EVERY", "SNAPSHOT_EVERY", "Recorder", "header", "keyframe", "step_frames"]
+__all__ = [
+    "HASH_EVERY",
+    "SNAPSHOT_EVERY",
+    "Recorder",
+    "header",
+    "iso_time",
+    "keyframe",
+    "step_frames",
+]
+
+BASIC_TIME = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
 
 HASH_EVERY = 10
 SNAPSHOT_EVERY = 100
 MAX_NOTES = 50
 """Notes in a frame: the longest (a rejection with 8,000 characters of reasoning and its reasons)
 takes less than 80 KiB, so that they all fit."""
+
+
+def iso_time(created: str) -> str:
+    """The `created` of a recording, which is in the basic form of ISO 8601, in its extended form,
+    as `2026-11-22T19:13:39Z`, which sorts and compares with dates; anything else as it is."""
+    return (
+        BASIC_TIME.sub(r"\1-\2-\3T\4:\5:\6Z", created) if BASIC_TIME.fullmatch(created) else created
+    )
 
 
 def header(
