@@ -31,6 +31,7 @@ def test_these_are_the_programs() -> None:
         "robotouille-bot",
         "robotouille-client",
         "robotouille-loadtest",
+        "robotouille-lsl",
         "robotouille-mcp",
         "robotouille-server",
         "robotouille-token",

@@ -19,6 +19,7 @@ PUBLIC = [
     "Game",
     "GameEvent",
     "Heard",
+    "NotSaid",
     "NotYetError",
     "Observed",
     "Over",
