@@ -79,15 +79,11 @@ async def _show(
 ) -> None:
     import asyncio
 
-    from robotouille_client.window.replay.spectator import Spectator
-    from robotouille_client.window.sources.remote import RemoteSource
+    from robotouille_client.window.shell.games.remote_game import shown
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
-    language = None if look is None else look.rendering.language
-    watched = None if game.own_seats else Spectator(game, loop.time, connected, language)
-    source = watched or RemoteSource(game, loop.time, connected, language)
-    strip = watched.strip if watched else None
+    source, strip = shown(game, loop.time, connected, look)
     caption = f"Robotouille {game.code}"
     window = Window(
         size,

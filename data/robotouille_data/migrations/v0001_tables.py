@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-__all__ = ["down_revision", "downgrade", "revision", "upgrade"]
+__all__ = ["down_revision", "revision", "upgrade"]
 
 revision = "0001"
 down_revision = None
@@ -117,8 +117,3 @@ def upgrade() -> None:
         sa.Column("staleness", sa.Integer()),
         sqlite_with_rowid=False,
     )
-
-
-def downgrade() -> None:
-    """Nothing leads back: a catalogue is built anew."""
-    raise NotImplementedError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from alembic import op
 
-__all__ = ["down_revision", "downgrade", "revision", "upgrade"]
+__all__ = ["down_revision", "revision", "upgrade"]
 
 revision = "0002"
 down_revision = "0001"
@@ -28,8 +28,3 @@ JOIN measures m ON m.episode_id = e.id
 def upgrade() -> None:
     """Make the view."""
     op.execute(VIEW)
-
-
-def downgrade() -> None:
-    """Nothing leads back: a catalogue is built anew."""
-    raise NotImplementedError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-__all__ = ["down_revision", "downgrade", "revision", "upgrade"]
+__all__ = ["down_revision", "revision", "upgrade"]
 
 revision = "0003"
 down_revision = "0002"
@@ -28,8 +28,3 @@ def upgrade() -> None:
         .where(success.c.success == sa.true())
         .values(steps_to_go_least=0, steps_to_go_most=0, out_of_reach=sa.false())
     )
-
-
-def downgrade() -> None:
-    """Nothing leads back: a catalogue is built anew."""
-    raise NotImplementedError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-__all__ = ["down_revision", "downgrade", "revision", "upgrade"]
+__all__ = ["down_revision", "revision", "upgrade"]
 
 revision = "0004"
 down_revision = "0003"
@@ -42,8 +42,3 @@ def upgrade() -> None:
     op.add_column("seats", sa.Column("delay_ms", sa.Integer(), nullable=False, server_default="0"))
     op.execute(CREATED)
     op.execute(VIEW)
-
-
-def downgrade() -> None:
-    """Nothing leads back: a catalogue is built anew."""
-    raise NotImplementedError

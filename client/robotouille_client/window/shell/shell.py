@@ -24,10 +24,9 @@ from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.sounds import Sounds
-from robotouille_client.window.replay.spectator import Spectator
 from robotouille_client.window.shell.game_cards import GameCards, ReplayCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
-from robotouille_client.window.shell.games.remote_game import remote_game
+from robotouille_client.window.shell.games.remote_game import remote_game, shown
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.screens.main_menu import menu
 from robotouille_client.window.shell.screens.play_menu import PlayMenu, task_title
@@ -40,7 +39,6 @@ from robotouille_client.window.shell.screens.server_menus import (
 )
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.settings import Settings, save_settings
-from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
 
@@ -230,11 +228,7 @@ class Shell:
         client, game, look = entered
         try:
             loop = asyncio.get_running_loop()
-            language = None if look is None else look.rendering.language
-            connected = client.connected.is_set
-            watched = None if game.own_seats else Spectator(game, loop.time, connected, language)
-            source = watched or RemoteSource(game, loop.time, connected, language)
-            strip = watched.strip if watched else None
+            source, strip = shown(game, loop.time, client.connected.is_set, look)
             buttons = [("Menu", "menu"), ("Quit", "quit")] if self._menu else [("Close", "quit")]
             cards = GameCards(lambda: game.outcome, buttons, menu=self._menu)
             caption = f"Robotouille {game.code}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,9 +14,26 @@ from robotouille_client.client import Client, connect
 from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
 from robotouille_client.game import Game
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.replay.spectator import Spectator
+from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.sources.remote_look import fetch_look
+from robotouille_client.window.strip import Strip
 
-__all__ = ["remote_game"]
+__all__ = ["remote_game", "shown"]
+
+
+def shown(
+    game: Game,
+    now: Callable[[], float],
+    connected: Callable[[], bool],
+    look: KitchenLook | None,
+) -> tuple[RemoteSource | Spectator, Strip | None]:
+    """What a window shows of a game, and the strip below it: who only watches has a timeline."""
+    language = None if look is None else look.rendering.language
+    if game.own_seats:
+        return RemoteSource(game, now, connected, language), None
+    watched = Spectator(game, now, connected, language)
+    return watched, watched.strip
 
 
 @asynccontextmanager
