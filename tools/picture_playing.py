@@ -180,15 +180,15 @@ def main() -> None:
     playing = Playing(lobby)
     asyncio.run(playing.shell.run(playing.ask(kitchens())))
     playing = Playing(tutorial)
-    asyncio.run(playing.shell.run(playing.shell.learn()))
+    asyncio.run(playing.shell.run(playing.shell.local.learn()))
     playing = Playing(game)
-    asyncio.run(playing.shell.run(playing.shell.play(Plan("multi_agent/01", seats=2))))
+    asyncio.run(playing.shell.run(playing.shell.local.play(Plan("multi_agent/01", seats=2))))
     playing = Playing(end)
     turns = Plan("training/01", clock=Clock.TURN, max_steps=200)
-    asyncio.run(playing.shell.run(playing.shell.play(turns)))
+    asyncio.run(playing.shell.run(playing.shell.local.play(turns)))
     playing = Playing(lost)
     short = Plan("training/01", max_steps=10, countdown=0.0)
-    asyncio.run(playing.shell.run(playing.shell.play(short)))
+    asyncio.run(playing.shell.run(playing.shell.local.play(short)))
 
 
 if __name__ == "__main__":

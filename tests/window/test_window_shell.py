@@ -80,7 +80,7 @@ class Evening:
 
     async def go(self, script: Callable[[], Iterator[None]], first: Plan | None = None) -> None:
         self.fingers.script = script()
-        await self.shell.run(self.shell.play(first) if first is not None else None)
+        await self.shell.run(self.shell.local.play(first) if first is not None else None)
 
     def choose(self, label: str) -> Iterator[None]:
         """Go down to a button of the form that is asked, and press Enter."""
@@ -326,7 +326,7 @@ def test_open_a_kitchen_on_a_server_wait_for_others_and_leave(
                 yield from evening.choose("Quit")
 
             monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-            evening.shell._clock = asyncio.get_running_loop().time
+            evening.shell.stage.clock = asyncio.get_running_loop().time
             evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
             await asyncio.wait_for(evening.go(script), 60)
             assert evening.shell.settings.code
@@ -368,10 +368,10 @@ def test_without_a_menu_the_window_closes_after_the_game(
                 raise AssertionError("it is still open")
 
             monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-            evening.shell._clock = asyncio.get_running_loop().time
+            evening.shell.stage.clock = asyncio.get_running_loop().time
             evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
             evening.fingers.script = script()
-            joined = evening.shell.join(room.code, url=server.url)
+            joined = evening.shell.remote.join(room.code, url=server.url)
             await asyncio.wait_for(evening.shell.run(joined), 60)
 
     run(main())
@@ -405,7 +405,7 @@ async def test_settings_that_cannot_be_saved_are_no_reason_to_stop(evening: Even
     (evening.folder / "file").write_text("")
     evening.shell._path = evening.folder / "file" / "window.json"
     await asyncio.wait_for(evening.go(lambda: wait(2)), 30)
-    assert "cannot be saved" in evening.shell.message
+    assert "cannot be saved" in evening.shell.stage.message
 
 
 def test_the_settings_file_says_its_version(tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def play(
         if tasks is None and task is not None and task.partition("@")[0].endswith(".json"):
             tasks = Path(task).parent
         shell = open_shell(size=size, rendering=rendering, tasks=tasks)
-        asyncio.run(shell.run(shell.play(plan) if plan else None))
+        asyncio.run(shell.run(shell.local.play(plan) if plan else None))
     except (RobotouilleError, ValidationError, KeyError) as error:
         fail(explain(error))
     except KeyboardInterrupt:

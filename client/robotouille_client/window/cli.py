@@ -247,12 +247,13 @@ def _open_shell(
     shell = open_shell(
         size=size, name=name, token=token, menu=menu, rendering=rendering, tasks=tasks
     )
+    games = shell.remote
 
     async def first() -> object:
         found = code
         if found is None:
-            found = await shell.ask_server(lambda client: _find_code(client, opening), address)
-        return await shell.join(found, watch=watch, seat=seat, url=address) if found else None
+            found = await games.ask_server(lambda client: _find_code(client, opening), address)
+        return await games.join(found, watch=watch, seat=seat, url=address) if found else None
 
     asyncio.run(shell.run(first() if asked else None))
 

@@ -69,5 +69,5 @@ def open_shell(
         token=token,
         menu=menu,
     )
-    shell.message = told
+    shell.stage.message = told
     return shell

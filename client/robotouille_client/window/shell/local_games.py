@@ -1,0 +1,99 @@
+"""Games that are played in this process, and the tutorial."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from robotouille.domain.catalogue import task_names
+from robotouille_client.bots.partners import MakePartners
+from robotouille_client.window.shell.game_cards import GameCards
+from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
+from robotouille_client.window.shell.replays import Replays
+from robotouille_client.window.shell.screens.play_menu import PlayMenu, task_title
+from robotouille_client.window.shell.stage import Stage
+
+__all__ = ["LocalGames"]
+
+
+class LocalGames:
+    """Plays tasks here, with bots for partners.
+
+    Args:
+        replays: What shows and films the games that are over.
+        recordings: Where they are kept, None to keep none.
+    """
+
+    def __init__(
+        self, stage: Stage, replays: Replays, recordings: Path | None, make_partners: MakePartners
+    ) -> None:
+        self._stage = stage
+        self._replays = replays
+        self._recordings = recordings
+        self._make_partners = make_partners
+
+    async def choose(self) -> object:
+        """Ask what is to be played, and play it."""
+        self._stage.splash("Loading …")
+        chosen = PlayMenu(self._stage.settings)
+        if await self._stage.ask(chosen.form) != "start":
+            return None
+        chosen.remember(self._stage.settings)
+        return await self.play(chosen.plan)
+
+    async def play(self, plan: Plan) -> object:
+        """Play a task, again and again, or the next one, as long as that is asked for."""
+        answer: object = "again"
+        while answer in ("again", "next"):
+            if answer == "next":
+                plan = dataclasses.replace(plan, task=_following(plan.task), seats=None)
+            self._stage.splash("Loading …")
+            answer = await self._play_once(self._game(plan, self._recordings), plan)
+        return answer
+
+    async def learn(self) -> object:
+        """The tutorial; the place to go to next."""
+        self._stage.splash("Loading …")
+        game = self._game(TUTORIAL, None)
+        source = TutorialSource(game.source, self._stage.keys)
+        cards = GameCards(
+            lambda: game.source.outcome,
+            [("Play a game", "play"), ("The tutorial again", "tutorial"), ("Menu", "menu")],
+        )
+        try:
+            answer = await self._stage.show(source, cards, caption="Tutorial")
+        finally:
+            game.finish(over=False)
+        self._stage.settings.learned = self._stage.settings.learned or source.finished
+        return answer
+
+    def _game(self, plan: Plan, recordings: Path | None) -> LocalGame:
+        stage = self._stage
+        return LocalGame(plan, stage.settings.name, stage.clock, recordings, self._make_partners)
+
+    async def _play_once(self, game: LocalGame, plan: Plan) -> object:
+        source = game.source
+        buttons = [("Play again", "again"), ("Next task", "next")]
+        if game.path is not None:
+            buttons += [("Watch the replay", "watch"), ("Save a video", "video")]
+        buttons += [("Menu", "menu"), ("Quit", "quit")]
+        cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
+        try:
+            answer = await self._stage.show(source, cards, caption=task_title(plan.task))
+        finally:
+            path = game.finish(over=source.finished)
+        while answer in ("watch", "video") and path is not None:
+            if answer == "watch":
+                await self._replays.watch(path)
+            else:
+                await self._replays.film(path)
+            answer = await self._stage.ask(cards.again(self._stage.told()))
+        return answer
+
+
+def _following(task: str) -> str:
+    """The task after another in the list."""
+    names = task_names()
+    index = next((i for i, name in enumerate(names) if name.startswith(task)), -1)
+    return names[(index + 1) % len(names)]

@@ -1,0 +1,132 @@
+"""What all screens and games of a process have in common: one display, its input, its settings."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+from robotouille_client.window.forms.cards import Cards
+from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
+from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.hands.gamepad import Gamepads
+from robotouille_client.window.hands.sounds import Sounds
+from robotouille_client.window.shell.screens.server_menus import waiting_form
+from robotouille_client.window.shell.settings import Settings
+from robotouille_client.window.view import Source
+from robotouille_client.window.window import Window
+
+__all__ = ["Stage"]
+
+T = TypeVar("T")
+
+
+class Stage:
+    """A display with its gamepads and sounds, on which forms are asked and games are shown.
+
+    `message` is told by the next form that has room for it; `settings` are followed by what comes
+    next.
+
+    Args:
+        clock, sleep: Injected for tests.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        display: Display,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        self.settings = settings
+        self.display = display
+        self.clock = clock
+        self.message = ""
+        self._sleep = sleep
+        self._gamepads = Gamepads()
+        self._sounds = None if display.headless else Sounds()
+        self._screen = Screen(display, gamepads=self._gamepads, sleep=sleep)
+        self.follow_settings()
+
+    @property
+    def keys(self) -> KeyMap:
+        """The keys of the window's owner."""
+        return self._screen.keys
+
+    def open(self) -> None:
+        """Open the display, and see which gamepads there are."""
+        self.display.open()
+        if not self.display.headless:
+            self._gamepads.open()
+
+    def close(self) -> None:
+        """Close the display; there is no sound any more."""
+        if self._sounds is not None:
+            self._sounds.close()
+        self.display.close()
+
+    def follow_settings(self) -> None:
+        """Do as the settings say."""
+        self._screen.keys = KeyMap(self.settings.keys)
+        self._screen.text_scale = self.settings.text_scale
+        if self._sounds is not None:
+            self._sounds.on = self.settings.sound
+
+    def told(self) -> str:
+        """The message, which is told once."""
+        words, self.message = self.message, ""
+        return words
+
+    def splash(self, words: str) -> None:
+        """Words in an otherwise empty window, while something is loaded."""
+        self._screen.splash(words)
+
+    async def ask(self, form: Form) -> object:
+        """Show a form until it has a result; ClosedByOwnerError where the window is closed."""
+        return await self._screen.ask(form)
+
+    async def wait(self, work: Awaitable[T], words: str) -> T | None:
+        """Something that takes a while; None where its owner gave it up."""
+        task = asyncio.ensure_future(work)
+        try:
+            await self._screen.ask(waiting_form(words), until=task)
+            return task.result() if task.done() else None
+        finally:
+            if not task.done():
+                task.cancel()
+
+    async def show(self, source: Source, cards: Cards, *, caption: str, **options: Any) -> object:
+        """Show a game; what was chosen in it at last."""
+        self.display.caption = caption
+        return await self.watched(self.window(cards, **options), source)
+
+    def window(self, cards: Cards, size: object = None, **options: Any) -> Window:
+        """A window in this display; sizes and captions are the display's own affair."""
+        for own in ("caption", "headless", "rendering"):
+            options.pop(own, None)
+        return Window(
+            display=self.display,
+            gamepads=self._gamepads,
+            cards=cards,
+            sounds=self._sounds,
+            keys=self.keys,
+            text_scale=self.settings.text_scale,
+            reduced_motion=self.settings.reduced_motion,
+            rendering=self.settings.rendering,
+            clock=self.clock,
+            sleep=self._sleep,
+            **options,
+        )
+
+    async def watched(self, window: Window, source: Source) -> object:
+        """Run a window until something was chosen in it."""
+        await window.run(source, linger=None)
+        if self._sounds is not None:
+            self.settings.sound = self._sounds.on
+        if window.answer is None:
+            raise ClosedByOwnerError
+        return window.answer
