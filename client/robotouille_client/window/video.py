@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pygame
 
+from robotouille.domain.rendering import RenderingFile
 from robotouille.errors import MissingExtraError
 from robotouille.world.world import State
 from robotouille_client.window.drawing.painter import Painter
@@ -19,7 +21,7 @@ from robotouille_client.window.view import Bubble, SeatView, View
 if TYPE_CHECKING:
     import av
 
-__all__ = ["frames_of", "write_video"]
+__all__ = ["frames_of", "write_video", "writing_video"]
 
 _PALETTE_FRAMES = 48
 
@@ -35,15 +37,16 @@ def frames_of(
     max_steps: int | None = None,
     outcome: str = "",
     hold: int = 12,
-    rendering: str = "",
+    rendering: str | RenderingFile = "",
+    pictures: Path | None = None,
 ) -> Iterator[pygame.Surface]:
     """Draw a course of (step, state) with some frames for each step.
 
     `seats` are those at each state. The first state is shown standing still, the last one for
-    `hold` frames more, with the outcome; `rendering` is that of Painter. The same surface is
-    yielded each time: use it before asking for the next.
+    `hold` frames more, with the outcome; `rendering` and `pictures` are those of Painter. The same
+    surface is yielded each time: use it before asking for the next.
     """
-    painter, surface = Painter(rendering), pygame.Surface(size)
+    painter, surface = Painter(rendering, pictures), pygame.Surface(size)
     previous: State | None = None
     view: View | None = None
     for index, (step, state) in enumerate(states):
@@ -74,7 +77,18 @@ def _at(view: View, phase: float, outcome: str = "", *, won: bool = False) -> Vi
 def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30) -> int:
     """Write frames of one size as .mp4 (H.264) or .gif; how many there were.
 
-    Raises MissingExtraError without PyAV, ValueError for another ending or no frames.
+    Raises MissingExtraError without PyAV, ValueError for another ending or no frames, OSError
+    where they cannot be written.
+    """
+    return deque(writing_video(path, frames, fps), maxlen=1).pop()
+
+
+def writing_video(
+    path: Path | str, frames: Iterable[pygame.Surface], fps: int = 30
+) -> Iterator[int]:
+    """Write a video as `write_video` does, a frame at a time: how many are written so far.
+
+    Some of them are still on their way to the file, which is whole only at the end.
     """
     path = Path(path)
     if path.suffix.lower() not in (".mp4", ".gif"):
@@ -88,7 +102,12 @@ def write_video(path: Path | str, frames: Iterable[pygame.Surface], fps: int = 3
     if first is None:
         raise ValueError("a video needs at least one frame")
     write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
-    return write(path, itertools.chain([first], video_frames), first, fps)
+    try:
+        yield from write(path, itertools.chain([first], video_frames), first, fps)
+    except OSError:
+        raise
+    except av.FFmpegError as error:
+        raise OSError(error.errno, error.strerror) from error
 
 
 def _frame(av_: Any, surface: pygame.Surface) -> av.VideoFrame:
@@ -100,10 +119,11 @@ def _frame(av_: Any, surface: pygame.Surface) -> av.VideoFrame:
     return frame
 
 
-def _write_mp4(path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame, fps: int) -> int:
+def _write_mp4(
+    path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame, fps: int
+) -> Iterator[int]:
     import av
 
-    count = 0
     with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
         stream: Any = container.add_stream("libx264", rate=fps)
         stream.width, stream.height = first.width, first.height
@@ -112,8 +132,8 @@ def _write_mp4(path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame
         for count, frame in enumerate(frames, 1):
             _stamp(frame, count - 1, fps)
             container.mux(stream.encode(frame))
+            yield count
         container.mux(stream.encode())
-    return count
 
 
 def _stamp(frame: av.VideoFrame, index: int, fps: int) -> None:
@@ -121,7 +141,9 @@ def _stamp(frame: av.VideoFrame, index: int, fps: int) -> None:
     frame.time_base = Fraction(1, fps)
 
 
-def _write_gif(path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame, fps: int) -> int:
+def _write_gif(
+    path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame, fps: int
+) -> Iterator[int]:
     """One palette for all frames, chosen from the first: what stands still then costs nothing."""
     import av
 
@@ -140,8 +162,8 @@ def _write_gif(path: Path, frames: Iterable[av.VideoFrame], first: av.VideoFrame
             graph.inputs[0].push(frame)
             for mapped in _pulled(av, graph.output):
                 container.mux(stream.encode(mapped))
+            yield count
         container.mux(stream.encode())
-    return count
 
 
 class _Graph(NamedTuple):

@@ -7,7 +7,6 @@ from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import only_words
 from robotouille.world.world import State
 from robotouille_client.window.replay.history.history import EntryKind, History
-from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.playhead import Playhead
 from robotouille_client.window.replay.viewer_state import ViewerState
 from robotouille_client.window.sources.texts import outcome_words, won
@@ -43,7 +42,7 @@ def notices_at(interludes: list[tuple[int, str]], steps: int) -> dict[int, str]:
 
 
 class ReplaySource:
-    """A recording, at the step where a playhead is; another one may be longer than it is.
+    """A history, at the step where a playhead is; another one may be longer than it is.
 
     A state that cannot be told any more is not shown: the last one that could be stays, and the
     panel says so.
@@ -53,13 +52,12 @@ class ReplaySource:
     """
 
     def __init__(
-        self, history: RecordedHistory, playhead: Playhead, state: ViewerState, title: str = ""
+        self, history: History, playhead: Playhead, state: ViewerState, title: str = ""
     ) -> None:
         self._history = history
         self._playhead = playhead
         self._viewer_state = state
         self._title = title
-        self._max_steps: int = history.recording.header["rules"]["max_steps"]
         self._notices = notices_at(history.interludes, round(playhead.rate * NOTICE_SECONDS))
         self._last: tuple[int, State] = (0, history.world.initial)
 
@@ -77,7 +75,7 @@ class ReplaySource:
             state=state,
             previous=self._state(step - 1)[0] if step and not fault else None,
             step=step,
-            max_steps=self._max_steps,
+            max_steps=history.max_steps,
             clock="replay" if moving else "replay, paused",
             phase=position % 1 or 1.0 if moving else 1.0,
             seats=history.seats(step),

@@ -73,8 +73,11 @@ class History(ABC):
     """An episode from step `first` to step `length`; it may grow at its end.
 
     `fault` says why it ends where it does, if something is wrong with it. `times` are milliseconds
-    since the game began, by step.
+    since the game began, by step. `interludes` are what whoever watches should be told, and after
+    which step; `max_steps` is the limit that the game had.
     """
+
+    max_steps: int | None = None
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -83,6 +86,7 @@ class History(ABC):
         self.times = array("q", [0])
         self.first = 0
         self.fault = ""
+        self.interludes: list[tuple[int, str]] = []
         self._said: list[tuple[int, str, str]] = []
 
     @property

@@ -15,6 +15,7 @@ from robotouille_client.sansio.game_events import (
     GameEvent,
     Heard,
     Over,
+    Refused,
     RosterChanged,
 )
 from robotouille_client.window.replay.history.history import Entry, EntryKind, History
@@ -24,11 +25,15 @@ from robotouille_client.window.view import SeatView
 
 __all__ = ["LiveHistory"]
 
+MAX_STATES = 20_000
+"""Of a game that goes on for longer, the beginning is forgotten."""
+_FORGOTTEN_AT_ONCE = 1000
+
 
 class LiveHistory(History):
-    """What a spectator has seen of a game, from the step on at which they came.
+    """What somebody has seen of a game, from the step on at which they came.
 
-    It knows what a server tells spectators: of what others were refused, they hear the number.
+    It knows what a server tells them: of what others were refused, they hear the number.
 
     Args:
         now: A clock in seconds.
@@ -46,6 +51,7 @@ class LiveHistory(History):
         self._rejected = self._rejections()
         self._turn = game.turn
         self._paused = False
+        self.max_steps = game.clock.get("max_steps")
         self.first = game.step
         while self.length < game.step:
             self._add_step(0, {})
@@ -80,6 +86,9 @@ class LiveHistory(History):
             case Announced():
                 self._said.append((self.length, "", event.text))
                 self._note(EntryKind.ANNOUNCED, event.text)
+                self.interludes.append((self.length, f"The operator: {event.text}"))
+            case Refused() if event.seat:
+                self._refuse(event)
             case RosterChanged():
                 if event.pause is not None and not self._paused:
                     self._note(EntryKind.PAUSED, f"paused: {event.pause.reason}")
@@ -91,6 +100,18 @@ class LiveHistory(History):
         entry = Entry(self.length, kind, player, words)
         self._entries[entry.step].append(entry)
         self._mark([entry])
+
+    def _refuse(self, event: Refused) -> None:
+        """Something that one asked for oneself was not done."""
+        told = (self._states[-1], self._names())
+        does = self._spoken.attempt({"player": event.seat, "action": event.action}, *told)
+        why = self._spoken.unmet(event.unmet, *told)
+        entry = Entry(self.length, EntryKind.REJECTED, event.seat, does, why)
+        self._entries[entry.step].append(entry)
+        self._mark([entry])
+
+    def _names(self) -> dict[str, str]:
+        return {seat.player: seat.name for seat in self._game.seats if seat.name}
 
     def _take(self, event: Changed) -> None:
         """A step; of those before it that were not told only that there were some."""
@@ -105,11 +126,22 @@ class LiveHistory(History):
         self._seats.append(seats)
         for player, action, applied in event.did:
             kind = EntryKind.ACTION if applied else EntryKind.REJECTED
-            names = {seat.player: seat.name for seat in self._game.seats if seat.name}
-            entry = Entry(event.step, kind, player, self._spoken.action(action, before, names))
+            does = self._spoken.action(action, before, self._names())
+            entry = Entry(event.step, kind, player, does)
             self._entries[event.step].append(entry)
             self._mark([entry])
         self._turn = event.turn
+        self._forget()
+
+    def _forget(self) -> None:
+        """Let the oldest states go where there are too many."""
+        if len(self._states) < MAX_STATES + _FORGOTTEN_AT_ONCE:
+            return
+        del self._states[:_FORGOTTEN_AT_ONCE], self._seats[:_FORGOTTEN_AT_ONCE]
+        self.first += _FORGOTTEN_AT_ONCE
+        self._entries = defaultdict(
+            list, {step: told for step, told in self._entries.items() if step >= self.first}
+        )
 
     def _did(self, event: Changed) -> dict[str, Activity]:
         """What each seat did with a step, as far as it was told."""

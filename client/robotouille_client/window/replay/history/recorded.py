@@ -61,6 +61,7 @@ class RecordedHistory(History):
     def __init__(self, recording: Recording) -> None:
         super().__init__(recording.world)
         self.recording = recording
+        self.max_steps = recording.header["rules"]["max_steps"]
         self.states = RecordedStates(recording.world, recording.stream, recording.header["tables"])
         self._stand_in = str(recording.header["rules"].get("stand_in", "bot"))
         self._seatings: dict[str, Seating] = dict.fromkeys(self.world.players, Seating())

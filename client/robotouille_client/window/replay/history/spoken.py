@@ -49,8 +49,14 @@ class Spoken:
         names: Mapping[str, str],
     ) -> tuple[str, ...]:
         """Why not: the recorded words, where there are no values beside them."""
+        return self.unmet(_unmet(words, why), state, names)
+
+    def unmet(
+        self, unmet: Sequence[Unmet], state: State, names: Mapping[str, str]
+    ) -> tuple[str, ...]:
+        """Why not: what is unmet in a state."""
         wording = self._wording(names)
-        return tuple(wording.reason(each, state) for each in _unmet(words, why))
+        return tuple(wording.reason(each, state) for each in unmet)
 
     def _wording(self, names: Mapping[str, str]) -> Wording:
         return Wording(self._world, self._language, None, names)

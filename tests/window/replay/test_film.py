@@ -1,0 +1,49 @@
+"""A history as a video: it is there when it is whole, and what was stopped leaves nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robotouille.errors import RobotouilleError
+from robotouille.replay.recording import Recording
+from robotouille_client.window.replay.film import filming
+from robotouille_client.window.replay.history.recorded import RecordedHistory
+
+av = pytest.importorskip("av")
+
+
+def test_it_says_how_far_it_is(recording: Recording, tmp_path: Path) -> None:
+    output = tmp_path / "film.mp4"
+    written = list(filming(RecordedHistory(recording), output, 24, "160x120", (0, 3)))
+    counts = [done for done, _ in written]
+    assert counts == sorted(counts)
+    assert [total for _, total in written] == [4 + 48] * len(written)
+    assert written[-1] == (52, 52)
+    assert written[-2] == (51, 52), "it is done when the file is whole"
+    with av.open(str(output)) as film:
+        assert sum(1 for _ in film.decode(video=0)) == 52
+    assert list(tmp_path.iterdir()) == [output]
+
+
+@pytest.mark.parametrize("before", [b"", b"another film"])
+def test_what_is_stopped_leaves_what_was_there(
+    recording: Recording, tmp_path: Path, before: bytes
+) -> None:
+    output = tmp_path / "film.mp4"
+    if before:
+        output.write_bytes(before)
+    written = filming(RecordedHistory(recording), output, 5, "160x120")
+    for _ in range(5):
+        next(written)
+    written.close()
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == ([before] if before else [])
+
+
+def test_what_cannot_be_written_is_told(recording: Recording, tmp_path: Path) -> None:
+    history = RecordedHistory(recording)
+    with pytest.raises(RobotouilleError, match=r"film\.mp4: cannot be written: No such file"):
+        list(filming(history, tmp_path / "none" / "film.mp4", 5, "160x120"))
+    with pytest.raises(RobotouilleError, match="no span from step 3 to 400"):
+        list(filming(history, tmp_path / "film.mp4", 5, "160x120", (3, 400)))
