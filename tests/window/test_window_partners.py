@@ -77,7 +77,7 @@ def test_a_game_in_real_time_stands_still_while_its_owner_is_asked(tmp_path: Pat
     plan = Plan("multi_agent/01", seats=2, rate=10.0, max_steps=40, countdown=0.0)
     game, _ = slow_game(plan, timer, tmp_path)
     source = game.source
-    cards = GameCards(lambda: None, (), source.stand_still)
+    cards = GameCards(lambda: None, tuple, source.stand_still)
     timer.now += 1.0
     step = source.view().step
     cards.leaving(source.view())

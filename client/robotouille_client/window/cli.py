@@ -83,7 +83,7 @@ async def _show(
     from robotouille_client.window.window import Window
 
     loop = asyncio.get_running_loop()
-    source, strip = shown(game, loop.time, connected, look)
+    source, strip, _ = shown(game, loop.time, connected, look)
     caption = f"Robotouille {game.code}"
     window = Window(
         size,

@@ -29,7 +29,7 @@ _Drawn = tuple[tuple[int, int], object, object, UiOverlay]
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_SECONDS = 0.7
-"""For which a new card takes no answers: who plays is still pressing keys."""
+"""For which the card of a game that is over takes no answers: who plays is still pressing keys."""
 CARD_KEYS = (("Arrows", "choose"), ("Enter", "do it"), ("Esc", "back"))
 STAY = "stay"
 
@@ -91,7 +91,7 @@ class Window:
         self._cards = cards
         self._sounds = sounds
         self._card: Form | None = None
-        self._card_since = 0.0
+        self._card_from = 0.0
         self._over = False
         self._painter = painter or Painter(
             look.rendering if look else rendering,
@@ -236,15 +236,16 @@ class Window:
             self._input.hands.release()
             card = self._cards.over(view)
             if card is not None:
-                self._show(card)
+                self._show(card, CARD_SECONDS)
 
-    def _show(self, card: Form) -> None:
-        self._card, self._card_since = card, self._clock()
+    def _show(self, card: Form, deaf: float = 0.0) -> None:
+        """Ask something; for so many seconds nothing is an answer."""
+        self._card, self._card_from = card, self._clock() + deaf
         self._drawn_last = None
 
     def _ask(self, card: Form, event: pygame.Event, pressed: Command | None) -> Command | None:
         """Give the card what is done, and take its answer."""
-        if self._over and self._clock() - self._card_since < CARD_SECONDS:
+        if self._clock() < self._card_from:
             return None
         command = card.command(pressed) if pressed else card.handle(event, self._input.hands.keys)
         if card.result == STAY:

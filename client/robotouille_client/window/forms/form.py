@@ -160,7 +160,7 @@ class Form:
         self._draw_rows(target, pygame.Rect(inner.x, y, inner.width, bottom - y), text, size)
         for i, line in enumerate(foot):
             at = (inner.x, bottom + i * text.height(size))
-            target.blit(text.line(line, size, self._accent), at)
+            target.blit(text.line(line, size, ACCENT), at)
 
     def _draw_rows(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int

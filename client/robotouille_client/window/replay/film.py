@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from robotouille.errors import RobotouilleError
@@ -52,7 +52,7 @@ def filming(
     span: _Span = (None, None),
     rendering: str = "",
     look: KitchenLook | None = None,
-) -> Iterator[tuple[int, int]]:
+) -> Generator[tuple[int, int], None, None]:
     """Write a history as a video, a frame at a time: how many of how many are written.
 
     The file is there when the last one is; whoever stops before that leaves nothing.

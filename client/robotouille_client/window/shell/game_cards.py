@@ -11,11 +11,15 @@ from robotouille_client.window.shell.end_card import end_card
 from robotouille_client.window.view import View
 from robotouille_client.window.window import STAY
 
-__all__ = ["GameCards", "ReplayCards"]
+__all__ = ["LEAVE", "REVIEW", "GameCards", "ReplayCards"]
+
+REVIEW = (("Watch the replay", "watch"), ("Save a video", "video"))
+"""What can be done with a game that is over and was kept."""
+LEAVE = (("Menu", "menu"), ("Quit", "quit"))
 
 
 class GameCards:
-    """What is asked in a game and after it; `buttons` are words and answers.
+    """What is asked in a game and after it; `buttons` are words and answers, asked for then.
 
     `stand_still` is told whether the game's owner is being asked whether to leave it. Without a
     `menu` to go to, whoever leaves a game closes the window.
@@ -24,13 +28,13 @@ class GameCards:
     def __init__(
         self,
         outcome: Callable[[], Mapping[str, Any] | None],
-        buttons: Sequence[tuple[str, object]],
+        buttons: Callable[[], Sequence[tuple[str, object]]],
         stand_still: Callable[[bool], None] = lambda still: None,
         *,
         menu: bool = True,
     ) -> None:
         self._outcome = outcome
-        self._buttons = tuple(buttons)
+        self._buttons = buttons
         self._menu = menu
         self._stand_still = stand_still
         self._last: View | None = None
@@ -38,7 +42,7 @@ class GameCards:
     def over(self, view: View) -> Form:
         """What one sees, and may do, when a game is over."""
         self._last = view
-        return end_card(view, self._outcome(), self._buttons)
+        return end_card(view, self._outcome(), self._buttons())
 
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from robotouille.domain.catalogue import task_names
 from robotouille_client.bots.partners import MakePartners
-from robotouille_client.window.shell.game_cards import GameCards
+from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.replays import Replays
@@ -59,7 +61,7 @@ class LocalGames:
         source = TutorialSource(game.source, self._stage.keys)
         cards = GameCards(
             lambda: game.source.outcome,
-            [("Play a game", "play"), ("The tutorial again", "tutorial"), ("Menu", "menu")],
+            lambda: [("Play a game", "play"), ("The tutorial again", "tutorial"), ("Menu", "menu")],
         )
         try:
             answer = await self._stage.show(source, cards, caption="Tutorial")
@@ -74,22 +76,22 @@ class LocalGames:
 
     async def _play_once(self, game: LocalGame, plan: Plan) -> object:
         source = game.source
-        buttons = [("Play again", "again"), ("Next task", "next")]
-        if game.path is not None:
-            buttons += [("Watch the replay", "watch"), ("Save a video", "video")]
-        buttons += [("Menu", "menu"), ("Quit", "quit")]
+
+        def buttons() -> Sequence[tuple[str, object]]:
+            of_it = REVIEW if game.path is not None else ()
+            return [("Play again", "again"), ("Next task", "next"), *of_it, *LEAVE]
+
         cards = GameCards(lambda: source.outcome, buttons, source.stand_still)
         try:
             answer = await self._stage.show(source, cards, caption=task_title(plan.task))
         finally:
             path = game.finish(over=source.finished)
-        while answer in ("watch", "video") and path is not None:
-            if answer == "watch":
-                await self._replays.watch(path)
-            else:
-                await self._replays.film(path)
-            answer = await self._stage.ask(cards.again(self._stage.told()))
-        return answer
+        if path is None:
+            if answer in ("watch", "video"):
+                self._stage.message = "The game could not be kept."
+            return answer
+        watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
+        return await self._replays.review(answer, cards, watch, save)
 
 
 def _following(task: str) -> str:

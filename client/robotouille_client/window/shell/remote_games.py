@@ -3,32 +3,66 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import re
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
 from typing import TypeVar
 
+from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
-from robotouille_client.window.shell.game_cards import GameCards
+from robotouille_client.game import Game
+from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.replay.history.live import LiveHistory
+from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
 from robotouille_client.window.shell.games.remote_game import remote_game, shown
-from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenMenu, lobby_menu
+from robotouille_client.window.shell.replays import Replays
+from robotouille_client.window.shell.screens.server_menus import (
+    JoinMenu,
+    OpenMenu,
+    lobby_menu,
+    waiting_form,
+)
 from robotouille_client.window.shell.stage import Stage
 
 __all__ = ["RemoteGames"]
 
 T = TypeVar("T")
 
+AGAIN = ("clock", "step_rate", "max_steps", "absence")
+"""The rules that another game takes over."""
+STEPS_A_SECOND = 5.0
+"""In which a game is seen again whose steps waited for decisions."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Again:
+    """Where to play next, and in which seat, if that is free."""
+
+    code: str
+    seat: str | None
+
 
 class RemoteGames:
     """Plays and watches kitchens on servers.
 
     Args:
+        replays: What shows and films the games that are over.
+        videos: The folder for films, None for the current one.
         token: A signed role token, where servers ask for one.
         menu: Whether there is one to go to after a game.
     """
 
-    def __init__(self, stage: Stage, *, token: str | None, menu: bool) -> None:
+    def __init__(
+        self, stage: Stage, replays: Replays, videos: Path | None, *, token: str | None, menu: bool
+    ) -> None:
         self._stage = stage
+        self._replays = replays
+        self._videos = videos
         self._token = token
         self._menu = menu
 
@@ -80,28 +114,73 @@ class RemoteGames:
     async def join(
         self, code: str, *, watch: bool = False, seat: str | None = None, url: str | None = None
     ) -> object:
-        """Enter a kitchen and play or watch until its end, or until its owner leaves.
+        """Enter a kitchen and play or watch until its end, again and again as long as that is asked
+        for, or until its owner leaves.
 
         Raises:
             RobotouilleError: There is no way in.
         """
-        opened = remote_game(
-            self._address(url), code, self._stage.settings.name, seat=seat, watch=watch,
-            token=self._token,
-        )  # fmt: skip
-        entered = await self._stage.wait(opened.__aenter__(), "Connecting …")
+        answer: object = _Again(code, seat)
+        while isinstance(answer, _Again):
+            answer = await self._join_once(answer.code, watch, answer.seat, self._address(url))
+        return answer
+
+    async def _join_once(self, code: str, watch: bool, seat: str | None, url: str) -> object:
+        name = self._stage.settings.name
+        opened = remote_game(url, code, name, seat=seat, watch=watch, token=self._token)
+        entered = await self._stage.wait(opened.__aenter__(), waiting_form("Connecting …"))
         if entered is None:
             return None
-        client, game, look = entered
         try:
-            loop = asyncio.get_running_loop()
-            source, strip = shown(game, loop.time, client.connected.is_set, look)
-            buttons = [("Menu", "menu"), ("Quit", "quit")] if self._menu else [("Close", "quit")]
-            cards = GameCards(lambda: game.outcome, buttons, menu=self._menu)
-            caption = f"Robotouille {game.code}"
-            return await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
+            return await self._play(*entered)
         finally:
             await opened.__aexit__(None, None, None)
+
+    async def _play(self, client: Client, game: Game, look: KitchenLook | None) -> object:
+        """A game, and what comes after it."""
+        loop = asyncio.get_running_loop()
+        source, strip, history = shown(game, loop.time, client.connected.is_set, look)
+        cards = GameCards(
+            lambda: game.outcome, lambda: self._buttons(game, history), menu=self._menu
+        )
+        caption = f"Robotouille {game.code}"
+        answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
+        watch = partial(self._replays.watch_seen, history, look, _rate(game))
+        save = partial(self._save, game, history, look)
+        while True:
+            answer = await self._replays.review(answer, cards, watch, save)
+            if answer != "again":
+                return answer
+            try:
+                ask = self._open_again(client, game)
+                made = await self._stage.wait(ask, waiting_form("Opening the kitchen …"))
+                if made is not None:
+                    return made
+            except (RobotouilleError, OSError, ValueError) as error:
+                self._stage.message = explain(error)
+            answer = await self._stage.ask(cards.again(self._stage.told()))
+
+    def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
+        """What comes next; a study's window can only be closed."""
+        if not self._menu:
+            return [("Close", "quit")]
+        again = [("Play again", "again")] if game.outcome and game.own_seats else []
+        of_it = REVIEW if history.length > history.first else ()
+        return [*again, *of_it, *LEAVE]
+
+    async def _open_again(self, client: Client, game: Game) -> _Again:
+        """Where the team of a game that is over plays again."""
+        rules = {name: game.clock[name] for name in AGAIN if game.clock.get(name) is not None}
+        task = game.world.task
+        made = await client.create(task.name, seats=task.seats, **rules)
+        return _Again(made.code, game.seat)
+
+    async def _save(self, game: Game, history: LiveHistory, look: KitchenLook | None) -> None:
+        stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{stamp}_{game.world.task.name}_{game.code}.mp4")
+        folder = self._videos or Path.cwd()
+        folder.mkdir(parents=True, exist_ok=True)
+        await self._replays.save_seen(history, look, folder / name)
 
     async def ask_server(
         self, ask: Callable[[Client], Awaitable[T]], url: str | None = None
@@ -117,7 +196,13 @@ class RemoteGames:
             async with connect(address, name=name, kind="human", token=self._token) as client:
                 return await ask(client)
 
-        return await self._stage.wait(asked(), "Connecting …")
+        return await self._stage.wait(asked(), waiting_form("Connecting …"))
 
     def _address(self, url: str | None) -> str:
         return server_url(url or self._stage.settings.server, "", 0)
+
+
+def _rate(game: Game) -> float:
+    """The steps a second in which a game is seen again."""
+    rate = game.clock.get("step_rate") if game.clock.get("clock") == Clock.REALTIME else None
+    return float(rate or STEPS_A_SECOND)

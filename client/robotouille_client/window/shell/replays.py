@@ -1,22 +1,34 @@
-"""Recordings that are watched in the window, or saved as videos."""
+"""What was played: watched in the window, or saved as a video."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robotouille.errors import RobotouilleError
 from robotouille_client.console import explain
-from robotouille_client.window.shell.game_cards import ReplayCards
+from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.shell.game_cards import GameCards, ReplayCards
 from robotouille_client.window.shell.screens.replays_menu import recent_recordings, replays_menu
+from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.stage import Stage
+
+if TYPE_CHECKING:
+    from robotouille_client.window.replay.history.history import History
 
 __all__ = ["Replays"]
 
+VIDEO_RATE = 5.0
+"""Steps a second in a video."""
+VIDEO_SIZE = "1280x720"
+
 
 class Replays:
-    """Shows recordings.
+    """Shows and films recordings, and what was seen of games on servers.
 
     Args:
         recordings: Where those of games that were played here are.
@@ -43,8 +55,28 @@ class Replays:
             except (RobotouilleError, OSError) as error:
                 message = explain(error)
 
+    async def review(
+        self,
+        answer: object,
+        cards: GameCards,
+        watch: Callable[[], Awaitable[None]],
+        save: Callable[[], Awaitable[None]],
+    ) -> object:
+        """After a game: do what is asked for with it, until something else is."""
+        while answer in ("watch", "video"):
+            try:
+                await (watch if answer == "watch" else save)()
+            except (RobotouilleError, OSError) as error:
+                self._stage.message = explain(error)
+            answer = await self._stage.ask(cards.again(self._stage.told()))
+        return answer
+
     async def watch(self, path: Path) -> None:
-        """Watch a recording in this window until its owner leaves it."""
+        """Watch a recording in this window until its owner leaves it.
+
+        Raises:
+            RobotouilleError: It cannot be shown.
+        """
         from robotouille_client.window.replay.recorded_look import open_shown
         from robotouille_client.window.replay.viewer import Viewer
 
@@ -60,20 +92,45 @@ class Replays:
         finally:
             viewer.close()
 
-    async def film(self, path: Path) -> None:
-        """Save a recording as a video beside it."""
-        from robotouille_client.window.replay.film import film
+    async def watch_seen(self, history: History, look: KitchenLook | None, rate: float) -> None:
+        """Watch what was seen of a game, at a number of steps a second."""
+        from robotouille_client.window.replay.history_viewer import HistoryViewer
+
+        viewer = HistoryViewer(history, rate, self._stage.clock)
+        window = self._stage.window(ReplayCards(), look=look, strip=viewer.strip)
+        await self._stage.watched(window, viewer)
+
+    async def save(self, path: Path) -> None:
+        """Save a recording as a video beside it.
+
+        Raises:
+            RobotouilleError: It cannot be read, or the video cannot be written.
+        """
         from robotouille_client.window.replay.history.recorded import RecordedHistory
         from robotouille_client.window.replay.recorded_look import open_shown
 
-        stage = self._stage
-        output = path.with_suffix(".mp4")
-        history = RecordedHistory(open_shown(path, self._tasks))
-        work = asyncio.to_thread(
-            film, history, output, 5.0, "1280x720", rendering=stage.settings.rendering
-        )
-        try:
-            done = await stage.wait(work, "Saving the video …")
-            stage.message = f"Saved {output}" if done is not None else ""
-        except (RobotouilleError, OSError) as error:
-            stage.message = explain(error)
+        history = RecordedHistory(open_shown(path, self._tasks, damaged=True))
+        await self.save_seen(history, None, path.with_suffix(".mp4"))
+
+    async def save_seen(self, history: History, look: KitchenLook | None, output: Path) -> None:
+        """Save what was seen of a game as a video; the next form says where it is.
+
+        Raises:
+            RobotouilleError: It cannot be written.
+        """
+        from robotouille_client.window.replay.film import filming
+
+        form = SavingForm(output.name)
+        rendering = self._stage.settings.rendering
+
+        async def write() -> bool:
+            args = (history, output, VIDEO_RATE, VIDEO_SIZE)
+            with contextlib.closing(filming(*args, rendering=rendering, look=look)) as frames:
+                for done, total in frames:
+                    form.told(done / total)
+                    await asyncio.sleep(0)
+            return True
+
+        saved = await self._stage.wait(write(), form)
+        words = f"The video is saved: {output}" if saved else "No video was saved."
+        self._stage.message = words

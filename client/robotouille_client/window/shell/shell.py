@@ -61,7 +61,7 @@ class Shell:
         self.stage = Stage(settings, display, clock=clock, sleep=sleep)
         self.replays = Replays(self.stage, recordings, tasks)
         self.local = LocalGames(self.stage, self.replays, recordings, make_partners)
-        self.remote = RemoteGames(self.stage, token=token, menu=menu)
+        self.remote = RemoteGames(self.stage, self.replays, recordings, token=token, menu=menu)
         self._path = path
         self._remembered = remembered or settings
         self._for_now = {

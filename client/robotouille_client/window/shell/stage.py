@@ -14,7 +14,6 @@ from robotouille_client.window.forms.screen import ClosedByOwnerError, Screen
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.hands.sounds import Sounds
-from robotouille_client.window.shell.screens.server_menus import waiting_form
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.view import Source
 from robotouille_client.window.window import Window
@@ -89,11 +88,11 @@ class Stage:
         """Show a form until it has a result; ClosedByOwnerError where the window is closed."""
         return await self._screen.ask(form)
 
-    async def wait(self, work: Awaitable[T], words: str) -> T | None:
-        """Something that takes a while; None where its owner gave it up."""
+    async def wait(self, work: Awaitable[T], form: Form) -> T | None:
+        """Something that takes a while, behind a form; None where its owner gave it up."""
         task = asyncio.ensure_future(work)
         try:
-            await self._screen.ask(waiting_form(words), until=task)
+            await self._screen.ask(form, until=task)
             return task.result() if task.done() else None
         finally:
             if not task.done():

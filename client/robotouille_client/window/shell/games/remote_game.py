@@ -7,19 +7,49 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Literal, NamedTuple
 
+from robotouille.domain.rendering import Language
 from robotouille.program import printable, tell
 from robotouille_client.client import Client, connect
 from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
 from robotouille_client.game import Game
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
+from robotouille_client.window.replay.history.live import LiveHistory
 from robotouille_client.window.replay.spectator import Spectator
 from robotouille_client.window.sources.remote import RemoteSource
 from robotouille_client.window.sources.remote_look import fetch_look
 from robotouille_client.window.strip import Strip
+from robotouille_client.window.view import Source, View
 
-__all__ = ["remote_game", "shown"]
+__all__ = ["PlayedSource", "Shown", "remote_game", "shown"]
+
+
+class PlayedSource(RemoteSource):
+    """A game that one plays, and the `history` of what one has seen of it."""
+
+    def __init__(
+        self,
+        game: Game,
+        now: Callable[[], float],
+        connected: Callable[[], bool],
+        language: Language | None,
+    ) -> None:
+        self.history = LiveHistory(game, now)
+        super().__init__(game, now, connected, language, self.history.observe)
+
+    def view(self) -> View:
+        view = super().view()
+        self.history.sit(view.seats)
+        return view
+
+
+class Shown(NamedTuple):
+    """What a window shows of a game, the strip below it, and what has been seen of it so far."""
+
+    source: Source
+    strip: Strip | None
+    history: LiveHistory
 
 
 def shown(
@@ -27,13 +57,14 @@ def shown(
     now: Callable[[], float],
     connected: Callable[[], bool],
     look: KitchenLook | None,
-) -> tuple[RemoteSource | Spectator, Strip | None]:
-    """What a window shows of a game, and the strip below it: who only watches has a timeline."""
+) -> Shown:
+    """What there is to show: who only watches has a timeline."""
     language = None if look is None else look.rendering.language
     if game.own_seats:
-        return RemoteSource(game, now, connected, language), None
+        played = PlayedSource(game, now, connected, language)
+        return Shown(played, None, played.history)
     watched = Spectator(game, now, connected, language)
-    return watched, watched.strip
+    return Shown(watched, watched.strip, watched.history)
 
 
 @asynccontextmanager

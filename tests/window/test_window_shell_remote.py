@@ -1,0 +1,130 @@
+"""After a game on a server: again, its replay, its video, the menu."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pygame
+import pytest
+from tests.support.evening import Evening, wait
+from tests.support.servers import serving
+from tests.support.virtual_time import run
+from tests.support.window_play import post
+
+from robotouille.protocol.messages import Create
+from robotouille_server import Server
+
+
+@pytest.fixture
+def evening(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Evening:
+    found = Evening(tmp_path)
+    found.watch(monkeypatch)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return found
+
+
+def play(
+    evening: Evening,
+    script: Callable[[Server], Iterator[None]],
+    *,
+    watch: bool = False,
+    **rules: object,
+) -> None:
+    """Join a kitchen of a real server, and do what a script says."""
+
+    async def main() -> None:
+        async with serving(evening.folder / "server") as server:
+            made = {"task": "synchronous/01", "clock": "turn", "max_steps": 3, **rules}
+            room = server.lobby.create(Create(**made))  # type: ignore[arg-type]
+            evening.shell.settings.server = server.url
+            evening.shell.stage.clock = asyncio.get_running_loop().time
+            evening.fingers.timer.sleep = asyncio.sleep  # type: ignore[method-assign]
+            evening.fingers.script = script(server)
+            first = evening.shell.remote.join(room.code, watch=watch)
+            await asyncio.wait_for(evening.shell.run(first), 600)
+
+    run(main())
+
+
+def labels(evening: Evening) -> list[str]:
+    assert evening.form is not None
+    return [row.label for row in evening.form.rows if row.focusable]
+
+
+def lose(evening: Evening) -> Iterator[None]:
+    """Wait until the steps run out, and for the card to listen."""
+    while evening.window is None:
+        yield
+    shown = len(evening.titles)
+    while len(evening.titles) == shown:
+        post(pygame.K_SPACE)
+        yield from wait(5)
+    assert evening.titles[-1] == "Not done this time"
+    yield from wait(60)
+
+
+def test_again_replay_video_and_quit(evening: Evening) -> None:
+    pytest.importorskip("av")
+
+    def script(server: Server) -> Iterator[None]:
+        yield from lose(evening)
+        assert labels(evening) == [
+            "Play again", "Watch the replay", "Save a video", "Menu", "Quit",
+        ]  # fmt: skip
+        played = evening.window
+        yield from evening.choose("Watch the replay")
+        assert evening.window is not played
+        yield from wait(200)
+        post(pygame.K_ESCAPE)
+        yield from wait(2)
+        yield from evening.choose("Leave the replay")
+        yield from evening.choose("Save a video")
+        while evening.titles[-1] != "Not done this time":
+            yield
+        assert evening.form is not None
+        (video,) = (evening.folder / "recordings").glob("*.mp4")
+        assert evening.form.message == f"The video is saved: {video}"
+        assert video.stat().st_size > 1000
+        reviewed = evening.window
+        yield from evening.choose("Play again")
+        while evening.window is reviewed:
+            yield
+        assert len({room.code for room in server.lobby.rooms.values()}) == 2
+        yield from lose(evening)
+        yield from evening.choose("Quit")
+        yield from wait(100)
+        raise AssertionError("it goes on after Quit")
+
+    play(evening, script)
+    assert not evening.fingers.ended
+
+
+def test_what_fails_is_told_on_the_card(evening: Evening) -> None:
+    (evening.folder / "recordings").write_text("no folder")
+
+    def script(server: Server) -> Iterator[None]:
+        yield from lose(evening)
+        yield from evening.choose("Save a video")
+        assert evening.form is not None
+        assert evening.titles[-1] == "Not done this time"
+        assert "recordings" in evening.form.message
+        yield from evening.choose("Menu")
+        yield from evening.choose("Quit")
+
+    play(evening, script)
+
+
+def test_who_watched_may_see_it_again(evening: Evening) -> None:
+    def script(server: Server) -> Iterator[None]:
+        while evening.window is None:
+            yield
+        yield from wait(100)
+        (room,) = server.lobby.rooms.values()
+        room.abort("enough")
+        yield from wait(100)
+        assert labels(evening) == ["Menu", "Quit"], "there was no step"
+        yield from evening.choose("Quit")
+
+    play(evening, script, watch=True)
