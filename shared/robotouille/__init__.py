@@ -30,7 +30,9 @@ if TYPE_CHECKING:
         WrongWorldError,
     )
     from robotouille.world.grounding.actions import GroundAction
-    from robotouille.world.world import Attempt, Progress, State, Step, World
+    from robotouille.world.timers import Progress
+    from robotouille.world.unmet import Attempt
+    from robotouille.world.world import State, Step, World
 else:
     from robotouille.lazy_exports import lazy_exports
 
@@ -40,6 +42,8 @@ else:
         "robotouille.domain.task",
         "robotouille.domain.catalogue",
         "robotouille.world.grounding.actions",
+        "robotouille.world.timers",
+        "robotouille.world.unmet",
         "robotouille.world.world",
         "robotouille.certification.certificate",
     )

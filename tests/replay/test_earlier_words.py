@@ -8,8 +8,7 @@ from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay.recorder import Recorder, header
 from robotouille.replay.recording import Recording
 from robotouille.replay.restore import restore
-from robotouille.world.unmet import UnmetKind, earlier_words, need
-from robotouille.world.world import Attempt, Unmet
+from robotouille.world.unmet import Attempt, Unmet, UnmetKind, earlier_words, need
 from tests.support.episodes import TWO
 
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0)

@@ -9,9 +9,9 @@ import pytest
 
 from robotouille import World, load_task
 from robotouille.domain.task import build_task
-from robotouille.world import successors, timers
-from robotouille.world.grounding import goal
-from robotouille.world.successors import DecisionNode, SuccessorTree
+from robotouille.world import timers
+from robotouille.world.grounding import goal, successors
+from robotouille.world.grounding.successors import DecisionNode, SuccessorTree
 from tests.support.samples import first_quickly
 from tests.world.differential import WALKS, walk_both
 

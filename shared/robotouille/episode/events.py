@@ -12,8 +12,8 @@ from robotouille.episode.pauses import PauseReason
 from robotouille.episode.tallies import SeatTally
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.objects import Atom
-from robotouille.world.unmet import Unmet, UnmetKind
-from robotouille.world.world import Attempt, State
+from robotouille.world.unmet import Attempt, Unmet, UnmetKind
+from robotouille.world.world import State
 
 __all__ = [
     "ACTION_INVALID",

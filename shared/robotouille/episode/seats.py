@@ -20,7 +20,8 @@ from robotouille.episode.quota import SEAT_QUOTA_BYTES, Quota
 from robotouille.episode.rules import NO_TREATMENT, SeatTreatment
 from robotouille.episode.tallies import SeatTally, activity
 from robotouille.world.grounding.actions import GroundAction
-from robotouille.world.world import Attempt, State
+from robotouille.world.unmet import Attempt
+from robotouille.world.world import State
 
 __all__ = [
     "ActionAnswer",

@@ -25,6 +25,7 @@ from robotouille.planning.plugins import AnytimeSearch, DomainPlanner, domain_pl
 from robotouille.planning.repair.action_elimination import eliminate_actions
 from robotouille.planning.search.greedy import greedy_search
 from robotouille.planning.search_result import UNLIMITED, Limits, Proof, SearchResult
+from robotouille.world.timers import TimerRow
 from robotouille.world.world import State, World
 
 __all__ = ["AnytimePlanner"]
@@ -236,7 +237,7 @@ def _joined(old: SearchResult, new: SearchResult) -> SearchResult:
     )
 
 
-def _shortened(state: State) -> tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]:
+def _shortened(state: State) -> tuple[TimerRow, ...]:
     """The timers of a state as they would be with the delays of the problem."""
     factor = state.world.task.profile.delay_factor
     rows = []

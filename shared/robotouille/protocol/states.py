@@ -14,8 +14,8 @@ from robotouille.errors import ProtocolError
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.effects import Effect
 from robotouille.world.grounding.objects import Object
-from robotouille.world.unmet import Unmet
-from robotouille.world.world import Attempt, State, World
+from robotouille.world.unmet import Attempt, Unmet
+from robotouille.world.world import State, World
 
 __all__ = [
     "StateReader",

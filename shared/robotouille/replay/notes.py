@@ -13,8 +13,7 @@ from robotouille.episode.lifecycle import Controller
 from robotouille.errors import RecordingError
 from robotouille.protocol.states import unmet_rows
 from robotouille.replay.frame_schema import FrameSource
-from robotouille.world.unmet import earlier_words, from_words
-from robotouille.world.world import Attempt
+from robotouille.world.unmet import Attempt, earlier_words, from_words
 
 __all__ = ["as_recorded", "controller_after", "rejection_kind", "rejections"]
 

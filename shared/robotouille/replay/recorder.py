@@ -36,8 +36,8 @@ from robotouille.episode.rules import Rules, SeatTreatment
 from robotouille.protocol.states import StateWriter, unmet_rows, why_row
 from robotouille.release import VERSION
 from robotouille.replay.container import FORMAT_VERSION, magic, pack_frame
-from robotouille.world.unmet import UnmetKind
-from robotouille.world.world import Attempt, State, World
+from robotouille.world.unmet import Attempt, UnmetKind
+from robotouille.world.world import State, World
 
 __all__ = [
     "HASH_EVERY",

@@ -8,16 +8,21 @@ create or delete objects depend on more, and are computed anew each time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
-from robotouille.errors import WrongWorldError
+from robotouille.errors import UnknownNameError, WrongArgumentError, WrongWorldError, did_you_mean
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.effects import DONE, HOLDING, Effect, EffectRun
 from robotouille.world.grounding.ground_task import GroundTask
 
-__all__ = ["Change", "Progress", "TimerTable", "Timers"]
+__all__ = ["BusyRow", "Change", "Progress", "TimerRow", "TimerTable", "Timers"]
+
+TimerRow = tuple[str, int, tuple[str, ...], tuple[int, ...]]
+"""An active effect: its action, its number there, its arguments, its counters."""
+BusyRow = tuple[str, int]
+"""A player who is walking or working, and for how many more steps."""
 
 Entry = tuple[Effect, tuple[int, ...]]
 Key = tuple[tuple[Entry, ...], int | None, int]
@@ -66,7 +71,7 @@ class Timers:
     __slots__ = ("__weakref__", "busy", "entries", "reads", "started", "table", "ticked")
 
     def __init__(
-        self, table: TimerTable, entries: tuple[Entry, ...], busy: tuple[tuple[str, int], ...]
+        self, table: TimerTable, entries: tuple[Entry, ...], busy: tuple[BusyRow, ...]
     ) -> None:
         self.table = table
         self.entries = entries
@@ -87,7 +92,7 @@ class Timers:
                 return steps
         return 0
 
-    def rows(self) -> tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]:
+    def rows(self) -> tuple[TimerRow, ...]:
         """The active effects as `(action, index, arguments, counters)`, in order of creation."""
         return tuple((*effect.label, progress) for effect, progress in self.entries)
 
@@ -145,20 +150,39 @@ class TimerTable:
 
     def __init__(self, source: GroundTask) -> None:
         self.source = source
-        self._known: WeakValueDictionary[
-            tuple[tuple[Entry, ...], tuple[tuple[str, int], ...]], Timers
-        ] = WeakValueDictionary()
+        self._known: WeakValueDictionary[tuple[tuple[Entry, ...], tuple[BusyRow, ...]], Timers] = (
+            WeakValueDictionary()
+        )
         self._outcomes: dict[Key, TimerOutcome] = {}
         self._transitions = 0
         self.none = self.get((), ())
 
-    def get(self, entries: tuple[Entry, ...], busy: tuple[tuple[str, int], ...]) -> Timers:
+    def get(self, entries: tuple[Entry, ...], busy: tuple[BusyRow, ...]) -> Timers:
         """The one `Timers` of this value."""
         key = (entries, busy)
         timers = self._known.get(key)
         if timers is None:
             timers = self._known[key] = Timers(self, entries, busy)
         return timers
+
+    def restored(self, rows: Iterable[TimerRow], busy: Iterable[BusyRow]) -> Timers:
+        """The `Timers` of `Timers.rows()` and of those who are busy, from elsewhere.
+
+        Raises:
+            UnknownNameError: A row speaks of an action, object or player that the task has not.
+            WrongWorldError: A row cannot be of this task.
+            WrongArgumentError: These are no rows.
+        """
+        entries = []
+        for action, index, arguments, counters in _checked(rows, 4):
+            effect = self.source.effect(action, index, tuple(arguments))
+            if len(counters) != effect.size:
+                raise WrongWorldError(f"{effect} has {effect.size} counters, found {len(counters)}")
+            entries.append((effect, tuple(counters)))
+        busy = tuple(_checked(busy, 2))
+        if busy:
+            _check_busy(busy, self.source.players)
+        return self.get(tuple(entries), busy)
 
     def make_room(self) -> None:
         """One more transition is about to be kept."""
@@ -193,7 +217,7 @@ class TimerTable:
     def _change(
         self,
         key: Key,
-        busy: tuple[tuple[str, int], ...],
+        busy: tuple[BusyRow, ...],
         shared: bool,
         work_out: Callable[[], TimerOutcome],
     ) -> tuple[Change, bool]:
@@ -245,3 +269,24 @@ class TimerTable:
     def _outcome(self, run: EffectRun, entries: list[Entry]) -> TimerOutcome:
         repeatable = not run.written & self.source.table.internal
         return TimerOutcome(run.written, run.written & ~run.facts, tuple(entries), repeatable)
+
+
+def _checked(rows: Any, length: int) -> list[Any]:
+    """Rows of timers or of busy players, each a tuple of so many values."""
+    try:
+        found = [tuple(row) for row in rows]
+    except TypeError:
+        raise WrongArgumentError(f"expected rows of a state's timers, found {rows!r}") from None
+    if any(len(row) != length for row in found):
+        raise WrongWorldError(f"expected rows of {length} values, found {found}")
+    return found
+
+
+def _check_busy(busy: tuple[BusyRow, ...], players: tuple[str, ...]) -> None:
+    if len(busy) > len(players):
+        raise WrongWorldError(f"{len(busy)} are busy of {len(players)} players")
+    for player, steps in busy:
+        if player not in players:
+            raise UnknownNameError(f"no player {player!r}{did_you_mean(player, players)}")
+        if not (isinstance(steps, int) and steps > 0):
+            raise WrongWorldError(f"{player} is busy for {steps!r} steps")

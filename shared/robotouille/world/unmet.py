@@ -1,4 +1,7 @@
-"""Why an action cannot be done, as values; their words are for people and language models."""
+"""Why an action cannot be done, as values; their words are for people and language models.
+
+`unmet_in` finds them, and an `Attempt` has them.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,25 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
+
+from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.ground_task import GroundTask
+from robotouille.world.grounding.objects import bound
+from robotouille.world.text import describe
+from robotouille.world.timers import Timers
 
 __all__ = [
+    "Attempt",
     "Unmet",
     "UnmetKind",
+    "acted_already",
     "earlier_words",
     "from_words",
     "need",
     "only_words",
     "texts_of",
+    "unmet_in",
 ]
 
 NEEDS = "needs: "
@@ -55,6 +68,55 @@ class Unmet:
 
     def __str__(self) -> str:
         return self.words
+
+
+class Attempt(NamedTuple):
+    """What became of one player's action: applied, or rejected for what is `unmet`."""
+
+    action: GroundAction
+    applied: bool
+    unmet: tuple[Unmet, ...] = ()
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is unmet, in words."""
+        return tuple(unmet.words for unmet in self.unmet)
+
+
+def unmet_in(
+    task: GroundTask, facts: int, timers: Timers, action: GroundAction, player: str | None
+) -> tuple[Unmet, ...]:
+    """What speaks against an action of a task in a state; empty if nothing.
+
+    Args:
+        task: The task, or world, that made the action.
+        facts: `State.facts`.
+        timers: `State.timers`.
+        action: The action.
+        player: Who would do it.
+    """
+    unmet = []
+    steps = timers.busy_steps(player)
+    if steps and player is not None:
+        words = f"{player} is busy for {steps} more step{'s' * (steps > 1)}"
+        unmet.append(Unmet(UnmetKind.BUSY, words, objects=(player,)))
+    for name in action.arguments:
+        if not task.exists(task.thing(name), facts):
+            unmet.append(Unmet(UnmetKind.MISSING, f"{name} does not exist", objects=(name,)))
+    binding = action.schema.bind(action.arguments)
+    for condition in action.schema.definition.precons:
+        atom = bound(condition, binding)
+        if task.table.holds(atom, facts) != condition.is_true:
+            words = need(describe(task.task.domain, atom), condition.is_true)
+            kind, (predicate, *objects) = UnmetKind.CONDITION, atom
+            unmet.append(Unmet(kind, words, predicate, tuple(objects), condition.is_true))
+    return tuple(unmet)
+
+
+def acted_already(player: str) -> tuple[Unmet, ...]:
+    """What speaks against a player's second action in a step."""
+    words = f"{player} has acted in this step already"
+    return (Unmet(UnmetKind.ACTED, words, objects=(player,)),)
 
 
 def only_words(*reasons: str) -> tuple[Unmet, ...]:

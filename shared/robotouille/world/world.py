@@ -5,13 +5,12 @@ state = world.initial
 state = state.step(state.actions("robot1")[0]).state
 
 `World` and `State` are the two halves of one thing, so they are in one module: a state asks its
-world, and a world answers with states. What they are computed from is below: `GroundTask`,
-`Timers`, `SuccessorTree`.
+world, and a world answers with states. What each can say without the other is below:
+`GroundState` and `GroundTask`; and what they are computed from: `Timers`, `SuccessorTree`.
 """
 
 from __future__ import annotations
 
-import hashlib
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -29,17 +28,18 @@ from robotouille.errors import (
     did_you_mean,
 )
 from robotouille.world.arrays.packing import PackedState, packed, unpacked
+from robotouille.world.ground_state import GroundState
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.grounding.ground_objects import MAX_CREATED
 from robotouille.world.grounding.ground_task import GroundTask
-from robotouille.world.grounding.objects import Atom, Object, atom_name, bound
+from robotouille.world.grounding.objects import Atom, atom_name
+from robotouille.world.grounding.successors import SuccessorTree
 from robotouille.world.joint_action import JointAction, in_order, not_an_action, read
 from robotouille.world.sentences import known, no_valid_action, said, said_exactly
-from robotouille.world.successors import SuccessorTree
-from robotouille.world.text import describe, goal_sentences, observation, text_view
-from robotouille.world.timers import Progress, Timers, TimerTable
-from robotouille.world.unmet import Unmet, UnmetKind, need
+from robotouille.world.text import goal_sentences, observation, text_view
+from robotouille.world.timers import BusyRow, TimerRow, Timers, TimerTable
+from robotouille.world.unmet import Attempt, Unmet, acted_already, unmet_in
 
 if TYPE_CHECKING:
     from numpy import bool_, float32
@@ -48,40 +48,24 @@ if TYPE_CHECKING:
     from robotouille.world.arrays.encoding import Encoding
     from robotouille.world.arrays.graph import Graph
 
-__all__ = ["Attempt", "Progress", "State", "Step", "World", "shared_world"]
-
-TimerRow = tuple[str, int, tuple[str, ...], tuple[int, ...]]
+__all__ = ["State", "Step", "World", "shared_world"]
 
 
-class State:
+class State(GroundState):
     """`s = (facts, timers)` of the paper's section 2.
 
     Immutable, hashable and cheap to keep: an integer and a shared tuple. `pickle` and `copy` work;
     states are equal when their facts and timers are.
     """
 
-    __slots__ = ("facts", "timers", "world")
+    __slots__ = ()
 
     world: World
-    facts: int
-    timers: Timers
 
     def __init__(self, world: World, facts: int, timers: Timers) -> None:
         self.world = world
         self.facts = facts
         self.timers = timers
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, State):
-            return NotImplemented
-        if self.facts != other.facts:
-            return False
-        if self.timers is other.timers:
-            return True
-        return self._timer_key() == other._timer_key()
-
-    def __hash__(self) -> int:
-        return hash(self.facts)
 
     def __repr__(self) -> str:
         return f"<State of {self.world.task.name} {self.digest}>"
@@ -94,53 +78,6 @@ class State:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restore, (self.world, self.facts, self.timer_rows(), self.timers.busy)
-
-    def _timer_key(self) -> tuple[Any, ...]:
-        return self.timer_rows(), self.timers.busy
-
-    def timer_rows(self) -> tuple[TimerRow, ...]:
-        """The active effects as `(action, index, arguments, counters)`, in order of creation."""
-        return self.timers.rows()
-
-    @property
-    def goal_reached(self) -> bool:
-        """Whether some choice of objects makes every predicate of the goal true."""
-        return self.world.goal.reached(self.facts)
-
-    @property
-    def objects(self) -> tuple[Object, ...]:
-        """The objects that exist now, created ones included, by type."""
-        return self.world.objects_in(self.facts)
-
-    def holds(self, predicate: str, *arguments: str) -> bool:
-        """Whether a fact is true, e.g. `state.holds("iscut", "lettuce1")`.
-
-        One about an object that does not exist (yet) is not.
-
-        Raises:
-            UnknownNameError: The domain has no such predicate.
-            WrongArgumentError: There are too many or too few objects, or something that cannot be
-                a name, such as a list, is given for one.
-        """
-        if not all(isinstance(name, str) for name in (predicate, *arguments)):
-            found = ", ".join(map(repr, (predicate, *arguments)))
-            raise WrongArgumentError(f"expected names, found {found}")
-        types = self.world.table.types.get(predicate)
-        if types is None:
-            known = did_you_mean(predicate, self.world.table.types)
-            raise UnknownNameError(f"no predicate {predicate!r}{known}")
-        if len(types) != len(arguments):
-            told = f"({', '.join(arguments)})"
-            raise WrongArgumentError(f"{predicate} takes {len(types)} names, found {told}")
-        return self.world.table.holds((predicate, *arguments), self.facts)
-
-    def atoms(self) -> list[Atom]:
-        """Every true fact as `(predicate, argument, …)`, sorted."""
-        return sorted(self.world.table.true_atoms(self.facts))
-
-    def fact_names(self) -> list[str]:
-        """Every true fact as `predicate(argument, …)`, sorted."""
-        return sorted(self.world.table.true_names(self.facts))
 
     def actions(self, player: str) -> tuple[GroundAction, ...]:
         """The valid actions of a player in a stable order: as in the domain, then by object.
@@ -243,14 +180,6 @@ class State:
         whose = player or action.player or self.world.players[0]
         return self.world.encoding.number(self.facts, whose, action)
 
-    def busy_steps(self, player: str) -> int:
-        """For how many more steps a player is walking or working and cannot act."""
-        return self.timers.busy_steps(player)
-
-    def progress(self) -> tuple[Progress, ...]:
-        """Everything that cooks, fries, fills, boils or is being cut, in order of creation."""
-        return self.timers.progress()
-
     def text(self, player: str | None = None) -> str:
         """The observation in words (world.md, "In words").
 
@@ -274,47 +203,14 @@ class State:
         """
         return text_view(self.text(player), player, self.world.goal_terms(self))
 
-    @property
-    def digest(self) -> str:
-        """A content hash (32 hex digits), equal across processes, versions and bit orders."""
-        rows = [f"{a}.{i}({','.join(args)})={counts}" for a, i, args, counts in self.timer_rows()]
-        rows += [f"busy({name})={steps}" for name, steps in self.timers.busy]
-        used = self.world.used_objects(self.facts)
-        text = "\n".join(["facts", *self.fact_names(), "timers", *rows, "used", *used])
-        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
-
-
-def _checked(rows: Any, length: int) -> list[Any]:
-    """Rows of timers or of busy players, each a tuple of so many values."""
-    try:
-        found = [tuple(row) for row in rows]
-    except TypeError:
-        raise WrongArgumentError(f"expected rows of a state's timers, found {rows!r}") from None
-    if any(len(row) != length for row in found):
-        raise WrongWorldError(f"expected rows of {length} values, found {found}")
-    return found
-
 
 def _restore(
     world: World,
     facts: int,
     rows: tuple[TimerRow, ...],
-    busy: tuple[tuple[str, int], ...],
+    busy: tuple[BusyRow, ...],
 ) -> State:
     return world.restore(facts, rows, busy)
-
-
-class Attempt(NamedTuple):
-    """What became of one player's action: applied, or rejected for what is `unmet`."""
-
-    action: GroundAction
-    applied: bool
-    unmet: tuple[Unmet, ...] = ()
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """What is unmet, in words."""
-        return tuple(unmet.words for unmet in self.unmet)
 
 
 class Step(NamedTuple):
@@ -641,10 +537,9 @@ class World(GroundTask):
             actor = action.player or player
             unmet: tuple[Unmet, ...] = ()
             if actor is not None and actor in acted:
-                words = f"{actor} has acted in this step already"
-                unmet = (Unmet(UnmetKind.ACTED, words, objects=(actor,)),)
+                unmet = acted_already(actor)
             elif facts & action.tested != action.required or timers.busy:
-                unmet = self._unmet(facts, timers, action, actor)
+                unmet = unmet_in(self, facts, timers, action, actor)
             if unmet:
                 attempts.append(Attempt(action, False, unmet))
                 continue
@@ -690,27 +585,7 @@ class World(GroundTask):
         """
         if not isinstance(action, GroundAction):
             raise not_an_action(action)
-        return self._unmet(state.facts, state.timers, action, action.player)
-
-    def _unmet(
-        self, facts: int, timers: Timers, action: GroundAction, actor: str | None
-    ) -> tuple[Unmet, ...]:
-        unmet = []
-        steps = timers.busy_steps(actor)
-        if steps and actor is not None:
-            words = f"{actor} is busy for {steps} more step{'s' * (steps > 1)}"
-            unmet.append(Unmet(UnmetKind.BUSY, words, objects=(actor,)))
-        binding = action.schema.bind(action.arguments)
-        for name in action.arguments:
-            if not self.exists(self._things[name], facts):
-                unmet.append(Unmet(UnmetKind.MISSING, f"{name} does not exist", objects=(name,)))
-        for condition in action.schema.definition.precons:
-            atom = bound(condition, binding)
-            if self.table.holds(atom, facts) != condition.is_true:
-                words = need(describe(self.task.domain, atom), condition.is_true)
-                kind, (predicate, *objects) = UnmetKind.CONDITION, atom
-                unmet.append(Unmet(kind, words, predicate, tuple(objects), condition.is_true))
-        return tuple(unmet)
+        return unmet_in(self, state.facts, state.timers, action, action.player)
 
     def changes(self, before: State, after: State) -> tuple[list[Atom], list[Atom]]:
         """The facts added and removed between two states, by bit."""
@@ -729,8 +604,8 @@ class World(GroundTask):
     def restore(
         self,
         facts: int,
-        rows: Sequence[tuple[str, int, tuple[str, ...], tuple[int, ...]]],
-        busy: Sequence[tuple[str, int]] = (),
+        rows: Sequence[TimerRow],
+        busy: Sequence[BusyRow] = (),
     ) -> State:
         """A state from its facts, `State.timer_rows()` and busy players.
 
@@ -750,21 +625,7 @@ class World(GroundTask):
         if facts < 0 or facts.bit_length() > len(self.table.atoms):
             raise WrongWorldError("facts of another world")
         self._check_existence(facts)
-        entries = []
-        for action, index, arguments, counters in _checked(rows, 4):
-            effect = self.effect(action, index, tuple(arguments))
-            if len(counters) != effect.size:
-                raise WrongWorldError(f"{effect} has {effect.size} counters, found {len(counters)}")
-            entries.append((effect, tuple(counters)))
-        busy = tuple(_checked(busy, 2))
-        if len(busy) > len(self.players):
-            raise WrongWorldError(f"{len(busy)} are busy of {len(self.players)} players")
-        for player, steps in busy:
-            if player not in self.players:
-                raise UnknownNameError(f"no player {player!r}{did_you_mean(player, self.players)}")
-            if not (isinstance(steps, int) and steps > 0):
-                raise WrongWorldError(f"{player} is busy for {steps!r} steps")
-        return State(self, facts, self.timers.get(tuple(entries), busy))
+        return State(self, facts, self.timers.restored(rows, busy))
 
 
 Slots = tuple[tuple[str, int], ...]

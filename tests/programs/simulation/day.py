@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 from robotouille.world.grounding.goal import Goal
-from robotouille.world.successors import SuccessorTree
+from robotouille.world.grounding.successors import SuccessorTree
 from robotouille.world.timers import TimerTable
 from robotouille_server.rooms.substitutes.bots import BotWorld
 from tests.programs.simulation.scenario import (

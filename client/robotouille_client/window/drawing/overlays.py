@@ -10,7 +10,8 @@ import pygame
 from robotouille.domain.rendering import RenderingFile
 from robotouille.world.people.usefulness import work_in_progress
 from robotouille.world.scene import Placed
-from robotouille.world.world import Progress, State
+from robotouille.world.timers import Progress
+from robotouille.world.world import State
 from robotouille_client.window.drawing.kitchen.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Stage

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from robotouille.episode.rules import StandIn as Kind
     from robotouille.planning.anytime import AnytimePlanner
     from robotouille.planning.policies.policy import Policy
+    from robotouille.world.timers import BusyRow, TimerRow
 
 __all__ = ["EXPANSIONS", "BotAnswer", "BotWorld", "Bots", "ObservedMove", "Question"]
 
@@ -34,7 +35,6 @@ SEED = 0
 
 ObservedMove: TypeAlias = "tuple[str, str, tuple[str, ...], bool]"
 """What somebody did in a step: player, the action's name and arguments, whether it was applied."""
-Rows: TypeAlias = "tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]"
 BotAnswer: TypeAlias = "tuple[str, ...] | None"
 """An action's name and arguments; None to do nothing."""
 
@@ -51,8 +51,8 @@ class Question:
     player: str
     kind: Kind
     facts: int
-    timers: Rows
-    busy: tuple[tuple[str, int], ...]
+    timers: tuple[TimerRow, ...]
+    busy: tuple[BusyRow, ...]
     observed: tuple[tuple[ObservedMove, ...], ...] = ()
 
 

@@ -13,6 +13,7 @@ import msgpack
 
 from robotouille.domain.task import Task
 from robotouille.errors import WrongArgumentError, WrongWorldError
+from robotouille.world.timers import BusyRow, TimerRow
 
 __all__ = ["PackedState", "packed", "unpacked"]
 
@@ -27,8 +28,8 @@ class PackedState(NamedTuple):
     """What `World.restore` takes."""
 
     facts: int
-    rows: tuple[tuple[str, int, tuple[str, ...], tuple[int, ...]], ...]
-    busy: tuple[tuple[str, int], ...]
+    rows: tuple[TimerRow, ...]
+    busy: tuple[BusyRow, ...]
 
 
 def packed(task: Task, state: PackedState) -> bytes:
