@@ -206,6 +206,7 @@ class Client:
         seats: Literal["all"] | Sequence[str] = (),
         role: Literal["player", "spectator"] = "player",
         view: messages.View = "state",
+        ready: bool = True,
     ) -> Game:
         """Enter an episode by id or code; returns once its state, or its text, is there.
 
@@ -214,6 +215,8 @@ class Client:
             seats: Several players to be, by name, or all whose seats are free now. They are all
                 taken, or none.
             view: What the server tells: the `state`, `text` for language models, or `both`.
+            ready: Whether the game may begin as soon as all are there; if not, `Game.ready` says
+                when. A server of before begins without.
 
         Raises:
             ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
@@ -223,11 +226,45 @@ class Client:
             ValueError: An argument is none that the message can have.
         """
         wanted: Any = seats if isinstance(seats, str) else list(seats)
-        request = messages.Join(episode=episode, seat=seat, seats=wanted, role=role, view=view)
+        request = messages.Join(
+            episode=episode, seat=seat, seats=wanted, role=role, view=view, ready=ready
+        )
         await self._ask(request, messages.Joined)
         if self.game is None:
             raise AssertionError("joined without a game")
         return self.game
+
+    async def rematch(self, *, view: messages.View = "state", ready: bool = True) -> Game:
+        """Play the game again that is over: leave it, and enter the one in which all of the team
+        meet who ask for this, with the same task, rules and, if they are free, seats.
+
+        Whoever asks first opens it; the others are told its code (`Game.rematch_code`).
+
+        Args:
+            view: As in `join`.
+            ready: As in `join`.
+
+        Raises:
+            ConnectionFailedError: The connection is over, or 15 seconds of it brought no answer.
+            ProtocolError: `episode/none` where one is in no game; or the server refuses:
+                `auth/role` where one may open none and nobody else has asked yet,
+                `message/invalid-field` while the game is not over, and those of `create` and
+                `join`.
+        """
+        before = self.game
+        if before is None:
+            raise ProtocolError(ErrorCode.EPISODE_NONE, "there is no game to play again")
+        code = before.rematch_code
+        if not code:
+            created = await self._ask(messages.Create(rematch=before.episode), messages.Created)
+            code = created.code
+        await self.leave()
+        try:
+            return await self.join(code, seats=before.own_seats, view=view, ready=ready)
+        except ProtocolError as error:
+            if error.code != ErrorCode.SEAT_TAKEN:
+                raise
+            return await self.join(code, view=view, ready=ready)
 
     async def rendering(self) -> messages.Rendering:
         """What the task of the episode that one is in looks like; nothing for a shipped one.

@@ -94,6 +94,18 @@ class Game(GameReplica):
             anticipates=anticipates,
         )
 
+    def ready(self, ready: bool = True) -> None:
+        """Say that the game may begin, after `Client.join(…, ready=False)`; False takes it back.
+
+        It begins when all are there and ready. Once it has, this means nothing; a server of
+        before has begun without.
+
+        Raises:
+            ProtocolError: `seat/none`: spectators are not waited for.
+        """
+        super().ready(ready)
+        self._flush()
+
     def say(self, text: str) -> None:
         """Say something to everybody in the episode.
 

@@ -355,6 +355,7 @@ class Conversation:
             resumed=resumed,
             role=session.role.value,
             grace=room.episode.rules.grace if room is not None else services.settings.grace,
+            readiness=True,
         )
         self.peer.send(welcome)
         if resumed:
@@ -442,7 +443,12 @@ class Conversation:
 
     def _create(self, session: Session, message: messages.Create) -> None:
         check_opening(session.only_episode)
-        room = self._services.lobby.create(message, owner=_owner(session))
+        asker = (session.id, session.participant)
+        try:
+            room = self._services.lobby.create(message, owner=_owner(session), asker=asker)
+        except ElsewhereError as error:
+            self.peer.send(error.moved(message.ref))
+            return
         tokens = (
             self._services.seat_tokens(room, message.participants, _owner(session))
             if message.tokens
@@ -503,6 +509,9 @@ class Conversation:
             if error.code == "episode/unknown":
                 codes.wrong(self._counted, now)
             raise
+
+    def _ready(self, session: Session, message: messages.Ready) -> None:
+        self._room(session).set_ready(session, message.ready)
 
     def _leave(self, session: Session, message: messages.Leave) -> None:
         room = self._room(session)
@@ -572,6 +581,7 @@ HANDLERS: dict[type[messages.Message], Callable[[Conversation, Session, Any], No
     messages.Create: Conversation._create,
     messages.Close: Conversation._close,
     messages.Join: Conversation._join,
+    messages.Ready: Conversation._ready,
     messages.Leave: Conversation._leave,
     messages.Act: Conversation._act,
     messages.Say: Conversation._say,

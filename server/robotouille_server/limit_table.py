@@ -57,6 +57,7 @@ from robotouille_server.rooms.listing import MAX_CODES
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.rooms.recordings import archive
 from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
+from robotouille_server.rooms.rematches import MAX_FINISHED
 from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from robotouille_server.rooms.seats.slow_seats import WAITING_SECONDS
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN
@@ -295,6 +296,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
         Limit("labels, phrases of an episode", "refused", INVALID,
               value=f"16, {MAX_PHRASES}"),
         Limit("delay of a seat's actions", "refused", INVALID, value=f"{MAX_DELAY_MS / 1000:g} s"),
+        Limit("games that are over, and a process remembers for a rematch",
+              "the oldest are unknown", "episode/unknown", value=f"{MAX_FINISHED}"),
         Limit("codes closed unused that a process remembers", "the oldest are unknown",
               "episode/unknown", value=f"{MAX_CODES:,}"),
         Limit("files in the folder of own tasks", "the server does not start",
@@ -304,8 +307,8 @@ LIMITS: dict[str, tuple[Limit, ...]] = {
               f"{MAX_SHAPES:,} elements, with outlines of {MAX_OUTLINES // 1024} KiB"),
         Limit("seats", "refused", INVALID, value=_longest(messages.Create, "seats", "")),
         Limit(
-            "times a seat is taken or come back to",
-            "`join` is refused; coming back, `bye` with `retry`",
+            "times a seat is taken, come back to, or ready or not",
+            "`join` and `ready` are refused; coming back, `bye` with `retry`",
             "rate/seats",
             value=f"{SEAT_CHANGES} a minute, {SEAT_CHANGES_AT_ONCE} at once",
         ),

@@ -20,6 +20,7 @@ EXAMPLES: list[messages.ClientMessage] = [
     messages.Create(),
     messages.Join(episode="x"),
     messages.Join(episode="x", role="spectator"),
+    messages.Ready(),
     messages.Leave(),
     messages.Act(seq=1, action=None),
     messages.Say(text="x"),
@@ -33,7 +34,7 @@ REFUSED: dict[Role, set[str]] = {
     Role.OPERATOR: set(),
     Role.HOST: set(),
     Role.PLAYER: {"list", "create", "close"},
-    Role.SPECTATOR: {"list", "create", "close", "act", "say", "note", "join as player"},
+    Role.SPECTATOR: {"list", "create", "close", "ready", "act", "say", "note", "join as player"},
 }
 
 

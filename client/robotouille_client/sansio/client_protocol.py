@@ -77,6 +77,7 @@ class ClientProtocol(Generic[G]):
         self.reconnect = reconnect
         self.resume = resume
         self.role = ""
+        self.readiness = False
         self.game: G | None = None
         self.membership: messages.Join | None = None
         self.connect_at = 0.0
@@ -189,14 +190,20 @@ class ClientProtocol(Generic[G]):
     def next_message(self) -> messages.Message | None:
         """What is to be sent next; `message_sent` says that it was."""
         if self.state.connected and self._first:
-            return self._first[0]
+            return self._known(self._first[0])
         if not self.state.online:
             return None
         if self.game is not None:
             self._outbox.extend(self.game.messages_to_send())
         while self._outbox and not self._wanted(self._outbox[0]):
             self._outbox.popleft()
-        return self._outbox[0] if self._outbox else None
+        return self._known(self._outbox[0]) if self._outbox else None
+
+    def _known(self, message: messages.Message) -> messages.Message:
+        """A message without what only a later server knows."""
+        if isinstance(message, messages.Join) and not (message.ready or self.readiness):
+            return message.model_copy(update={"ready": True})
+        return message
 
     def message_sent(self) -> None:
         """The last message of `next_message` is on its way. Without this it is sent again, over
@@ -207,7 +214,10 @@ class ClientProtocol(Generic[G]):
             pending.sent = True
 
     def _wanted(self, message: messages.Message) -> bool:
-        """Whether an action still is: its game, and our seat in it, may be lost."""
+        """Whether an action still is: its game, and our seat in it, may be lost; or whether the
+        server knows the message at all."""
+        if isinstance(message, messages.Ready):
+            return self.readiness and self.state is not ClientState.REJOINING
         if not isinstance(message, messages.Act):
             return True
         game = self.game
@@ -347,6 +357,7 @@ class ClientProtocol(Generic[G]):
             if pending.sent and not isinstance(pending.request, messages.Create):
                 self._first.append(pending.request)
         self.resume, self.role = welcome.resume, welcome.role
+        self.readiness = welcome.readiness
         self.resumed = welcome.resumed
         self._up_since, self.welcomed, self._moves = now, True, 0
         self._pauses = pauses(self._rng)

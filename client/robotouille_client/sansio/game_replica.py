@@ -57,7 +57,8 @@ class GameReplica:
     asked for. `own_seats` are those that one plays, in seat order, and `seat` is the first of them;
     a spectator has none. `starts_at` is when the game begins, on the clock of `receive`, while that
     is counted down to; `spectators` counts those who watch. `waits_for` are the seats that a step
-    has waited for, for two seconds at least.
+    has waited for, for two seconds at least. `rematch_code` is that of the game in which they play
+    again, once somebody has asked for one.
     """
 
     def __init__(self, joined: messages.Joined) -> None:
@@ -79,12 +80,14 @@ class GameReplica:
         self.starts_at: float | None = None
         self.spectators = 0
         self.waits_for: tuple[str, ...] = ()
+        self.rematch_code = ""
         self.said = joined.said
         self.can_anticipate = joined.anticipates
         self._reader: StateReader | None = None
         self._observed: dict[str | None, Observed] = {}
         self._sent = SentActions(joined.seq)
         self._catch_up: int | None = None
+        self._ready: bool | None = None
         self._outgoing: list[messages.Message] = []
         self._events: deque[GameEvent] = deque(maxlen=MAX_EVENTS)
         self._resyncing = False
@@ -228,6 +231,23 @@ class GameReplica:
         """The seat as a message names it: servers of before know no such field."""
         return player if len(self.own_seats) > 1 else None
 
+    def ready(self, ready: bool = True) -> None:
+        """The game may begin as far as one's seats go; or, with False, not any more.
+
+        It has a meaning before the beginning, and is told again after a lost connection.
+
+        Raises:
+            ProtocolError: `seat/none`: spectators are not waited for.
+        """
+        self._own_seat(None)
+        self._ready = ready
+        self._outgoing.append(messages.Ready(ready=ready))
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the game does not wait for one's own seats; always, once it has begun."""
+        return all(seat.ready for seat in self.seats if seat.player in self.own_seats)
+
     def say(self, text: str) -> None:
         """Say something to everybody in the episode."""
         self._outgoing.append(messages.Say(text=text))
@@ -306,6 +326,7 @@ class GameReplica:
                 self.turn, self.pause = message.turn, message.pause
                 self.waits_for = tuple(message.waits_for)
                 self.spectators = message.spectators
+                self.rematch_code = message.rematch
                 self._count_down(message.starts_in, now)
                 self._emit(RosterChanged(message.phase, self.seats, message.pause, self.waits_for))
             case messages.Ended():
@@ -330,6 +351,8 @@ class GameReplica:
         if anew:
             reason = "the seat was lost and taken anew"
             self._sent.resolve_all(self.step, reason, ErrorCode.SEAT_LOST)
+        if self._ready is not None and self.phase == "waiting":
+            self._outgoing.append(messages.Ready(ready=self._ready))
         self._catch_up = joined.step
         self._caught_up(now)
 

@@ -92,6 +92,7 @@ class RowBuilder:
             shown_as=seat.treatment.shown_as or "",
             delay_ms=seat.treatment.delay_ms,
             present=seat.present,
+            ready=seat.ready,
             muted=session is not None and room.mutes(session),
             session=None if session is None else session.id,
             latency_ms=_latency(session),

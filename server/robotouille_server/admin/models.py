@@ -81,6 +81,7 @@ class SeatRow(ResponseModel):
     shown_as: str = Field("", description="The kind that others see instead; empty: the real one.")
     delay_ms: int = Field(0, description="Milliseconds for which each action is held back.")
     present: bool
+    ready: bool = Field(True, description="Before the beginning: false where it waits for them.")
     muted: bool = Field(False, description="Whether they may not talk; see `mute`.")
     session: str | None = Field(description="Names the participant in `kick`; null while free.")
     latency_ms: float | None = Field(description="Round trip; null until it has been measured.")

@@ -86,6 +86,9 @@ class Transcript:
                 return self._line("say", note["name"], note["text"])
             case "roster":
                 return self._line("seat", note["player"], _seat(note))
+            case "ready":
+                words = "is ready" if note["ready"] else "is not ready"
+                return self._line("seat", note["player"], words)
             case "noted":
                 return self._line("note", note["player"], f"notes something ({note['topic']})")
             case "announced":

@@ -35,7 +35,7 @@ class Role(StrEnum):
 _ORDER = tuple(Role)
 
 _WATCHING = frozenset({"hello", "join", "leave", "resync", "get_rendering", "get_picture"})
-_PLAYING = _WATCHING | {"act", "say", "note"}
+_PLAYING = _WATCHING | {"ready", "act", "say", "note"}
 _HOSTING = _PLAYING | {"list", "create", "close"}
 _ALL = frozenset(str(model.model_fields["type"].default) for model in messages.CLIENT_MESSAGES)
 

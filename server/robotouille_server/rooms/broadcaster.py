@@ -42,7 +42,8 @@ class Broadcaster:
     """The sessions in a room. Each message is made and encoded once for all of them.
 
     `snapshot_when_committed` sends somebody a snapshot once the room may show its state;
-    `waits_for` says for whom a step has waited long.
+    `waits_for` says for whom a step has waited long. `rematch` is the code of the game in which
+    they play this one again, once it is over and somebody has asked for that.
     """
 
     __slots__ = (
@@ -59,6 +60,7 @@ class Broadcaster:
         "_snapshots",
         "_writer",
         "members",
+        "rematch",
         "snapshot_when_committed",
         "waits_for",
     )
@@ -75,6 +77,7 @@ class Broadcaster:
         self.members: list[Session] = []
         self.snapshot_when_committed: Callable[[Session], None] = self.send_snapshot
         self.waits_for: Callable[[], tuple[str, ...]] = tuple
+        self.rematch = ""
         self._id = episode_id
         self._code = code
         self._episode = episode
@@ -401,6 +404,7 @@ class Broadcaster:
                 controller=seat.shown_controller.value,
                 acted=seat.tally.acted,
                 rejected=seat.tally.rejected,
+                ready=seat.ready,
             )
             for seat in self._episode.seats.values()
         ]
@@ -414,6 +418,7 @@ class Broadcaster:
             waits_for=list(self.waits_for()),
             starts_in=self._starts_in(),
             spectators=self.spectators,
+            rematch=self.rematch,
         )
 
     # Sending

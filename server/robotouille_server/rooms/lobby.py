@@ -11,7 +11,7 @@ from typing import Any
 from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.catalogue import load_task
 from robotouille.domain.task import Task, Timing
-from robotouille.episode import Chat, Episode, Phase, Rules
+from robotouille.episode import Chat, Episode, Phase, Rules, SeatTreatment
 from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
 from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
@@ -31,6 +31,7 @@ from robotouille_server.rooms.recordings import (
     Storage,
     file_name,
 )
+from robotouille_server.rooms.rematches import FinishedGame, Rematches, check_alone
 from robotouille_server.rooms.room import Room, RoomHost, RoomObserver
 from robotouille_server.rooms.seats.round_trips import LOOK_SECONDS
 from robotouille_server.rooms.session import Session
@@ -81,6 +82,7 @@ class Lobby:
         self._timestamp = timestamp
         self._wall = wall
         self._unused = UnusedCodes()
+        self._rematches = Rematches()
         self.tasks = read_task_folder(settings.tasks) if settings.tasks else TaskFolder()
         self._storage = storage
         self._worker = worker
@@ -114,8 +116,17 @@ class Lobby:
 
     # Opening
 
-    def create(self, request: messages.Create, *, owner: str = "") -> Room:
-        """Open a room; ProtocolError names what cannot be had."""
+    def create(
+        self, request: messages.Create, *, owner: str = "", asker: Collection[str] = ()
+    ) -> Room:
+        """Open a room; ProtocolError names what cannot be had.
+
+        Args:
+            owner: The pseudonym of who opens it.
+            asker: The session and the pseudonym of who asks, for the same game again.
+        """
+        if request.rematch is not None:
+            return self._play_again(request, owner, asker)
         self._check_room(owner, reserved=request.open_for is not None)
         rules = self._rules(request)
         seed = request.seed if request.seed is not None else self._settings.seed
@@ -124,7 +135,36 @@ class Lobby:
         budget = request.move_budget
         if budget is None:
             budget = self._settings.move_budget
-        return self._open(task, rules.with_budget(budget, task.seats), seed, owner, request)
+        rules = rules.with_budget(budget, task.seats)
+        players = shared_world(task).players
+        _check_players("treatments", request.treatments, players)
+        _check_players("participants", request.participants, players)
+        return self._open(task, rules, seed, owner, request.labels, request.treatments)
+
+    def _play_again(self, request: messages.Create, owner: str, asker: Collection[str]) -> Room:
+        """The same game as one that is over; all who ask for that get the same room."""
+        check_alone(request)
+        game = self._finished(request.rematch or "")
+        game.check(asker)
+        opened = self.rooms.get(game.again)
+        if opened is not None and opened.episode.phase is not Phase.ENDED:
+            return opened
+        self._check_room(owner, reserved=False)
+        labels = game.labels if owner == game.owner else {}
+        room = self._open(game.task, game.rules, game.seed, owner, labels, game.treatments)
+        game.again = room.id
+        if (before := self.rooms.get(game.episode)) is not None:
+            before.play_again(room.code)
+        return room
+
+    def _finished(self, name: str) -> FinishedGame:
+        """A game that is over; ProtocolError if there is none, or it is not."""
+        game = self._rematches.find(name)
+        if game is None:
+            self.find(name)
+            message = "this game is not over; it can be played again when it is"
+            raise ProtocolError("message/invalid-field", message, "rematch")
+        return game
 
     def _check_room(self, owner: str, *, reserved: bool) -> None:
         if self.draining:
@@ -145,17 +185,21 @@ class Lobby:
             raise ProtocolError("rate/episodes", message)
 
     def _open(
-        self, task: Task, rules: Rules, seed: int, owner: str, request: messages.Create
+        self,
+        task: Task,
+        rules: Rules,
+        seed: int,
+        owner: str,
+        labels: Mapping[str, str],
+        treatments: Mapping[str, SeatTreatment],
     ) -> Room:
         episode_id = self._worker.mark_id(self._random.getrandbits(64))
         code = self._new_code()
         world = shared_world(task)
-        created, treatments = self._timestamp(), request.treatments
-        _check_players("treatments", treatments, world.players)
-        _check_players("participants", request.participants, world.players)
+        created = self._timestamp()
         head = header(
             task, rules, episode=episode_id, seed=seed, created=created, code=code, owner=owner,
-            labels=request.labels, treatments=treatments, open_until=self._open_until(rules),
+            labels=labels, treatments=treatments, open_until=self._open_until(rules),
         )  # fmt: skip
         recorder = Recorder(world, wall=self._wall)
         journal = None
@@ -196,6 +240,7 @@ class Lobby:
             owner=head.get("owner", ""),
             labels=head.get("labels", {}),
             created=head["created"],
+            seed=head["seed"],
         )
         self.rooms[episode_id] = room
         self._codes[plain_code(code)] = room
@@ -364,6 +409,7 @@ class Lobby:
         self._linger(room)
 
     def _linger(self, room: Room) -> None:
+        self._rematches.add(room)
         seconds = max(LINGER_SECONDS, room.episode.rules.grace)
         loop = asyncio.get_running_loop()
         self._lingering[room] = loop.call_later(seconds, self._forget, room)

@@ -15,6 +15,7 @@ from robotouille.episode import (
     Noted,
     Paused,
     QuotaReached,
+    ReadinessChanged,
     Reason,
     Rejected,
     Restarted,
@@ -96,7 +97,7 @@ class Publisher:
                 self._slow_seats.begin()
                 for substitute in self._substitutes:
                     substitute.warm()
-            case CountdownChanged():
+            case ReadinessChanged() | CountdownChanged():
                 self._publish_roster()
             case Ended():
                 self._metrics.outcomes.labels(event.outcome.reason.value).inc()

@@ -71,7 +71,11 @@ class RoomHost:
 
 
 class Room:
-    """Feeds an episode with messages and time, and publishes what happened to those in it."""
+    """Feeds an episode with messages and time, and publishes what happened to those in it.
+
+    `seed` is that with which the task was loaded; `players` are the sessions and participants that
+    had a seat in this process, or have one.
+    """
 
     __slots__ = (
         "_actions",
@@ -95,7 +99,9 @@ class Room:
         "journal",
         "labels",
         "owner",
+        "players",
         "recording",
+        "seed",
         "world",
     )
 
@@ -111,13 +117,17 @@ class Room:
         owner: str = "",
         labels: Mapping[str, str] = MappingProxyType({}),
         created: str = "",
+        seed: int = 0,
     ) -> None:
         self.id = episode_id
         self.code = code
         self.owner = owner
         self.labels = labels
         self.created = created
+        self.seed = seed
         self.episode = episode
+        taken = [seat for seat in episode.seats.values() if seat.taken]
+        self.players = {one for seat in taken for one in (seat.session, seat.participant)}
         self.world = episode.world
         self.journal = journal
         self.broadcaster = broadcaster
@@ -188,7 +198,9 @@ class Room:
                 self._now(),
                 session=session.id,
                 participant=session.participant,
+                ready=request.ready,
             )
+            self.players |= {session.id, session.participant}
         elif self.spectators >= max_spectators:
             message = f"{max_spectators} spectators watch already"
             raise ProtocolError("episode/full", message, "role")
@@ -223,6 +235,20 @@ class Room:
             self.broadcaster.send(session, self.broadcaster.roster())
         else:
             self.broadcaster.publish_roster()
+
+    def set_ready(self, session: Session, ready: bool) -> None:
+        """A player is ready for the beginning, or is not any more; each change is recorded.
+
+        ProtocolError `seat/none` for a spectator, `rate/seats` if that is too often.
+        """
+        session.own_seat(None)
+        seats = self.episode.seats_of(session.players)
+        if self.episode.phase is not Phase.WAITING or all(seat.ready == ready for seat in seats):
+            return
+        self._write_ahead.check_space()
+        self._turnover.charge(session.players, self._now())
+        self.episode.set_ready(session.players, ready, self._now())
+        self.flush()
 
     def leave(self, session: Session, why: Departure = Departure.LEFT) -> None:
         """Leave for good."""
@@ -319,6 +345,11 @@ class Room:
     def _moderate(self, what: Moderation, session: Session) -> None:
         who = (session.id, session.participant, session.name)
         self.episode.moderate(what, *who, self._now())
+
+    def play_again(self, code: str) -> None:
+        """The game is over: tell those who are still here where it is played again."""
+        self.broadcaster.rematch = code
+        self.broadcaster.publish_roster()
 
     def dismiss(self) -> None:
         """Tell those who are still here that the room is closed."""

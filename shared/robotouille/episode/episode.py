@@ -18,6 +18,7 @@ from robotouille.episode.events import (
     Departure,
     Paused,
     QuotaReached,
+    ReadinessChanged,
     Reason,
     Rejected,
     Resumed,
@@ -93,14 +94,17 @@ class Episode(EpisodeState):
         *,
         session: str = "",
         participant: str = "",
+        ready: bool = True,
     ) -> str:
-        """Take a seat (any free one if `player` is None); the game begins when all are there.
+        """Take a seat (any free one if `player` is None); the game begins when all are there and
+        ready.
 
         Args:
             name: What others see.
             kind: The value of a `Controller`: `human`, `bot` or `model`.
             session: Who holds the seat, by a pseudonym.
             participant: The pseudonym that stays the same in later sessions.
+            ready: Whether the game may begin; if not, `set_ready` says when.
 
         Returns:
             The player whose seat it is.
@@ -110,7 +114,7 @@ class Episode(EpisodeState):
         """
         players = (player,) if player is not None else self.free_seats()[:1]
         (taken,) = self.join_several(
-            players, name, kind, now, session=session, participant=participant
+            players, name, kind, now, session=session, participant=participant, ready=ready
         )
         return taken
 
@@ -123,6 +127,7 @@ class Episode(EpisodeState):
         *,
         session: str = "",
         participant: str = "",
+        ready: bool = True,
     ) -> tuple[str, ...]:
         """One participant takes several seats: all of them, or none. Arguments are those of `join`.
 
@@ -138,8 +143,31 @@ class Episode(EpisodeState):
         self.used = self._presence.used = True
         for seat in seats:
             self._emit_roster(seat, now)
+        self._set_ready(seats, ready)
         self._update_presence(now)
         return tuple(seat.player for seat in seats)
+
+    def set_ready(self, players: str | Collection[str], ready: bool, now: float) -> None:
+        """A participant is ready for the beginning, or is not any more, which stops the countdown.
+
+        Once the game has begun this means nothing.
+
+        Raises:
+            ProtocolError: `seat/unknown`.
+        """
+        seats = [seat for seat in self.seats_of(players) if seat.taken]
+        if self._set_ready(seats, ready):
+            self._start_when_complete(now)
+
+    def _set_ready(self, seats: Iterable[Seat], ready: bool) -> bool:
+        """Whether that was news of any of the seats."""
+        if self.phase is not Phase.WAITING:
+            return False
+        changed = [seat for seat in seats if seat.ready != ready]
+        for seat in changed:
+            seat.ready = ready
+            self._emit(ReadinessChanged(seat.player, ready))
+        return bool(changed)
 
     def leave(
         self, players: str | Collection[str], now: float, why: Departure = Departure.LEFT
@@ -199,10 +227,11 @@ class Episode(EpisodeState):
     # The beginning and the end
 
     def _start_when_complete(self, now: float) -> None:
-        """Begin as soon as all seats' participants are there, with or without counting down."""
+        """Begin as soon as all seats' participants are there and ready, with or without counting
+        down."""
         if self.phase is not Phase.WAITING:
             return
-        if not self._presence.complete:
+        if not (self._presence.complete and all(seat.ready for seat in self.seats.values())):
             if self.starts_at is not None:
                 self.starts_at = None
                 self._emit(CountdownChanged(None))

@@ -155,12 +155,18 @@ class EpisodeState:
 
     def _check_begun(self) -> None:
         if self.phase is Phase.WAITING:
-            missing = sum(not seat.present for seat in self.seats.values())
-            message = f"the episode waits for {missing} more player{'s' * (missing > 1)}"
-            if self.starts_at is not None:
-                message = "the episode begins in a moment"
-            raise ProtocolError("episode/waiting", message, "episode")
+            raise ProtocolError("episode/waiting", self._waits_for(), "episode")
         self._check_open()
+
+    def _waits_for(self) -> str:
+        """What the beginning waits for, in words."""
+        if self.starts_at is not None:
+            return "the episode begins in a moment"
+        missing = sum(not seat.present for seat in self.seats.values())
+        if missing:
+            return f"the episode waits for {missing} more player{'s' * (missing > 1)}"
+        unready = names_of(seat for seat in self.seats.values() if not seat.ready)
+        return f"the episode waits until {unready} can begin"
 
     # Seats and steps
 

@@ -31,6 +31,7 @@ __all__ = [
     "Outcome",
     "Paused",
     "QuotaReached",
+    "ReadinessChanged",
     "Reason",
     "Rejected",
     "RejectionKind",
@@ -129,15 +130,15 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CountdownChanged:
-    """Everybody is there, and the game begins in so many seconds; None: it does not, since somebody
-    is missing again."""
+    """Everybody is there and ready, and the game begins in so many seconds; None: it does not,
+    since somebody is missing again, or is not ready."""
 
     seconds: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """Everybody is there and time runs."""
+    """Everybody is there and ready, and time runs."""
 
     time: float
 
@@ -161,6 +162,14 @@ class RosterChanged:
     participant: str = ""
     generation: int = 0
     why: Departure | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReadinessChanged:
+    """Before the beginning: a seat's participant is ready for it, or is not (any more)."""
+
+    player: str
+    ready: bool
 
 
 class RejectionKind(StrEnum):
@@ -333,6 +342,7 @@ Event = (
     CountdownChanged
     | Started
     | RosterChanged
+    | ReadinessChanged
     | Rejected
     | QuotaReached
     | Said

@@ -37,8 +37,8 @@ class Phase(StrEnum):
 class PhaseEvent(Enum):
     """What moves an episode from one phase to another.
 
-    START: everybody is there. PAUSE: there is a reason to stand still, or another than before.
-    RESUME: there is none any more. END: it has an outcome.
+    START: everybody is there and ready. PAUSE: there is a reason to stand still, or another than
+    before. RESUME: there is none any more. END: it has an outcome.
     """
 
     START = auto()

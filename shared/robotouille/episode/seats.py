@@ -68,7 +68,7 @@ class Seat:
     token which was used last. `away` is since when it is absent, `answer` what became of the last
     of its actions that was decided, `quota` how much of what is written in its name is recorded,
     `refused` whether something that it asked for since the last step was refused, `treatment` what
-    a study does to it.
+    a study does to it. `ready` says whether the game may begin, as far as it goes.
 
     `asked_at` is since when it could act, and has not; `left_at` is when its participant was lost.
     Both are in seconds for which the game has run.
@@ -87,6 +87,7 @@ class Seat:
     left_at: float = 0.0
     away: float = 0.0
     refused: bool = False
+    ready: bool = True
     pending: PendingAction | None = None
     answer: ActionAnswer = field(default_factory=lambda: ActionAnswer(0, 0))
     tally: SeatTally = field(default_factory=lambda: SeatTally(""))
@@ -136,6 +137,7 @@ class Seat:
         self.name, self.kind = name, kind
         self.session, self.participant, self.generation = session, participant, 0
         self.quota.renew()
+        self.ready = True
         self.asked_at = ran
         self.seq, self.pending, self.answer = 0, None, ActionAnswer(0, 0)
 
@@ -182,7 +184,7 @@ class Seat:
         if self.present:
             self.left_at = ran
         self.state = next_seat_state(self.state, SeatEvent.VACATE)
-        self.refused = False
+        self.refused, self.ready = False, True
         self.name = self.kind = self.session = self.participant = ""
         self.generation = 0
         self.pending = None

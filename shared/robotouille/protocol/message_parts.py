@@ -95,7 +95,7 @@ class SeatInfo(FromServer):
     """A seat and who plays it; `name` is empty while it is free.
 
     `controller` moves it at present: its participant (`human`, `bot`, `model`), nobody (`absent`)
-    or a bot meanwhile (`stand-in`).
+    or a bot meanwhile (`stand-in`). Before the beginning, it waits for those who are not `ready`.
     """
 
     player: Identifier
@@ -105,6 +105,7 @@ class SeatInfo(FromServer):
     controller: Known[Controller] = Controller.FREE
     acted: int = 0
     rejected: int = 0
+    ready: bool = True
 
 
 class Why(FromServer):

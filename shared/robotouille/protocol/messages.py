@@ -98,6 +98,7 @@ __all__ = [
     "OutcomeRow",
     "Pause",
     "Picture",
+    "Ready",
     "Rejected",
     "Rendering",
     "Resync",
@@ -165,6 +166,10 @@ class Create(Message):
     only one of these. `treatments` are what a study does to seats, by player: others see the kind
     `shown_as` there, and each action is held back by `delay_ms`. With `tokens` the answer has a
     role token for each seat; `participants` says who is to have them, by player.
+
+    With `rematch`, the id or code of a game that is over and in which one had a seat, it is the
+    same again: its task, rules and seats. All who ask for that game get the same episode. The other
+    fields are left out.
     """
 
     type: Literal["create"] = "create"
@@ -188,6 +193,7 @@ class Create(Message):
     treatments: Annotated[dict[Identifier, SeatTreatment], Field(max_length=16)] = {}
     participants: Annotated[dict[Identifier, Identifier], Field(max_length=16)] = {}
     tokens: bool = False
+    rematch: Identifier | None = None
 
 
 class Close(Message):
@@ -205,7 +211,8 @@ class Join(Message):
 
     `seats` are several to play over this one connection: by name, or `all` that are free now. It
     is all of them or none. `known` lists digests of tasks the client has already, so that they
-    need not be sent.
+    need not be sent. Who joins with `ready: false` says `ready` when the game may begin; send it
+    only where `welcome` said `readiness`.
     """
 
     type: Literal["join"] = "join"
@@ -216,6 +223,7 @@ class Join(Message):
     view: View = "state"
     known: Annotated[list[Identifier], Field(max_length=64)] = []
     seats: Annotated[list[Identifier], Field(max_length=16)] | Literal["all"] = []
+    ready: bool = True
 
     @field_validator("seats", mode="wrap")
     @classmethod
@@ -231,6 +239,14 @@ class Join(Message):
         if isinstance(seats, list) and len(set(seats)) < len(seats):
             raise ValueError("a seat is named twice")
         return seats
+
+
+class Ready(Message):
+    """The game may begin, as far as all of one's seats go; or, with `ready: false`, not any more.
+    Once it has begun this means nothing."""
+
+    type: Literal["ready"] = "ready"
+    ready: bool = True
 
 
 class Leave(Message):
@@ -312,6 +328,7 @@ class Welcome(FromServer):
 
     `resume` brings a lost connection back; it is another with each welcome, and once it has been
     used those before it are worth nothing. `grace` are the seconds for which a seat is kept.
+    `readiness` says that the server knows `ready`, as a message and in `join`.
     """
 
     type: Literal["welcome"] = "welcome"
@@ -323,6 +340,7 @@ class Welcome(FromServer):
     resumed: bool = False
     role: str
     grace: float
+    readiness: bool = False
 
 
 class Episodes(FromServer):
@@ -538,7 +556,9 @@ class Roster(FromServer):
     when it changes.
 
     `waits_for` are the players whose decision a step has waited for, for two seconds at least.
-    While everybody is there and the game has not begun, it does so in `starts_in` seconds.
+    While everybody is there and ready and the game has not begun, it does so in `starts_in`
+    seconds. `rematch` is the code of the game in which they play again, once the game is over and
+    somebody has asked for one.
     """
 
     type: Literal["roster"] = "roster"
@@ -549,6 +569,7 @@ class Roster(FromServer):
     waits_for: list[Identifier] = []
     starts_in: float | None = None
     spectators: int = 0
+    rematch: str = ""
 
 
 class Ended(FromServer):
@@ -594,6 +615,7 @@ ClientMessage = Annotated[
     | Create
     | Close
     | Join
+    | Ready
     | Leave
     | Act
     | Say
@@ -632,6 +654,7 @@ CLIENT_MESSAGES = (
     Create,
     Close,
     Join,
+    Ready,
     Leave,
     Act,
     Say,

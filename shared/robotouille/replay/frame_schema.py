@@ -125,6 +125,13 @@ class RosterNote(Frame):
     why: str = ""
 
 
+class ReadyNote(Frame):
+    note: Literal["ready"]
+    t: int
+    player: str
+    ready: bool
+
+
 class RecordedWhy(Frame):
     kind: str
     predicate: str = ""
@@ -225,6 +232,7 @@ class RoundTripNote(Frame):
 
 Note = Annotated[
     RosterNote
+    | ReadyNote
     | RejectedNote
     | SaidNote
     | NotedNote

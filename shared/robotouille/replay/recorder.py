@@ -23,6 +23,7 @@ from robotouille.episode.events import (
     Noted,
     Paused,
     QuotaReached,
+    ReadinessChanged,
     Rejected,
     Restarted,
     Resumed,
@@ -312,6 +313,8 @@ def _note(event: Event) -> dict[str, Any]:
                 "generation": event.generation,
                 **({"why": event.why.value} if event.why else {}),
             }
+        case ReadinessChanged():
+            return {"note": "ready", "t": 0, "player": event.player, "ready": event.ready}
         case QuotaReached():
             return {"note": "quota", "t": _ms(event.time), "player": event.player}
         case RoundTripMeasured():

@@ -168,6 +168,8 @@ class _Replayer:
                 _sit(self._seat(note), note, self.episode.ran(note["t"] / 1000))
                 if note["present"] or not note.get("taken", True):
                     self.expected.discard(note["player"])
+            case "ready":
+                self._seat(note).ready = note["ready"]
             case "rejected":
                 self._rejected(self._seat(note), note)
             case "said":

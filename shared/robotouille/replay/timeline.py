@@ -200,6 +200,8 @@ def _note_words(note: Mapping[str, Any]) -> str:
     match note["note"]:
         case "countdown":
             return _countdown(note)
+        case "ready":
+            return f"{note['player']} is {'' if note['ready'] else 'not '}ready"
         case "started":
             return "the game begins"
         case "rejected":
