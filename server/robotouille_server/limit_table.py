@@ -53,11 +53,11 @@ from robotouille_server.mqtt.connection import MAX_PACKET_BYTES
 from robotouille_server.mqtt.models import MAX_OPENED, MAX_WATCH_SECONDS
 from robotouille_server.mqtt.outbox import MAX_MESSAGES, MAX_STEPS
 from robotouille_server.mqtt.watches import MAX_WATCHES
-from robotouille_server.rooms.listing import MAX_CODES
+from robotouille_server.rooms.directory.listing import MAX_CODES
+from robotouille_server.rooms.directory.rematches import MAX_FINISHED
 from robotouille_server.rooms.lobby import CODE_LENGTH, LINGER_SECONDS
 from robotouille_server.rooms.recordings import archive
 from robotouille_server.rooms.recordings.journal import MAX_RECORDING_BYTES
-from robotouille_server.rooms.rematches import MAX_FINISHED
 from robotouille_server.rooms.seats.seat_turnover import SEAT_CHANGES, SEAT_CHANGES_AT_ONCE
 from robotouille_server.rooms.seats.slow_seats import WAITING_SECONDS
 from robotouille_server.rooms.write_ahead import MAX_UNWRITTEN

@@ -7,7 +7,7 @@ import pytest
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
 from robotouille_server.rooms import listing
-from robotouille_server.rooms.listing import UnusedCode, UnusedCodes
+from robotouille_server.rooms.directory.listing import UnusedCode, UnusedCodes
 
 
 def unused(code: str) -> UnusedCode:

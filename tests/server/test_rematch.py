@@ -14,7 +14,7 @@ from robotouille.protocol import messages
 from robotouille.protocol.messages import Create
 from robotouille_client import Client, Game, connect
 from robotouille_server import Server
-from robotouille_server.rooms.rematches import MAX_FINISHED, Rematches
+from robotouille_server.rooms.directory.rematches import MAX_FINISHED, Rematches
 from tests.support.lost_connections import cut
 from tests.support.servers import serving
 from tests.support.virtual_time import run

@@ -17,13 +17,14 @@ from robotouille.protocol import messages
 from robotouille.replay.recorder import Recorder, header
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.broadcaster import Broadcaster
-from robotouille_server.rooms.listing import (
+from robotouille_server.rooms.directory.listing import (
     MAX_LISTED,
     UnusedCode,
     UnusedCodes,
     info,
     labels_for,
 )
+from robotouille_server.rooms.directory.rematches import FinishedGame, Rematches, check_alone
 from robotouille_server.rooms.recordings import (
     ArchivedEpisode,
     Journal,
@@ -31,7 +32,6 @@ from robotouille_server.rooms.recordings import (
     Storage,
     file_name,
 )
-from robotouille_server.rooms.rematches import FinishedGame, Rematches, check_alone
 from robotouille_server.rooms.room import Room, RoomHost, RoomObserver
 from robotouille_server.rooms.seats.round_trips import LOOK_SECONDS
 from robotouille_server.rooms.session import Session
