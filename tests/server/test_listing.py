@@ -6,7 +6,7 @@ import pytest
 
 from robotouille.errors import ProtocolError
 from robotouille.protocol import messages
-from robotouille_server.rooms import listing
+from robotouille_server.rooms.directory import listing
 from robotouille_server.rooms.directory.listing import UnusedCode, UnusedCodes
 
 
