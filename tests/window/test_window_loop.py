@@ -170,6 +170,7 @@ INTERRUPTIONS = [
     {"pause": PauseView("bob's connection is lost", "Waiting 23 s.", 22.4, 0.7)},
     {"offline": 1.5},
     {"farewell": FarewellView("Out", "Gone.")},
+    {"outcome": "Out of steps after 300 steps"},
 ]
 
 
@@ -190,6 +191,24 @@ def test_while_a_game_is_interrupted_keys_and_clicks_do_nothing(
     click(source.world, "table11")
     window.frame(source)
     assert source.acted == ["move robot1 table11 table8"]
+
+
+def test_a_kitchen_that_is_finished_offers_nothing(window: Window, source: Script) -> None:
+    window.frame(source)
+    press(pygame.K_TAB)
+    window.frame(source)
+    pos = spot(source.world, "table11")
+    pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
+    window.frame(source)
+    before = window._input.overlay(source.view(), window._input.hover(source.view()))
+    assert before.choices
+    assert before.tips
+    source.interruption = {"outcome": "Out of steps after 300 steps"}
+    window.frame(source)
+    view = source.view()
+    assert window._input.hover(view) is None
+    after = window._input.overlay(view, None)
+    assert (after.choices, after.tips, after.hints, after.queued) == (None, (), (), ())
 
 
 def test_one_can_chat_while_a_game_is_paused(window: Window, source: Script) -> None:

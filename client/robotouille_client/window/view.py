@@ -143,9 +143,15 @@ class View:
     step_seconds: float | None = None
 
     @property
+    def over(self) -> bool:
+        """Whether the owner plays no more: the game is at its end, or they are out of it."""
+        return self.me is not None and (bool(self.outcome) or self.farewell is not None)
+
+    @property
     def frozen(self) -> bool:
         """Whether nothing that the owner does would come to anything now."""
-        return any(x is not None for x in (self.pause, self.offline, self.farewell))
+        interrupted = any(x is not None for x in (self.pause, self.offline, self.farewell))
+        return interrupted or self.over
 
 
 class Source(Protocol):

@@ -100,7 +100,7 @@ class Hands:
 
     def refresh(self, view: View) -> None:
         """Keep the list as the state has it."""
-        if view.me is None:
+        if view.me is None or view.over:
             self.choices = None
             return
         self.choices = possible(view.state, view.me)

@@ -88,6 +88,8 @@ class ActionQueue:
     def tick(self, source: Source, view: View) -> str:
         """Send the next thing where it can be sent now; a notice, or nothing."""
         self._settle(view)
+        if view.over:
+            self.clear()
         if view.frozen or view.me is None or not self._waiting or view.starts_in is not None:
             return ""
         if self._sent is not None and self._sent.fate == "asked":
