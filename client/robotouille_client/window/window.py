@@ -108,6 +108,7 @@ class Window:
             target=self._target,
             key_at=self._painter.key_at,
             alone=strip is None,
+            may_leave=cards is not None,
             clock=clock,
         )
 

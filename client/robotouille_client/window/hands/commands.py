@@ -56,10 +56,12 @@ FIXED: Mapping[str, Command] = {
     "up": Command.UP,
     "down": Command.DOWN,
     "escape": Command.CANCEL,
+    "esc": Command.CANCEL,
     "return": Command.ENTER,
     "enter": Command.ENTER,
 }
-"""Keys that mean the same for everybody, so that nobody can lock themselves out."""
+"""Keys that mean the same for everybody, so that nobody can lock themselves out; `esc` and `enter`
+are also what they are called where they are shown, and clicked."""
 
 _SHORT = {"return": "Enter", "escape": "Esc"}
 

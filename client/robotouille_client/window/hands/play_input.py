@@ -32,7 +32,8 @@ _Advice = tuple[tuple[str, ...], HelpRows]
 
 class PlayInput:
     """Keys, clicks and commands in a game; `target` finds what is under a point of the window, and
-    `key_at` the key that is drawn there. Where it is not `alone`, a strip tells spectators keys."""
+    `key_at` the key that is drawn there. Where it is not `alone`, a strip tells spectators keys;
+    where one `may_leave`, the key for it is told."""
 
     def __init__(
         self,
@@ -44,6 +45,7 @@ class PlayInput:
         target: Callable[[tuple[int, int], View], str | None],
         key_at: Callable[[tuple[int, int]], str],
         alone: bool = True,
+        may_leave: bool = False,
         clock: Callable[[], float],
     ) -> None:
         self.hands = Hands(keys, clock)
@@ -53,6 +55,7 @@ class PlayInput:
         self._target = target
         self._key_at = key_at
         self._alone = alone
+        self._may_leave = may_leave
         self._clock = clock
         self._chat = ChatLine()
         self._controls: Controls | None = None
@@ -261,7 +264,9 @@ class PlayInput:
             rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]
         if view.pause is not None and view.offline is None:
             rows = [(keys.words(Command.CHAT), "say something")]
-        return tuple((key, does) for key, does in (*rows, (keys.words(Command.HELP), "help")))
+        if self._may_leave:
+            rows.append((key_words("escape"), "leave"))
+        return (*rows, (keys.words(Command.HELP), "help"))
 
     def _walk_keys(self, view: View) -> str:
         """The keys that walk here: a domain's own keys come before letters."""
