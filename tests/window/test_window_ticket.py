@@ -15,7 +15,7 @@ from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, dishes
+from robotouille_client.window.pictures.dishes import Dish, dishes, progress
 from robotouille_client.window.view import View
 
 SIZE = (1280, 720)
@@ -75,6 +75,61 @@ def test_layers_are_ticked_off_until_the_goal_is_reached() -> None:
     assert state.goal_reached
     assert ticked[-1] == len(dish.layers)
     assert len(set(ticked)) >= 3
+
+
+def settled(name: str, seats: int, steps: int) -> dict[str, bool]:
+    """What is ticked after some steps of a plan."""
+    task = load_task(name, seats=seats)
+    world = World(task)
+    state = world.initial
+    plan = next(task.folder.glob(f"{task.name.rpartition('/')[2]}@{seats}.plan"))
+    for joint in list(read_plan(plan.read_text(), world))[:steps]:
+        state = state.step(list(joint)).state
+    now, first = (world.goal.holding(each.facts) for each in (state, world.initial))
+    (dish,) = drawn(name)
+    found = progress(dish, now, first)
+    return {each.words: far.settled for each, far in zip(dish.layers, found, strict=True)}
+
+
+def test_nothing_is_ticked_at_the_start_and_everything_at_the_end() -> None:
+    for name in ("multi_agent/01", "multi_agent/07", "multi_agent/06"):
+        assert not any(settled(name, 2, 0).values())
+        assert all(settled(name, 2, 500).values())
+
+
+def test_a_layer_is_ticked_for_good() -> None:
+    """No layer of a plan that is carried out loses its tick, whatever it lies on."""
+    for name in ("multi_agent/01", "multi_agent/04", "multi_agent/07"):
+        before: dict[str, bool] = {}
+        for steps in range(40):
+            now = settled(name, 2, steps)
+            assert all(now[words] for words, done in before.items() if done)
+            before = now
+
+
+def test_what_is_above_waits_for_what_is_below() -> None:
+    (dish,) = drawn("multi_agent/01")
+    top, lettuce, patty, bottom, table = dish.layers
+    held = [True] * len(World("multi_agent/01").goal.terms)
+    held[lettuce.terms[0]] = False
+    first = [n in bottom.terms for n in range(len(held))]
+    found = dict(zip(dish.layers, progress(dish, held, first), strict=True))
+    assert not found[top].settled and found[top].share == 1
+    assert found[patty].settled and found[bottom].settled
+    assert found[lettuce].share == 0.5
+    assert not found[table].settled
+    assert all(far.settled for far in progress(dish, [True] * len(held), first))
+
+
+def test_a_row_of_the_ticket_says_what_it_needs() -> None:
+    world = World("multi_agent/01")
+    painter, surface = Painter(), pygame.Surface(SIZE)
+    painter.paint(surface, View(world, world.initial))
+    x = painter.layout(SIZE, world).panel.left + 60
+    told = {line for y in range(60, 300) for line in painter.told((x, y))}
+    assert "Not yet: the lettuce has been cut." in told
+    assert "Ready: the bottom bun lies directly on the table." in told
+    assert world.task.goal_description in told
 
 
 def test_a_goal_that_cannot_be_drawn_is_told_in_words() -> None:

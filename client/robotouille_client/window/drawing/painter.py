@@ -88,7 +88,7 @@ class Painter:
         cards = self._interruptions.draw(surface, place, view)
         self._panel.draw(surface, place, view)
         if not ui_overlay.tips:
-            ui_overlay = replace(ui_overlay, tips=self._panel.told(ui_overlay.pointer))
+            ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))
         self._labels.draw(
             surface, place, view, poses, ui_overlay,
             listed=self._listed(view, stage),
@@ -107,6 +107,10 @@ class Painter:
     def key_at(self, pos: tuple[int, int]) -> str:
         """The key that the newest picture shows at a point; else nothing."""
         return self._key_strip.key_at(pos) if self._world is not None else ""
+
+    def told(self, pointer: tuple[int, int] | None) -> tuple[str, ...]:
+        """What the newest picture says of what is under the mouse, in words."""
+        return () if self._world is None else self._panel.told(pointer)
 
     def _listed(self, view: View, stage: Stage) -> Listing:
         """What is in or on the station under the mouse, if that is more than one thing."""

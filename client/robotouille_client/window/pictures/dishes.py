@@ -5,7 +5,7 @@ Pure: nothing here draws, and nothing knows what a goal is about.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from robotouille.world.grounding.objects import Object
@@ -13,18 +13,24 @@ from robotouille.world.scene import Placed
 from robotouille.world.world import World
 from robotouille_client.window.pictures.appearance import Appearance, AppearanceResolver
 
-__all__ = ["Dish", "Layer", "dishes"]
+__all__ = ["Dish", "Layer", "Progress", "dishes", "progress"]
 
 Variable = int | str
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One thing of a dish as it is to be, and the numbers of the goal's terms about it."""
+    """One thing of a dish as it is to be.
+
+    `terms` are the numbers of the goal's terms about it, `conditions` the same in words, and
+    `below` the numbers of those about what it lies on.
+    """
 
     appearance: Appearance
     words: str
     terms: tuple[int, ...]
+    conditions: tuple[str, ...] = ()
+    below: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +38,42 @@ class Dish:
     """Things that the goal relates to each other, from the uppermost to what carries them all."""
 
     layers: tuple[Layer, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a layer is: the share of what had to be done for it, and whether it is `settled`.
+
+    That is one that is as it is to be, with all below it: nothing of it has to be undone. A layer
+    that was right from the start, such as a plate that stands on a table anyway, is settled as
+    soon as something else of its dish is.
+    """
+
+    share: float
+    settled: bool
+
+
+def progress(dish: Dish, holding: Sequence[bool], at_first: Sequence[bool]) -> tuple[Progress, ...]:
+    """How far each layer of a dish is, by the terms that hold now and at the start of a game.
+
+    A layer about which the goal says nothing is settled with the whole dish.
+    """
+    right = [
+        bool(each.terms) and all(holding[n] for n in (*each.terms, *each.below))
+        for each in dish.layers
+    ]
+    begun = any(
+        fine and not all(at_first[n] for n in each.terms)
+        for fine, each in zip(right, dish.layers, strict=True)
+    )
+    whole = all(holding[n] for each in dish.layers for n in each.terms)
+    found = []
+    for fine, each in zip(right, dish.layers, strict=True):
+        to_do = [n for n in each.terms if not at_first[n]]
+        done = sum(holding[n] for n in to_do)
+        settled = whole or (fine and (bool(to_do) or begun))
+        found.append(Progress(1.0 if settled else done / max(1, len(to_do)), settled))
+    return tuple(found)
 
 
 def dishes(world: World, resolver: AppearanceResolver) -> tuple[Dish, ...] | None:
@@ -51,6 +93,7 @@ class _Goal:
         self._stations = set(domain.station_types)
         self._when = {rule.predicate: rule.when for rule in domain.layout or () if rule.when}
         types = {p.name: p.param_types for p in domain.predicate_defs}
+        self._says = {p.name: p.language_descriptors.get("0", "") for p in domain.predicate_defs}
         self._kinds: dict[Variable, str] = {}
         self._types: dict[Variable, str] = {}
         for term in self._terms:
@@ -99,8 +142,9 @@ class _Goal:
             appearance = self._resolver.appearance(
                 self._placed[_name(root)], self._placed, self._related
             )
-            facts = self._placed[_name(root)].facts
-            yield Layer(appearance, self._resolver.words(self._kinds[root], facts), tuple(terms))
+            words = " with ".join(self._words(i) for i in (root, *merged))
+            conditions = tuple(self._condition(n) for n in terms)
+            yield Layer(appearance, words, tuple(terms), conditions, tuple(self._below(root)))
         for above in self._carried(root):
             if above in merged:
                 seen.add(above)
@@ -108,6 +152,28 @@ class _Goal:
                     yield from self._layers(inside, seen)
             else:
                 yield from self._layers(above, seen)
+
+    def _below(self, thing: Variable) -> list[int]:
+        """The terms about what a thing lies on: by itself, or in the stack that it is part of."""
+        carrier = self._carriers.get(thing)
+        if carrier is None:
+            return []
+        under = [i for i in self._carried(carrier) if self._order(i) < self._order(thing)]
+        if any(self._when.get(self._terms[n].predicate) == "next_in_stack"
+               and self._terms[n].ids == (thing, carrier) for n in self._about(thing)):  # fmt: skip
+            under.append(carrier)
+        return [n for i in under for n in (*self._about(i), *self._below(i))]
+
+    def _words(self, thing: Variable) -> str:
+        facts = {term.predicate for term in self._terms if thing in term.ids}
+        return self._resolver.words(self._kinds[thing], facts)
+
+    def _condition(self, number: int) -> str:
+        """A term of the goal in the words of the domain."""
+        term = self._terms[number]
+        kinds = [f"the {self._resolver.words(kind, ())}" for kind in term.args]
+        says = self._says[term.predicate] or " ".join((term.predicate, *("{}",) * len(kinds)))
+        return says.format(*kinds)
 
     def _carried(self, carrier: Variable) -> list[Variable]:
         """What lies directly on or in something: the lowest first, the uppermost last."""
@@ -135,9 +201,10 @@ class _Goal:
         """Whether only the picture of what it is in shows a thing."""
         rendering = self._resolver.rendering
         group = rendering.group_of(self._kinds[carrier])
-        if group is None or rendering.group_of(self._kinds[thing]) is not None:
+        if group is None:
             return False
-        return self._kinds[thing] in group.entities[self._kinds[carrier]].assets.named
+        inside = group.entities[self._kinds[carrier]].assets.named.get(self._kinds[thing])
+        return inside is not None and inside.asset is None
 
     def _as_placed(self, thing: Variable) -> Placed:
         made = Object(_name(thing), self._kinds[thing], self._types[thing])

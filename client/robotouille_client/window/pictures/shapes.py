@@ -18,6 +18,7 @@ __all__ = [
     "ellipse",
     "pill",
     "ring",
+    "share_disc",
     "speech",
     "tick",
 ]
@@ -90,6 +91,19 @@ def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Su
     surface = pygame.transform.smoothscale(large, (size, size))
     surface.set_alpha(opacity)
     return surface
+
+
+@lru_cache(maxsize=256)
+def share_disc(size: int, steps: int, colour: Colour, ground: Colour) -> pygame.Surface:
+    """A small circle of which `steps` of RING_STEPS are filled; do not draw on it."""
+    size = max(4, size)
+    large = pygame.Surface((size * _FINE, size * _FINE), pygame.SRCALPHA)
+    large.fill((*ground, 0))
+    middle, radius = (size * _FINE // 2, size * _FINE // 2), size * _FINE // 2
+    pygame.draw.circle(large, mixed(ground, INK, 0.5), middle, radius)
+    pygame.draw.circle(large, ground, middle, round(radius * 0.8))
+    _sector(large, min(steps, RING_STEPS) / RING_STEPS, colour, 0.8)
+    return pygame.transform.smoothscale(large, (size, size))
 
 
 @lru_cache(maxsize=8)

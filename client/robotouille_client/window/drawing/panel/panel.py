@@ -41,7 +41,7 @@ class Panel:
         self._text = text
         self._seats = SeatCards(resolver, sprites, text)
         self._ticket: Ticket | None = None
-        self._ticket_area = pygame.Rect(0, 0, 0, 0)
+        self._ticket_area, self._panel_left = pygame.Rect(0, 0, 0, 0), 0
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
 
@@ -132,7 +132,8 @@ class Panel:
         """What the mouse points at, in words: the goal, where it is on the ticket."""
         if self._ticket is None or pointer is None or not self._ticket_area.collidepoint(pointer):
             return ()
-        return (self._ticket.prose,)
+        x, y = pointer
+        return self._ticket.told((x - self._panel_left, y))
 
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
@@ -142,7 +143,7 @@ class Panel:
             self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
         room = pygame.Rect(area.x, y, area.width, area.height)
         room.height = self._ticket.draw(surface, room, layout, view)
-        self._ticket_area = room.move(layout.panel.topleft)
+        self._ticket_area, self._panel_left = room.move(layout.panel.topleft), layout.panel.left
         return room.bottom + layout.text * 2 // 3
 
     def _clock(

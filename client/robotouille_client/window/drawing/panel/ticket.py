@@ -6,8 +6,8 @@ import pygame
 
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver
-from robotouille_client.window.pictures.dishes import Dish, dishes
-from robotouille_client.window.pictures.shapes import box, ellipse, tick
+from robotouille_client.window.pictures.dishes import Dish, Layer, Progress, dishes, progress
+from robotouille_client.window.pictures.shapes import RING_STEPS, box, share_disc, tick
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import DONE, INK, PAPER, TICKED, mixed
@@ -35,25 +35,46 @@ class Ticket:
         self._sprites = sprites
         self._text = text
         self._dishes = dishes(view.world, resolver) or ()
-        self.prose = view.world.task.goal_description or "No goal is set."
+        self._at_first = view.world.goal.holding(view.world.initial.facts)
+        self._rows: list[tuple[pygame.Rect, Layer, Progress]] = []
+        self._holding: tuple[bool, ...] = ()
+        self._prose = view.world.task.goal_description or "No goal is set."
+
+    def told(self, point: tuple[int, int]) -> tuple[str, ...]:
+        """What is so and what is not of the layer at a point of the slip; and the goal in words."""
+        for row, layer, far in self._rows:
+            if row.collidepoint(point):
+                return (*self._conditions(layer, far), self._prose)
+        return (self._prose,)
+
+    def _conditions(self, layer: Layer, far: Progress) -> tuple[str, ...]:
+        lines = []
+        for number, says in zip(layer.terms, layer.conditions, strict=True):
+            done = "Done" if far.settled or not self._at_first[number] else "Ready"
+            lines.append(f"{done if self._holding[number] else 'Not yet'}: {says}.")
+        fine, based = (all(self._holding[n] for n in part) for part in (layer.terms, layer.below))
+        if fine and not based:
+            lines.append("Not yet: all that belongs below it.")
+        return tuple(lines)
 
     def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
         """Draw the slip at the top of an area; its height."""
         size = self._size(area, layout)
+        self._rows = []
         if size is None:
             return self._in_words(surface, area, layout)
         pad, count = layout.text // 2, len(self._dishes)
         rows = max(len(dish.layers) for dish in self._dishes)
         step = round(size * _STEP)
         height = rows * step + 2 * pad
-        holding = view.world.goal.holding(view.state.facts)
+        self._holding = view.world.goal.holding(view.state.facts)
         surface.blit(box((area.width, height), PAPER, layout.text // 2), area.topleft)
         width = (area.width - 2 * pad) // count
         for number, dish in enumerate(self._dishes):
             column = pygame.Rect(area.x + pad + number * width, area.y + pad, width, rows * step)
             if number:
                 self._seam(surface, column)
-            self._column(surface, column, step, dish, holding, size, layout.text)
+            self._column(surface, column, step, dish, size, layout.text)
         return height
 
     def _size(self, area: pygame.Rect, layout: Layout) -> int | None:
@@ -75,45 +96,34 @@ class Ticket:
         column: pygame.Rect,
         step: int,
         dish: Dish,
-        holding: tuple[bool, ...],
         size: int,
         text: int,
     ) -> None:
         top = column.bottom - len(dish.layers) * step
-        done = all(holding[n] for layer in dish.layers for n in layer.terms)
-        small = max(10, round(text * 0.85))
-        most = max(len(layer.terms) for layer in dish.layers)
-        room = column.width - size - 16 - max(text, most * (text // 3 + 2))
+        small, mark = max(10, round(text * 0.85)), max(8, min(round(text * 0.95), step - 4))
+        room = column.width - size - 16 - mark
         told = all(self._text.width(layer.words, small) <= room for layer in dish.layers)
-        for i, layer in enumerate(dish.layers):
-            row = pygame.Rect(column.x + 2, top + i * step, column.width - 4, step)
-            held = tuple(holding[n] for n in layer.terms)
-            if all(held) if held else done:
+        for i, far in enumerate(progress(dish, self._holding, self._at_first)):
+            layer, row = dish.layers[i], pygame.Rect(column.x, top + i * step, column.width, step)
+            self._rows.append((row.copy(), layer, far))
+            row = row.inflate(-4, 0)
+            if far.settled:
                 surface.blit(box((row.width, row.height - 1), TICKED, text // 3), row)
             side = step - 2 if layer.appearance.role == "station" else size
             picture = self._sprites.of(layer.appearance, side)
             surface.blit(picture, picture.get_rect(center=(row.x + 2 + size // 2, row.centery)))
-            row.left += size + 6
-            row.width -= size + 6
-            self._state(surface, row, held, text)
-            if told and held:
+            if layer.terms:
+                sign = self._sign(far, mark)
+                surface.blit(sign, sign.get_rect(midright=(row.right - 2, row.centery)))
+            if told:
                 words = self._text.line(layer.words, small, INK)
-                surface.blit(words, words.get_rect(midleft=(row.x, row.centery)))
+                surface.blit(words, words.get_rect(midleft=(row.x + size + 6, row.centery)))
 
-    def _state(
-        self, surface: pygame.Surface, row: pygame.Rect, held: tuple[bool, ...], text: int
-    ) -> None:
-        """A tick, or a dot for each condition."""
-        if held and all(held):
-            mark = tick(max(8, min(round(text * 0.95), row.height - 4)), DONE)
-            surface.blit(mark, mark.get_rect(midright=(row.right - 2, row.centery)))
-            return
-        dot = max(4, text // 3)
-        left = row.right - 2 - len(held) * (dot + 2)
-        for i, holds in enumerate(held):
-            spot = pygame.Rect(left + i * (dot + 2), 0, dot, dot)
-            spot.centery = row.centery
-            surface.blit(ellipse(spot.size, DONE if holds else mixed(PAPER, INK, 0.3)), spot)
+    def _sign(self, far: Progress, side: int) -> pygame.Surface:
+        """A tick, or a disc that fills up with what is done."""
+        if far.settled:
+            return tick(side, DONE)
+        return share_disc(side * 7 // 8, round(far.share * RING_STEPS), DONE, PAPER)
 
     def _in_words(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout) -> int:
         size, pad = layout.text, layout.text * 2 // 3
@@ -121,7 +131,7 @@ class Ticket:
         left = pad + (icon.get_width() + pad // 2 if icon else 0)
         step = self._text.height(size)
         most = max(3, area.height // 3 // step)
-        lines = self._text.wrap(self.prose, size, area.width - left - pad, most)
+        lines = self._text.wrap(self._prose, size, area.width - left - pad, most)
         height = max(len(lines) * step, size * 2 if icon else 0) + 2 * pad
         surface.blit(box((area.width, height), PAPER, layout.text // 2), area.topleft)
         if icon is not None:
