@@ -67,6 +67,8 @@ def _things(
         if art.asset is not None:
             state = place.partition(".assets")[2].lstrip(".").replace(".", " ")
             yield f"{kind} {state}".strip(), _on(side, sprites.file(art.asset, side))
+            for i, stage in enumerate(art.stages):
+                yield f"{kind} {state} {i + 1}", _on(side, sprites.file(stage, side))
 
 
 def _players(

@@ -3,7 +3,7 @@ rendering, and a scene of each task.
 
 python -m tests.support.golden_pictures
 
-draws them anew, into `tests/window/golden`. Look at what has changed before you keep it. They are
+draws those anew that have changed, into `tests/window/golden`. Look at them before you keep them. They are
 compared tile by tile and not pixel by pixel: other versions of pygame smooth edges differently.
 """
 
@@ -102,13 +102,21 @@ def difference(one: pygame.Surface, other: pygame.Surface) -> float:
 
 
 def main() -> None:
-    """Draw all of them anew."""
+    """Draw anew those that have changed, and take away those that are not looked at any more."""
     GOLDEN.mkdir(exist_ok=True)
     for old in GOLDEN.glob("*.jpg"):
-        old.unlink()
-    for name, draw in PICTURES.items():
-        pygame.image.save(draw(), GOLDEN / f"{name}.jpg")
-    print(f"{len(PICTURES)} pictures in {GOLDEN.name}")
+        if old.stem not in PICTURES:
+            old.unlink()
+    changed = [name for name, draw in PICTURES.items() if _changed(GOLDEN / f"{name}.jpg", draw())]
+    print(f"{len(changed)} of {len(PICTURES)} pictures in {GOLDEN.name} have changed", *changed)
+
+
+def _changed(path: Path, now: pygame.Surface) -> bool:
+    """Write a picture unless it is what is there already."""
+    if path.is_file() and difference(pygame.image.load(path), now) < TOLERANCE / 3:
+        return False
+    pygame.image.save(now, path)
+    return True
 
 
 if __name__ == "__main__":

@@ -9,11 +9,12 @@ import pytest
 
 from robotouille import State, World, load_task
 from robotouille.domain.rendering import RenderingFile, rendering_of
-from robotouille.domain.rendering.art import Effect
+from robotouille.domain.rendering.art import Art, Effect
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.kitchen.life import Life, Moment, life
 from robotouille_client.window.drawing.kitchen.spots import Spot, ways
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.pictures.appearance import AppearanceResolver
 from robotouille_client.window.view import View
 
 SIZE = (640, 400)
@@ -103,6 +104,62 @@ def test_who_wants_no_movement_sees_only_that_from_place_to_place(course) -> Non
     hot = View(course[10].world, course[10], course[10], 11, phase=0.55, step_seconds=0.2)
     assert lively.seen(hot).phase == 0.5, "ten pictures a second for sparks alone"
     assert still.seen(hot).phase == 1.0
+
+
+def lasting(effects) -> set[str]:
+    """The kinds of a domain's special effects, however deep they are."""
+    return {e.type for e in effects} | {t for e in effects for t in lasting(e.sfx)}
+
+
+@pytest.mark.parametrize("task", ["synchronous/01", "examples/pancakes", "workshop/02"])
+def test_all_that_takes_time_is_seen_in_every_domain(task: str) -> None:
+    domain, rendering = load_task(task).domain, rendering_of(load_task(task))
+    shown = {action for _, _, art in rendering.arts() for action in art.during}
+    for action in domain.action_defs:
+        kinds = lasting(action.sfx)
+        if kinds & {"delayed", "repetitive"}:
+            assert action.name in rendering.during, "sparks, steam or crumbs"
+            assert action.name in rendering.progress, "a sign in its ring"
+        if "delayed" in kinds:
+            assert action.name in shown, "a station that is on only in use"
+    assert {"goal", "lost"} <= rendering.moments.keys()
+
+
+def test_water_rises_while_a_pot_is_filled_and_gets_hot() -> None:
+    looks: dict[str, int] = {}
+    world = World(load_task("multi_agent/07", seats=2))
+    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@2.plan").read_text()
+    state, painter = world.initial, Painter()
+    for joint in read_plan(text, world):
+        state = state.step(list(joint)).state
+        for pile in painter.stage(state).piles.values():
+            for piece in pile:
+                looks.setdefault(piece.appearance.asset or "", len(looks))
+    order = [
+        "pot.svg", "pot_filling_1.svg", "pot_filling_2.svg", "pot_filling_3.svg", "pot_water.svg",
+        "pot_soup_cold.svg", "pot_soup_heating.svg", "pot_soup.svg", "bowl_soup.svg",
+    ]  # fmt: skip
+    assert sorted(order, key=lambda asset: looks[asset]) == order
+
+
+def test_stages_are_shown_one_after_the_other() -> None:
+    art = Art.model_validate({"asset": "a.svg", "during": ["fill"], "stages": ["b.svg", "c.svg"]})
+    shares = (0.0, 0.3, 0.5, 0.6, 1.0)
+    assert [art.at({"fill": share}) for share in shares] == ["b.svg"] * 3 + ["c.svg"] * 2
+    assert [file for _, file in art.pictures("x")] == ["a.svg", "b.svg", "c.svg"]
+    with pytest.raises(ValueError, match="'stages' need 'during'"):
+        Art.model_validate({"asset": "a.svg", "stages": ["b.svg"]})
+
+
+def test_what_is_in_a_pot_has_a_picture(course) -> None:
+    world = World(load_task("multi_agent/07", seats=2))
+    text = (load_task("multi_agent/07").folder / "07_onion_potato_tomato_soup@2.plan").read_text()
+    state, painter = world.initial, Painter()
+    for joint in list(read_plan(text, world))[:17]:
+        state = state.step(list(joint)).state
+    resolver = AppearanceResolver(world.task.domain, rendering_of(world.task))
+    listed = {words: look for look, words in resolver.listing(painter.stage(state), "stove1")}
+    assert listed["boiling soup"].asset == "water_soup.svg"
 
 
 def test_an_effect_that_is_not_there_is_named_with_the_nearest() -> None:

@@ -43,13 +43,17 @@ class Appearance:
 
 @dataclass(frozen=True, slots=True)
 class SpritePiece:
-    """One thing of a pile: its appearance and its height above the pile's base, in tiles."""
+    """One thing of a pile: its appearance and its height above the pile's base, in tiles.
+
+    `contents` are what was added to it or to what is `inside` it.
+    """
 
     name: str
     appearance: Appearance
     scale: float
     rise: float
     contents: tuple[Appearance, ...] = ()
+    inside: tuple[Appearance, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +61,15 @@ class Stage:
     """Everything to draw of a state.
 
     `piles` are the things on each station or in each player's hands, from the bottom up; `bases`
-    the height of each pile's base over the middle of the tile.
+    the height of each pile's base over the middle of the tile. `relations` are the predicates by
+    which something is related to others.
     """
 
     placed: dict[str, Placed]
     stations: dict[str, Appearance]
     piles: dict[str, tuple[SpritePiece, ...]]
     bases: dict[str, float]
+    relations: dict[str, frozenset[str]]
 
 
 class AppearanceResolver:
@@ -95,14 +101,15 @@ class AppearanceResolver:
             things.sort(key=lambda thing: thing.level)
             piles[host] = self._pile(things, placed, related, doing)
             bases[host] = self._constant(things[0], "station_offset", _OFFSET)
-        return Stage(placed, stations, piles, bases)
+        relations = {name: frozenset(fact[0] for fact in facts) for name, facts in related.items()}
+        return Stage(placed, stations, piles, bases, relations)
 
     def appearance(
         self,
         thing: Placed,
         placed: dict[str, Placed],
         related: dict[str, list[Fact]],
-        doing: Mapping[str, Collection[str]] = MappingProxyType({}),
+        doing: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
     ) -> Appearance:
         """What a thing that is no player looks like."""
         kind = thing.thing.kind
@@ -116,8 +123,9 @@ class AppearanceResolver:
                 if group is not None and group.asset is None:
                     art, about = group, related.get(meal.thing.name, [])
                     break
-            shown = art.chosen(thing.facts, about, doing.get(thing.thing.name, ()))
-            asset, effects = shown.asset, shown.effects
+            under_way = doing.get(thing.thing.name, {})
+            shown = art.chosen(thing.facts, about, under_way)
+            asset, effects = shown.at(under_way), shown.effects
         words = " ".join(sorted(w for f, w in self._words.items() if f in thing.facts))
         return Appearance(kind, self._role(thing), asset, "" if asset else words, effects=effects)
 
@@ -125,16 +133,19 @@ class AppearanceResolver:
         """What lies on a station or is held, from the top down, with what is in it, in words."""
         listed: list[tuple[Appearance | None, str]] = []
         for piece in reversed(stage.piles.get(host, ())):
-            listed.append((piece.appearance, self._in_words(stage.placed[piece.name])))
-            for inside in _inside(piece.name, stage.placed):
-                listed.append((None, self._in_words(inside)))
+            listed.append((piece.appearance, self._in_words(stage, piece.name)))
+            for inside, look in zip(_inside(piece.name, stage.placed), piece.inside, strict=True):
+                listed.append(
+                    (look if look.asset else None, self._in_words(stage, inside.thing.name))
+                )
             names = _contents(piece.name, stage.placed)
             for name, appearance in zip(names, piece.contents, strict=True):
-                listed.append((appearance, self._in_words(stage.placed[name])))
+                listed.append((appearance, self._in_words(stage, name)))
         return tuple(listed)
 
-    def _in_words(self, placed: Placed) -> str:
-        return self.words(placed.thing.kind, placed.facts)
+    def _in_words(self, stage: Stage, name: str) -> str:
+        thing = stage.placed[name]
+        return self.words(thing.thing.kind, thing.facts | stage.relations.get(name, frozenset()))
 
     def words(self, kind: str, facts: Collection[str]) -> str:
         """What people call a kind, with what has become of it, e.g. `toasted bottom bun`."""
@@ -170,17 +181,21 @@ class AppearanceResolver:
         things: list[Placed],
         placed: dict[str, Placed],
         related: dict[str, list[Fact]],
-        doing: Mapping[str, Collection[str]],
+        doing: Mapping[str, Mapping[str, float]],
     ) -> tuple[SpritePiece, ...]:
         pieces, rise = [], 0.0
         for thing in things:
             name = thing.thing.name
             scale = self._constant(thing, "scale", _SCALES[self._role(thing)])
-            contents = [
-                self.appearance(placed[n], placed, related) for n in _contents(name, placed)
-            ]
+            contents, inside = (
+                tuple(self.appearance(each, placed, related) for each in things)
+                for things in (
+                    [placed[n] for n in _contents(name, placed)],
+                    _inside(name, placed),
+                )
+            )
             appearance = self.appearance(thing, placed, related, doing)
-            pieces.append(SpritePiece(name, appearance, scale, rise, tuple(contents)))
+            pieces.append(SpritePiece(name, appearance, scale, rise, contents, inside))
             rise += self._constant(thing, "stack_offset", _HEIGHT)
         return tuple(pieces)
 
@@ -233,13 +248,14 @@ def _contents(name: str, placed: dict[str, Placed]) -> list[str]:
     return found
 
 
-def _doing(state: State) -> dict[str, set[str]]:
-    """By object: the actions that time is bringing about with it."""
-    doing: dict[str, set[str]] = defaultdict(set)
+def _doing(state: State) -> dict[str, dict[str, float]]:
+    """By object: the actions that time is bringing about with it, and the share that is done."""
+    doing: dict[str, dict[str, float]] = defaultdict(dict)
     for row in state.progress():
         if row.timed and row.running:
+            share = row.done / max(1, row.total)
             for name in (row.subject, *row.arguments):
-                doing[name].add(row.action)
+                doing[name][row.action] = max(share, doing[name].get(row.action, 0.0))
     return doing
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from math import ceil
 from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -60,8 +61,9 @@ class Art(BaseModel):
 
     In a file a bare string is a picture without conditions. Among the pictures of a group whose
     predicates hold, the one with the most predicates is shown. `during` are actions of which one
-    must be in progress with the thing; together they count as one predicate. `effects` leave the
-    thing for as long as it looks like this. `tile` (published dialect) names a letter of a tileset
+    must be in progress with the thing; together they count as one predicate. `stages` are shown in
+    the place of `asset` while that goes on, one after the other. `effects` leave the thing for as
+    long as it looks like this. `tile` (published dialect) names a letter of a tileset
     instead of a picture.
     """
 
@@ -71,6 +73,7 @@ class Art(BaseModel):
     asset: FileName | None = None
     predicates: tuple[Annotated[Trait, BeforeValidator(as_named)], ...] = ()
     during: tuple[Annotated[str, Field(max_length=64)], ...] = ()
+    stages: Annotated[tuple[FileName, ...], Field(max_length=16)] = ()
     effects: tuple[Annotated[str, Field(max_length=64)], ...] = ()
     tile: Annotated[str, Field(max_length=8)] | None = None
 
@@ -78,9 +81,11 @@ class Art(BaseModel):
     def _picture_or_group(self) -> Art:
         if self.asset is not None and self.named:
             raise ValueError(f"a picture with 'asset' cannot hold others ({', '.join(self.named)})")
-        for field in ("predicates", "during", "effects"):
+        for field in ("predicates", "during", "stages", "effects"):
             if self.asset is None and getattr(self, field):
                 raise ValueError(f"{field!r} needs an 'asset' beside it")
+        if self.stages and not self.during:
+            raise ValueError("'stages' need 'during': the actions that they are stages of")
         if self.asset is None and not self.named and self.tile is None:
             raise ValueError("needs an 'asset' or at least one named picture")
         return self
@@ -112,6 +117,13 @@ class Art(BaseModel):
                 best, most = art, count
         return best
 
+    def at(self, doing: Mapping[str, float]) -> str | None:
+        """The picture to show while actions are in progress, each with the share that is done."""
+        if not self.stages:
+            return self.asset
+        share = max((doing[action] for action in self.during if action in doing), default=0.0)
+        return self.stages[max(0, min(ceil(share * len(self.stages)), len(self.stages)) - 1)]
+
     def parts(self, place: str) -> Iterator[tuple[str, Art]]:
         """It and all that it holds, each with its place in the file."""
         yield place, self
@@ -122,6 +134,8 @@ class Art(BaseModel):
         """Every picture that may be chosen, with its place in the file."""
         if self.asset is not None:
             yield place, self.asset
+        for i, stage in enumerate(self.stages):
+            yield f"{place}.stages[{i}]", stage
         for name, art in self.named.items():
             yield from art.pictures(f"{place}.{name}")
 
