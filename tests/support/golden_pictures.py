@@ -3,8 +3,9 @@ rendering, and a scene of each task.
 
 python -m tests.support.golden_pictures
 
-draws those anew that have changed, into `tests/window/golden`. Look at them before you keep them. They are
-compared tile by tile and not pixel by pixel: other versions of pygame smooth edges differently.
+draws those anew that have changed, into `tests/window/golden`. Look at them before you keep them.
+They are compared tile by tile and not pixel by pixel: other versions of pygame smooth edges
+differently.
 """
 
 from __future__ import annotations

@@ -12,12 +12,23 @@ from robotouille.world.grounding.floor import Tile
 __all__ = ["Layout", "layout"]
 
 _MARGIN = 8
-_WALL = 1.0
+_WALL, _LOW_WALL = 1.0, 0.55
+"""How high the wall is in tiles, and how low where the kitchen would be smaller for it."""
+
+_LETTERS, _LARGE_LETTERS = 45, 38
+"""How many times the height of letters goes into that of a window; where a wide one has room beside
+the kitchen, they are larger."""
+
+_PANEL = 18.5
+"""The width of the panel in letters."""
+
+_COMPACT = 26
+"""A panel that is less high than so many letters has one line for each seat."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The kitchen's grid of square tiles, with a row of wall above it, the panel beside it, and the
+    """The kitchen's grid of square tiles, with a wall above it, the panel beside it, and the
     strip below it, which may have no height."""
 
     size: tuple[int, int]
@@ -29,13 +40,21 @@ class Layout:
     panel: pygame.Rect
     strip: pygame.Rect
     text: int
+    wall: int = 0
+
+    @property
+    def compact(self) -> bool:
+        """Whether there is little room in the panel."""
+        return self.panel.height < _COMPACT * self.text
 
     @property
     def kitchen(self) -> pygame.Rect:
         """The wall and the floor."""
-        wall = round(_WALL * self.tile)
         return pygame.Rect(
-            self.left, self.top - wall, self.columns * self.tile, self.rows * self.tile + wall
+            self.left,
+            self.top - self.wall,
+            self.columns * self.tile,
+            self.rows * self.tile + self.wall,
         )
 
     def corner(self, tile: tuple[float, float]) -> tuple[float, float]:
@@ -67,16 +86,29 @@ def layout(
 
     Letters grow with the window; `text_scale` makes them larger or smaller than they would be.
     """
-    width, height = max(size[0], 160), max(size[1], 120)
-    text = max(11, round(min(height / 45, width / 60) * text_scale))
-    panel = min(round(text * 18.5), width * 2 // 5)
+    wide, high = max(size[0], 160), max(size[1], 120)
+    small, large = (
+        max(11, round(min(high / share, wide / 60) * text_scale))
+        for share in (_LETTERS, _LARGE_LETTERS)
+    )
+    found = _with_letters((wide, high), columns, rows, strip_lines, small)
+    if large > small and found.left > 2 * (large - small) * _PANEL:
+        return _with_letters((wide, high), columns, rows, strip_lines, large)
+    return found
+
+
+def _with_letters(
+    size: tuple[int, int], columns: int, rows: int, strip_lines: float, text: int
+) -> Layout:
+    width, height = size
+    panel = min(round(text * _PANEL), width * 2 // 5)
     strip = round(strip_lines * text)
     room_x = width - panel - 2 * _MARGIN
     room_y = height - strip - 2 * _MARGIN - text * 3 // 2
-    tile = max(8, min(room_x // columns, int(room_y / (rows + _WALL))))
+    tile = max(8, min(room_x // columns, int(room_y / (rows + _LOW_WALL))))
+    wall = round(tile * min(_WALL, max(_LOW_WALL, room_y / tile - rows)))
     left = _MARGIN + (room_x - tile * columns) // 2
-    used = round((rows + _WALL) * tile)
-    top = _MARGIN + (room_y - used) // 2 + round(_WALL * tile)
+    top = _MARGIN + (room_y - rows * tile - wall) // 2 + wall
     side = pygame.Rect(width - panel, 0, panel, height)
     below = pygame.Rect(0, height - strip, width - panel, strip)
-    return Layout((width, height), columns, rows, tile, left, top, side, below, text)
+    return Layout((width, height), columns, rows, tile, left, top, side, below, text, wall)

@@ -132,11 +132,14 @@ class KitchenLayer:
         surface.blit(box(frame.size, INK, 10), frame)
         wall = self._sprites.file(self._rendering.floor.wall, layout.tile)
         for x in range(layout.columns):
-            corner = layout.cell((x, layout.rows))
+            foot = layout.cell((x, layout.rows - 1)).top
+            area = pygame.Rect(
+                layout.cell((x, 0)).left, foot - layout.wall, layout.tile, layout.wall
+            )
             if wall is None:
-                surface.fill((196, 214, 202), corner)
+                surface.fill((196, 214, 202), area)
             else:
-                surface.blit(wall, corner)
+                surface.blit(wall, area, (0, layout.tile - layout.wall, *area.size))
             for y in range(layout.rows):
                 self._tile(surface, layout, (x, y))
         return surface

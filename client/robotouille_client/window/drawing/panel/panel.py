@@ -92,15 +92,17 @@ class Panel:
             surface.blit(plate, plate.get_rect(topright=(area.right, y - 2)))
             room -= plate.get_width() + size // 2
         above = self._text.fit(above, small, room) if room > 3 * size else ""
-        y += self._put(surface, above, (area.x, y), small, FAINT) + 2
-        for line in self._text.wrap(title, size + 3, area.width, 2):
-            y += self._put(surface, line, (area.x, y), size + 3, TEXT)
+        large, most = (size, 1) if layout.compact else (size + 3, 2)
+        if view.code or not layout.compact:
+            y += self._put(surface, above, (area.x, y), small, FAINT) + 2
+        for line in self._text.wrap(title, large, area.width, most):
+            y += self._put(surface, line, (area.x, y), large, TEXT)
         if view.waits_for:
             y += self._waiting(surface, pygame.Rect(area.x, y + 2, area.width, 0), small, view)
         elif view.status:
             for line in self._text.wrap(view.status, small, area.width, 2):
                 y += self._put(surface, line, (area.x, y + 2), small, ACCENT)
-        else:
+        elif not layout.compact:
             y += self._text.height(small)  # What comes and goes here moves nothing below it.
         return y + size // 2
 
@@ -151,11 +153,7 @@ class Panel:
     ) -> int:
         """The step counter with its limit, and what moves it."""
         size, small = layout.text, max(10, layout.text - 3)
-        limit = f" of {view.max_steps}" if view.max_steps else ""
-        counted = f"Step {view.step}{limit}"
-        if view.step_seconds is not None and view.max_steps:
-            left = ceil((view.max_steps - view.step) * view.step_seconds)
-            counted += f" · {_duration(max(0, left))} left"
+        counted = self._counted(view, size, area.width)
         self._put(surface, counted, (area.x, y), size, TEXT)
         if view.clock:
             words = self._text.line(view.clock.replace("_", " "), small, FAINT)
@@ -170,6 +168,17 @@ class Panel:
             bar(surface, line, share, mixed(GOOD, BAD, late), TRACK)
             y += thick + 4
         return y + size * 2 // 3
+
+    def _counted(self, view: View, size: int, width: int) -> str:
+        """The step, its limit and the time that is left; as much of it as there is room for."""
+        if not view.max_steps:
+            return f"Step {view.step}"
+        short = f"{view.step} / {view.max_steps}"
+        words = [f"Step {view.step} of {view.max_steps}", short]
+        if view.step_seconds is not None:
+            left = _duration(max(0, ceil((view.max_steps - view.step) * view.step_seconds)))
+            words = [f"{words[0]} · {left} left", f"{short} · {left}", *words]
+        return next((w for w in words if self._text.width(w, size) <= width), short)
 
     def _chat(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View

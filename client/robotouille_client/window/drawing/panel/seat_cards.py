@@ -43,8 +43,11 @@ class SeatCards:
     def draw(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
         """The cards that fit in an area, from its top; where they end."""
         size, gap, y = layout.text, max(4, layout.text // 3), area.y
-        height = round(size * 2.8)
-        room = max(1, (area.height - size * 3) // (height + gap))
+        height = round(size * (1.7 if layout.compact else 2.8))
+        reserved = 0 if layout.compact else size * 3  # For the chat.
+        room = max(1, (area.height - reserved) // (height + gap))
+        if len(view.seats) > room > 1:
+            room -= 1  # For the line that says so.
         for seat in view.seats[:room]:
             card = pygame.Rect(area.x, y, area.width, height)
             self._card(surface, card, seat, layout, view)
@@ -70,12 +73,12 @@ class SeatCards:
         mine = seat.player == view.me
         edge = mixed(seat_colour(index), TEXT, 0.25) if mine else None
         surface.blit(box(card.size, CARD, size // 2, edge), card)
-        side = round(card.height * 0.46)
+        side = round(size * 1.3)
         mark = badge(index, side, None if seat.connected or seat.stand_in else FAINT)
         x = card.x + size // 3
         surface.blit(mark, mark.get_rect(midleft=(x, card.centery)))
         x += side + size // 4
-        wide = card.width >= _WIDE * size
+        wide = card.width >= _WIDE * size and not layout.compact
         face = self._face(seat, index, card.height - 4, view) if wide else None
         if face is not None:
             surface.blit(face, face.get_rect(midleft=(x, card.centery)))
@@ -85,11 +88,33 @@ class SeatCards:
         name = (seat.name or seat.player) + (" (you)" if mine else "")
         name = self._text.fit(name, size, counts - x - 6)
         ink = TEXT if seat.connected else FAINT
+        words, colour = status(seat, view)
+        if layout.compact:
+            self._line(surface, card, x, (name, words), (ink, colour), layout)
+            return
         top = card.centery - (self._text.height(size) + self._text.height(small)) // 2 + 1
         surface.blit(self._text.line(name, size, ink), (x, top))
-        words, ink = status(seat, view)
         words = self._text.fit(words, small, counts - x - 6)
-        surface.blit(self._text.line(words, small, ink), (x, top + self._text.height(size)))
+        surface.blit(self._text.line(words, small, colour), (x, top + self._text.height(size)))
+
+    def _line(
+        self,
+        surface: pygame.Surface,
+        card: pygame.Rect,
+        x: int,
+        words: tuple[str, str],
+        inks: tuple[Colour, Colour],
+        layout: Layout,
+    ) -> None:
+        """A name, and beside it what holds its player up, where there is room for that."""
+        size, small = layout.text, max(10, round(layout.text * 0.78))
+        drawn = self._text.line(words[0], size, inks[0])
+        surface.blit(drawn, drawn.get_rect(midleft=(x, card.centery)))
+        x += drawn.get_width() + size // 2
+        room = card.right - x - size // 2
+        if inks[1] != FAINT and room > 3 * size:
+            drawn = self._text.line(self._text.fit(words[1], small, room), small, inks[1])
+            surface.blit(drawn, drawn.get_rect(midleft=(x, card.centery)))
 
     def _lamp(self, surface: pygame.Surface, seat: SeatView, x: int, card: pygame.Rect) -> None:
         light = _light(seat)

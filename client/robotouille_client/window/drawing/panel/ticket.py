@@ -21,7 +21,7 @@ _ICON, _SMALLEST = 2.5, 1.4
 _STEP = 0.8
 """The distance from one picture to the next, as a share of their size: most fill less of it."""
 
-_SHARE = 0.5
+_SHARE, _COMPACT_SHARE = 0.5, 0.4
 """How much of the panel's height a ticket may take."""
 
 
@@ -82,7 +82,8 @@ class Ticket:
         if not self._dishes:
             return None
         rows = max(len(dish.layers) for dish in self._dishes)
-        room = min(area.height * _SHARE / (rows * _STEP), area.width / len(self._dishes) / 2)
+        share = _COMPACT_SHARE if layout.compact else _SHARE
+        room = min(area.height * share / (rows * _STEP), area.width / len(self._dishes) / 2)
         size = int(min(layout.text * _ICON, room))
         return size if size >= layout.text * _SMALLEST else None
 
