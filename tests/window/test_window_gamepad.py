@@ -55,6 +55,9 @@ class Leave:
 
     def stay(self) -> None: ...
 
+    def news(self) -> str:
+        return ""
+
 
 @pytest.fixture
 def pad() -> Iterator[Pad]:

@@ -14,6 +14,7 @@ from tests.support.virtual_time import run
 from tests.support.window_play import post
 
 from robotouille.protocol.messages import Create
+from robotouille_client import connect
 from robotouille_server import Server
 
 
@@ -128,3 +129,50 @@ def test_who_watched_may_see_it_again(evening: Evening) -> None:
         yield from evening.choose("Quit")
 
     play(evening, script, watch=True)
+
+
+def test_a_team_meets_again(evening: Evening) -> None:
+    """The other one asks first: it is told on the card, and Play again leads to the same kitchen,
+    where one's own seat is taken by somebody else."""
+    kept: list[asyncio.Task[None]] = []
+
+    def script(server: Server) -> Iterator[None]:
+        asked = asyncio.Event()
+
+        async def other() -> None:
+            async with connect(server.url, name="bob", kind="human") as bob:
+                (room,) = server.lobby.rooms.values()
+                game = await bob.join(room.code)
+                while game.outcome is None:
+                    await game.next_event()
+                await asked.wait()
+                made = await bob.create(rematch=game.episode)
+                await bob.leave()
+                await bob.join(made.code, seat="robot1")
+                await asyncio.sleep(100)
+
+        while evening.window is None:
+            yield
+        kept.append(asyncio.ensure_future(other()))
+        (room,) = server.lobby.rooms.values()
+        yield from wait(100)
+        room.abort("enough")
+        yield from wait(100)
+        assert "Play again" in labels(evening)
+        assert evening.form is not None
+        assert evening.form.message == ""
+        asked.set()
+        yield from wait(100)
+        assert evening.form.message == "The others play again: so can you."
+        before = evening.window
+        yield from evening.choose("Play again")
+        while evening.window is before:
+            yield
+        yield from wait(50)
+        rooms = list(server.lobby.rooms.values())
+        assert len({room.code for room in rooms}) == 2
+        there = {s.player: s.name for s in rooms[-1].episode.seats.values()}
+        assert there == {"robot1": "bob", "robot2": "player"}
+        kept[0].cancel()
+
+    play(evening, script, task="multi_agent/01", seats=2)

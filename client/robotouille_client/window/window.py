@@ -25,7 +25,7 @@ from robotouille_client.window.view import Source, View
 
 __all__ = ["Window"]
 
-_Drawn = tuple[tuple[int, int], object, object, UiOverlay]
+_Drawn = tuple[tuple[int, int], object, object, UiOverlay, str]
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_SECONDS = 0.7
@@ -185,7 +185,8 @@ class Window:
             overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
         self.frames += 1
         below = None if self._strip is None else self._strip.seen()
-        drawing = (surface.get_size(), self._painter.seen(shown), below, overlay)
+        told = self._told()
+        drawing = (surface.get_size(), self._painter.seen(shown), below, overlay, told)
         if drawing == self._drawn_last:
             return
         self._drawn_last = drawing
@@ -195,6 +196,13 @@ class Window:
             self._card.draw(surface, place.panel, self._painter.text, max(11, place.text - 2))
         self._display.flip()
         self.drawn += 1
+
+    def _told(self) -> str:
+        """What the card tells, with what is new."""
+        if self._card is None or self._cards is None:
+            return ""
+        self._card.message = self._cards.news() or self._card.message
+        return self._card.message
 
     # Events
 

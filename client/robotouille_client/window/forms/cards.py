@@ -19,5 +19,8 @@ class Cards(Protocol):
     def leaving(self, view: View) -> Form:
         """Whether one means to leave a game that goes on."""
 
+    def news(self) -> str:
+        """What is to be told on a card that is shown; empty for nothing new."""
+
     def stay(self) -> None:
         """One goes on with the game, which one did not mean to leave."""

@@ -22,7 +22,8 @@ class GameCards:
     """What is asked in a game and after it; `buttons` are words and answers, asked for then.
 
     `stand_still` is told whether the game's owner is being asked whether to leave it. Without a
-    `menu` to go to, whoever leaves a game closes the window.
+    `menu` to go to, whoever leaves a game closes the window. `news` are told on the card, as soon
+    as there are any.
     """
 
     def __init__(
@@ -32,10 +33,12 @@ class GameCards:
         stand_still: Callable[[bool], None] = lambda still: None,
         *,
         menu: bool = True,
+        news: Callable[[], str] = lambda: "",
     ) -> None:
         self._outcome = outcome
         self._buttons = buttons
         self._menu = menu
+        self._news = news
         self._stand_still = stand_still
         self._last: View | None = None
 
@@ -54,6 +57,10 @@ class GameCards:
 
     def stay(self) -> None:
         self._stand_still(False)
+
+    def news(self) -> str:
+        """What has happened since a card is shown."""
+        return self._news()
 
     def again(self, message: str) -> Form:
         """The card of a game that is over once more, e.g. after its replay."""
@@ -74,6 +81,10 @@ class ReplayCards:
         """Whether one has seen enough."""
         rows = [Button("Leave the replay", "menu"), Button("Go on watching", STAY)]
         return Form("Seen enough?", rows, cancel=STAY)
+
+    def news(self) -> str:
+        """Nothing."""
+        return ""
 
     def stay(self) -> None:
         """Nothing: a recording goes on behind the question."""

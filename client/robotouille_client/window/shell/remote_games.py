@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from robotouille.episode import Clock
-from robotouille.errors import RobotouilleError
+from robotouille.errors import ProtocolError, RobotouilleError
+from robotouille.protocol.error_codes import ErrorCode
 from robotouille_client.client import Client, connect
 from robotouille_client.console import explain, server_url
 from robotouille_client.game import Game
@@ -33,18 +34,18 @@ __all__ = ["RemoteGames"]
 
 T = TypeVar("T")
 
-AGAIN = ("clock", "step_rate", "max_steps", "absence")
-"""The rules that another game takes over."""
+PLAY_AGAIN = "The others play again: so can you."
 STEPS_A_SECOND = 5.0
 """In which a game is seen again whose steps waited for decisions."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Again:
-    """Where to play next, and in which seat, if that is free."""
+    """Where to play next, and in which seat; or in another one, if that is taken."""
 
     code: str
     seat: str | None
+    or_another: bool = False
 
 
 class RemoteGames:
@@ -122,13 +123,18 @@ class RemoteGames:
         """
         answer: object = _Again(code, seat)
         while isinstance(answer, _Again):
-            answer = await self._join_once(answer.code, watch, answer.seat, self._address(url))
+            answer = await self._join_once(answer, watch, self._address(url))
         return answer
 
-    async def _join_once(self, code: str, watch: bool, seat: str | None, url: str) -> object:
+    async def _join_once(self, where: _Again, watch: bool, url: str) -> object:
         name = self._stage.settings.name
-        opened = remote_game(url, code, name, seat=seat, watch=watch, token=self._token)
-        entered = await self._stage.wait(opened.__aenter__(), waiting_form("Connecting …"))
+        opened = remote_game(url, where.code, name, seat=where.seat, watch=watch, token=self._token)
+        try:
+            entered = await self._stage.wait(opened.__aenter__(), waiting_form("Connecting …"))
+        except ProtocolError as error:
+            if error.code != ErrorCode.SEAT_TAKEN or not where.or_another:
+                raise
+            return _Again(where.code, None)
         if entered is None:
             return None
         try:
@@ -141,7 +147,10 @@ class RemoteGames:
         loop = asyncio.get_running_loop()
         source, strip, history = shown(game, loop.time, client.connected.is_set, look)
         cards = GameCards(
-            lambda: game.outcome, lambda: self._buttons(game, history), menu=self._menu
+            lambda: game.outcome,
+            lambda: self._buttons(game, history),
+            menu=self._menu,
+            news=lambda: PLAY_AGAIN if self._menu and game.rematch_code else "",
         )
         caption = f"Robotouille {game.code}"
         answer = await self._stage.show(source, cards, caption=caption, look=look, strip=strip)
@@ -170,10 +179,8 @@ class RemoteGames:
 
     async def _open_again(self, client: Client, game: Game) -> _Again:
         """Where the team of a game that is over plays again."""
-        rules = {name: game.clock[name] for name in AGAIN if game.clock.get(name) is not None}
-        task = game.world.task
-        made = await client.create(task.name, seats=task.seats, **rules)
-        return _Again(made.code, game.seat)
+        code = game.rematch_code or (await client.create(rematch=game.episode)).code
+        return _Again(code, game.seat, or_another=True)
 
     async def _save(self, game: Game, history: LiveHistory, look: KitchenLook | None) -> None:
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
