@@ -37,7 +37,7 @@ from robotouille_data.store import (
 )
 from robotouille_data.versions import migrate
 
-__all__ = ["Indexed", "Progress", "index"]
+__all__ = ["Indexed", "Progress", "has_recordings", "index"]
 
 SUFFIX, UNFINISHED = ".rbt", ".rbt.part"
 FILES_AT_ONCE = 50
@@ -80,7 +80,8 @@ def index(
     Args:
         url: Of the database.
         jobs: Processes that read.
-        unfinished: Also those recordings that have no end yet.
+        unfinished: Also those recordings that have no end yet; those of them that the catalogue
+            has already are kept up to date anyway.
         anew: Also those that have not changed.
         steps_to_go: Also how far from the goal episodes ended, which takes a search; of those, too,
             that have not changed and of which it is not known.
@@ -97,11 +98,13 @@ def index(
         for path, stamp in _recordings(root):
             if not _is_text(path):
                 result.faults[path] = "its name is not UTF-8, and no database takes it"
-            elif path.endswith(UNFINISHED) and not unfinished:
-                result.unfinished += 1
             else:
                 found[path] = stamp
     known, lacking = _prepare(url, roots, found, result)
+    if not unfinished:
+        left_out = {p for p in found if p.endswith(UNFINISHED) and p not in known}
+        found = {path: stamp for path, stamp in found.items() if path not in left_out}
+        result.unfinished = len(left_out)
     if steps_to_go:
         known = {path: stamp for path, stamp in known.items() if path not in lacking}
     changed = [(p, s) for p, s in sorted(found.items()) if anew or known.get(p) != s]
@@ -114,6 +117,15 @@ def index(
         done += count
         progress(done, len(changed))
     return result
+
+
+def has_recordings(folder: Path) -> bool:
+    """Whether there is any recording below a folder, unfinished ones included.
+
+    Raises:
+        UnavailableError: The folder cannot be read.
+    """
+    return any(True for _ in _recordings(str(folder.absolute())))
 
 
 def _recordings(root: str) -> Iterator[File]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,68 @@ def test_index_then_sql(folder: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("command", ["sql", "report", "export"])
+def test_what_is_new_is_in_every_answer(command: str, folder: Path, tmp_path: Path) -> None:
+    """Nobody needs to index first."""
+
+    def answer(name: str) -> Any:
+        if command == "sql":
+            return run("sql", "SELECT count(*) AS n FROM episodes", "--folder", folder)
+        out = ["--out", tmp_path / name] if command == "report" else [tmp_path / name]
+        return run(command, *out, "--folder", folder)
+
+    first = answer("first")
+    assert (first.exit_code, first.stderr) == (0, "indexed 3, forgotten 0\n"), first.output
+    assert "3" in first.stdout.replace(str(tmp_path), "")
+    assert answer("again").stderr == ""
+    write_recordings(folder, 1, first=50)
+    next(folder.glob("*random0*.rbt")).unlink()
+    (folder / "broken.rbt").write_bytes(b"no recording")
+    told = answer("last").stderr.splitlines()
+    assert "broken.rbt: not a recording" in told[0]
+    assert told[1:] == ["indexed 1, forgotten 1"]
+    assert answer("unchanged").stderr == ""
+
+
+@pytest.mark.parametrize("command", ["sql", "report", "export"])
+def test_a_named_database_is_taken_as_it_is(command: str, folder: Path, tmp_path: Path) -> None:
+    database = tmp_path / "own.sqlite"
+    run("index", folder, "--database", database)
+    write_recordings(folder, 1, first=50)
+    arguments = {
+        "sql": ["SELECT count(*) FROM episodes"],
+        "report": ["--out", tmp_path / "page.html"],
+        "export": [tmp_path / "out"],
+    }[command]
+    result = run(command, *arguments, "--database", database, "--folder", folder)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "3" in result.stdout.replace(str(tmp_path), "")
+    assert not (folder / "catalogue.sqlite").exists()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_catalogue_that_cannot_be_written_is_asked_as_it_is(folder: Path) -> None:
+    run("index", folder)
+    write_recordings(folder, 1, first=50)
+    folder.chmod(0o500)
+    result = run("sql", "SELECT count(*) AS n FROM episodes", "--folder", folder)
+    folder.chmod(0o700)
+    assert (result.exit_code, result.stdout.split()[-1]) == (0, "3")
+    assert "not brought up to date" in result.stderr
+
+
+def test_where_nothing_is_nothing_is_made(tmp_path: Path) -> None:
+    result = run("sql", "SELECT 1", "--folder", tmp_path)
+    assert (result.exit_code, "no recording" in result.stderr) == (1, True)
+    assert not list(tmp_path.iterdir())
+
+
 def test_errors_are_a_line(folder: Path) -> None:
+    (folder.parent / "empty").mkdir()
     for arguments in (
-        ["sql", "SELECT 1", "--folder", folder],
+        ["sql", "SELECT 1", "--folder", folder / "nowhere"],
+        ["sql", "SELECT 1", "--folder", folder.parent / "empty"],
+        ["sql", "SELECT 1", "--database", folder / "nothing.sqlite"],
         ["index", folder / "nowhere"],
         ["index", folder, "--database", "mysql://user:secret@host/name"],
         ["sql", "SELECT 1", "--database", "postgresql://user:secret@/x?host=/nowhere"],

@@ -91,6 +91,8 @@ def test_unfinished_recordings_are_there_if_asked_for(database: str, folder: Pat
     assert indexed(database, folder, unfinished=True).indexed == 7
     query = "SELECT state, count(*) FROM episodes GROUP BY state ORDER BY state"
     assert ask(database, query) == [("ended", 6), ("unfinished", 1)]
+    part.write_bytes(stream[:-20])
+    assert indexed(database, folder) == Indexed(indexed=1, unchanged=6)
     (folder / "random6.rbt").write_bytes(compress(stream))
     assert indexed(database, folder, unfinished=True) == Indexed(
         indexed=1, unchanged=6, forgotten=1

@@ -12,7 +12,7 @@ import typer
 
 from robotouille.program import printable, tell
 from robotouille_client.console.progress import progress_bar
-from robotouille_data.cli.console import DatabaseOption, FolderOption, errors_told
+from robotouille_data.cli.console import JOBS, DatabaseOption, FolderOption, catalogue, errors_told
 from robotouille_data.cli.export import card, export
 from robotouille_data.cli.report import report
 
@@ -30,7 +30,6 @@ data.command()(card)
 
 FoldersArgument = Annotated[list[Path], typer.Argument(help="Folders of recordings.")]
 JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes that read.")]
-JOBS = 2
 
 
 @data.command()
@@ -132,11 +131,10 @@ def sql(
             save_parquet,
             table_lines,
         )
-        from robotouille_data.database import database_url
 
         files = ((save_csv, csv), (save_json, json), (save_parquet, parquet), (save_plot, plot))
         wanted = [(save, path) for save, path in files if path is not None]
-        url = database_url(database, folder)
+        url = catalogue(database, folder)
         for save, path in wanted:
             with asking(url, query, seconds) as answer:
                 count = save(answer, path)

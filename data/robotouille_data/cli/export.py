@@ -12,11 +12,10 @@ import typer
 from robotouille.program import printable, tell
 from robotouille_client.console import fail, name_and_value
 from robotouille_client.console.progress import progress_bar
-from robotouille_data.cli.console import DatabaseOption, errors_told
+from robotouille_data.cli.console import DatabaseOption, FolderOption, catalogue, errors_told
 
 __all__ = ["card", "export"]
 
-JOBS = 2
 NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 """What a part may be called: a folder of this name is made."""
 FORMATS = ("parquet", "csv", "jsonl", "chat", "minari", "arrays")
@@ -35,9 +34,7 @@ def export(
         list[str] | None,
         typer.Option("--format", help=f"{', '.join(FORMATS)}; several may be given."),
     ] = None,
-    folder: Annotated[
-        Path, typer.Option("--folder", help="Recordings; their catalogue is brought up to date.")
-    ] = Path(),
+    folder: FolderOption = Path(),
     database: DatabaseOption = None,
     query: Annotated[
         str, typer.Option(help="SQL with a column `id` or `episode_id`: only these episodes.")
@@ -77,7 +74,6 @@ def export(
     for strange in set(formats or ()) - set(FORMATS):
         fail(printable(f"--format {strange}: one of {', '.join(FORMATS)}"))
     with errors_told():
-        from robotouille_data.database import database_url
         from robotouille_data.exports.exporting import export as write
         from robotouille_data.exports.request import About, ExportFormat, Request
 
@@ -95,9 +91,7 @@ def export(
             per_decision=per_decision,
             about=About(title, description, license_, contact),
         )
-        url = database_url(database, folder)
-        if database is None:
-            _bring_up_to_date(folder)
+        url = catalogue(database, folder)
         with progress_bar("episodes") as progress:
             found = write(url, out, request, progress)
     for number, fault in found.faults.items():
@@ -131,26 +125,6 @@ def card(
         text = rewrite_card(folder, {name: value for name, value in about.items() if value})
     for line in text.splitlines():
         tell(printable(line))
-
-
-def _bring_up_to_date(folder: Path) -> None:
-    """Index the recordings; a catalogue that cannot be written is taken as it is."""
-    from robotouille_data.database import DEFAULT_FILE, database_url
-    from robotouille_data.errors import UnavailableError
-    from robotouille_data.indexing import index
-
-    try:
-        with progress_bar("recordings") as progress:
-            found = index(database_url(None, folder), [folder], jobs=JOBS, progress=progress)
-    except UnavailableError as error:
-        if not (folder / DEFAULT_FILE).is_file():
-            raise
-        tell(printable(f"not brought up to date: {error}"), err=True)
-        return
-    for path, fault in found.faults.items():
-        tell(printable(f"{path}: {fault}"), err=True)
-    if found.indexed or found.forgotten:
-        tell(f"indexed {found.indexed}, forgotten {found.forgotten}")
 
 
 def _shares(text: str) -> dict[str, float]:

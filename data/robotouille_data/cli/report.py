@@ -10,7 +10,7 @@ import typer
 from robotouille.program import printable, tell
 from robotouille_client.console import name_and_value
 from robotouille_client.console.progress import progress_bar
-from robotouille_data.cli.console import DatabaseOption, FolderOption, errors_told
+from robotouille_data.cli.console import DatabaseOption, FolderOption, catalogue, errors_told
 
 __all__ = ["report"]
 
@@ -42,10 +42,9 @@ def report(
     """
     with errors_told():
         from robotouille_data.answers.report.write import write_report
-        from robotouille_data.database import database_url
 
         labels = dict(name_and_value(each, "--label") for each in label or ())
-        url = database_url(database, folder)
+        url = catalogue(database, folder)
         with progress_bar("report") as progress:
             count = write_report(
                 url, out, query=query, labels=labels, by=by, text=text, title=title,

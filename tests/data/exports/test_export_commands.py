@@ -41,8 +41,8 @@ def test_a_folder_without_a_catalogue_is_exported_at_once(folder: Path, tmp_path
         *("--split", "train=2,test=1", "--no-names", "--title", "Pairs", "--license", "CC0-1.0"),
     )
     assert result.exit_code == 0, result.output
+    assert result.stderr == "indexed 8, forgotten 0\n"
     assert result.stdout.splitlines() == [
-        "indexed 8, forgotten 0",
         "left out: 4 by label, 1 by consent",
         f"{out}: 3 episodes (train 2, test 1)",
     ]
@@ -54,7 +54,7 @@ def test_new_recordings_are_in_it(folder: Path, tmp_path: Path) -> None:
     run("index", folder)
     write_recordings(folder, 1, first=50)
     result = run("export", tmp_path / "out", "--folder", folder)
-    assert "indexed 1, forgotten 0" in result.stdout
+    assert "indexed 1, forgotten 0" in result.stderr
     assert manifest(tmp_path / "out")["episodes"] == 9
 
 
