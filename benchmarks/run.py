@@ -16,6 +16,7 @@ from benchmarks import (
     environments,
     evaluation,
     exports,
+    idle,
     joint,
     model_calls,
     mqtt,
@@ -37,6 +38,7 @@ if __name__ == "__main__":
     exports.main([])
     viewer.main([])
     window.main([])
+    idle.main([])
     server.main()
     mqtt.main([])
     model_calls.main([])

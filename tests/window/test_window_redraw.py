@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pygame
 import pytest
+from benchmarks import idle
 from benchmarks import window as bench
 
 from robotouille import Timing, World, load_task
@@ -156,4 +157,4 @@ def test_a_frame_makes_no_surfaces(view: View, monkeypatch: pytest.MonkeyPatch) 
 def test_the_window_is_measured() -> None:
     frames = bench.measure_frames(steps=2)
     assert 0 < frames.median <= frames.p99 and frames.bare > 0
-    assert bench.measure_idle(0.2) > 0
+    assert idle.measure(idle.playing, 0.2) > 0

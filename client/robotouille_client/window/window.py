@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import gc
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
@@ -123,6 +124,8 @@ class Window:
         With a linger of None the window stays until it is closed.
         """
         self._open(source.view())
+        if not self._display.headless:
+            _set_aside_what_stays()
         ended: float | None = None
         due = self._clock()
         try:
@@ -142,17 +145,22 @@ class Window:
 
     def frame(self, source: Source) -> None:
         """Handle what has happened since the last frame, then draw."""
-        self._open(source.view())
+        view = source.view()
+        self._open(view)
         for event in pygame.event.get():
             self._drawn_last = None
-            self._handle(event, source, source.view())
-        self._input.tick(source, source.view())
+            self._handle(event, source, view)
+            view = source.view()
+        sent = self._input.hands.queue.sent
+        self._input.tick(source, view)
         if self._strip is not None:
             self._strip.tick()
+        if self._strip is not None or self._input.hands.queue.sent is not sent:
+            view = source.view()
         if self._sounds is not None:
-            self._sounds.heard(source.view())
-        self._show_end(source, source.view())
-        self._draw(source.view())
+            self._sounds.heard(view)
+        self._show_end(source, view)
+        self._draw(view)
 
     def screenshot(self, path: Path | str) -> None:
         """Save what the window shows as a picture."""
@@ -293,3 +301,11 @@ class Window:
             self._input.tell(f"The screenshot cannot be saved: {error}")
         else:
             self._input.tell(f"Saved {path}")
+
+
+def _set_aside_what_stays() -> None:
+    """Look for garbage now, and then no more in what is left, which is modules and the task: that
+    would hold a frame up for some 30 ms, now and then."""
+    gc.unfreeze()
+    gc.collect()
+    gc.freeze()

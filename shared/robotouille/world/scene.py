@@ -6,10 +6,11 @@ The window draws a scene; nothing in it depends on a clock or on pygame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from robotouille.world.grounding.floor import Tile
 from robotouille.world.grounding.objects import Object
-from robotouille.world.world import State
+from robotouille.world.world import State, World
 
 __all__ = ["Placed", "scene"]
 
@@ -36,7 +37,14 @@ class Placed:
 
 
 def scene(state: State) -> dict[str, Placed]:
-    """Every object of a state by name, with its place."""
+    """Every object of a state by name, with its place; those of the newest few states are kept, so
+    do not change it."""
+    return _scene(state.world, state)
+
+
+@lru_cache(maxsize=8)
+def _scene(_: World, state: State) -> dict[str, Placed]:
+    """A scene, found by its world, too: states of two worlds may be equal."""
     return _Scene(state).placed()
 
 

@@ -163,7 +163,7 @@ class Painter:
         """What goes on in the step of a view; that of the last is kept."""
         before = view.previous
         key = (view.state, before, view.lost)
-        if self._lived is None or any(a is not b for a, b in zip(self._lived[0], key, strict=True)):
+        if self._lived is None or self._lived[0] != key:
             now = Moment(view.state, self.stage(view.state))
             earlier = None if before is None else Moment(before, self.stage(before))
             self._lived = (key, life(self._art, now, earlier, lost=view.lost))
@@ -184,7 +184,7 @@ class Painter:
         """What there is to draw of a state; the newest few are kept."""
         self._prepare(state.world)
         for known, stage in self._stages:
-            if known is state:
+            if known is state or known == state:  # Often nothing changes in a step.
                 return stage
         stage = self._kitchen.stage(state)
         self._stages = [(state, stage), *self._stages[:3]]

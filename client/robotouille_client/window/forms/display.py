@@ -60,6 +60,9 @@ class Display:
         if self.headless:
             os.environ["SDL_VIDEODRIVER"] = "dummy"
         pygame.display.init()
+        if pygame.display.get_driver() == "x11":
+            # Else SDL gives each picture to OpenGL, which may well be software and costs more.
+            os.environ.setdefault("SDL_FRAMEBUFFER_ACCELERATION", "0")
         pygame.font.init()
         if icon is not None:
             pygame.display.set_icon(icon)

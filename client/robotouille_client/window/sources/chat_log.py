@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from robotouille.world.unmet import Unmet, UnmetKind
@@ -22,7 +23,7 @@ class ChatLog:
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._bubbles: list[tuple[float, Bubble]] = []
-        self._lines: list[tuple[str, str]] = []
+        self._lines: deque[tuple[str, str]] = deque(maxlen=CHAT_LINES)
         self._notice = ""
         self._notice_until = 0.0
 
@@ -60,7 +61,7 @@ class ChatLog:
 
     @property
     def lines(self) -> tuple[tuple[str, str], ...]:
-        return tuple(self._lines[-CHAT_LINES:])
+        return tuple(self._lines)
 
     @property
     def notice(self) -> str:

@@ -60,6 +60,8 @@ class LocalSource:
         self._name = name
         self._record = record
         self._wording = Wording(episode.world, language_of(episode.world.task), me, bots)
+        rules = episode.rules
+        self._clock_words = clock_words(rules.clock.value, rules.model_dump(mode="json"))
         self._chat_log = ChatLog(now)
         self._blockages = Blockages(now)
         self._previous: State | None = None
@@ -91,7 +93,7 @@ class LocalSource:
             previous=self._previous,
             step=episode.step,
             max_steps=rules.max_steps,
-            clock=clock_words(rules.clock.value, rules.model_dump(mode="json")),
+            clock=self._clock_words,
             phase=min(1.0, elapsed / (rules.period if scheduled else GLIDE_SECONDS)),
             step_seconds=rules.period if scheduled else None,
             seats=tuple(

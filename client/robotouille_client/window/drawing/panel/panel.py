@@ -41,7 +41,8 @@ class Panel:
         self._text = text
         self._seats = SeatCards(resolver, sprites, text)
         self._ticket: Ticket | None = None
-        self._ticket_area, self._panel_left = pygame.Rect(0, 0, 0, 0), 0
+        self._ticket_area = pygame.Rect(0, 0, 0, 0)
+        self._ticket_drawn: tuple[tuple[object, ...], pygame.Surface] | None = None
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
 
@@ -58,7 +59,9 @@ class Panel:
         target.blit(self._surface, layout.panel)
 
     def _render(self, layout: Layout, view: View) -> pygame.Surface:
-        surface = pygame.Surface(layout.panel.size)
+        surface = self._surface
+        if surface is None or surface.get_size() != layout.panel.size:
+            surface = pygame.Surface(layout.panel.size)
         surface.fill(PANEL)
         surface.fill(INK, (0, 0, 2, layout.panel.height))
         pad = layout.text
@@ -134,8 +137,8 @@ class Panel:
         """What the mouse points at, in words: the goal, where it is on the ticket."""
         if self._ticket is None or pointer is None or not self._ticket_area.collidepoint(pointer):
             return ()
-        x, y = pointer
-        return self._ticket.told((x - self._panel_left, y))
+        left, top = self._ticket_area.topleft
+        return self._ticket.told((pointer[0] - left, pointer[1] - top))
 
     def _goal(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View
@@ -144,9 +147,24 @@ class Panel:
         if self._ticket is None:
             self._ticket = Ticket(view, self._resolver, self._sprites, self._text)
         room = pygame.Rect(area.x, y, area.width, area.height)
-        room.height = self._ticket.draw(surface, room, layout, view)
-        self._ticket_area, self._panel_left = room.move(layout.panel.topleft), layout.panel.left
+        drawn = self._draw_ticket(self._ticket, room, layout, view)
+        room.height = drawn.get_height()
+        surface.blit(drawn, room)
+        self._ticket_area = room.move(layout.panel.topleft)
         return room.bottom + layout.text * 2 // 3
+
+    def _draw_ticket(
+        self, ticket: Ticket, room: pygame.Rect, layout: Layout, view: View
+    ) -> pygame.Surface:
+        """The slip by itself: it changes far less often than what is beside it."""
+        shown = (room.size, layout, view.world.goal.holding(view.state.facts))
+        if self._ticket_drawn is None or self._ticket_drawn[0] != shown:
+            canvas = pygame.Surface(room.size)
+            canvas.fill(PANEL)
+            height = ticket.draw(canvas, canvas.get_rect(), layout, view)
+            room.height = min(height, room.height)
+            self._ticket_drawn = shown, canvas.subsurface((0, 0), room.size)
+        return self._ticket_drawn[1]
 
     def _clock(
         self, surface: pygame.Surface, area: pygame.Rect, y: int, layout: Layout, view: View

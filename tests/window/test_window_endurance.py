@@ -1,0 +1,98 @@
+"""A window that is open for hours: nothing is made anew each frame, and nothing grows."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+
+import pygame
+import pytest
+from benchmarks.idle import resting_game
+from benchmarks.window import Led, course, views
+from tests.support.window_play import Timer
+
+from robotouille_client.window.window import Window
+
+SIZE, FRAMES = (640, 360), 200
+MAKES = {"convert", "convert_alpha", "copy", "load", "load_sized_svg", "render", "rotozoom",
+         "scale", "smoothscale"}  # fmt: skip
+
+
+@contextmanager
+def made(monkeypatch: pytest.MonkeyPatch) -> Iterator[Counter[str]]:
+    """How many pictures are made meanwhile, by what makes them."""
+    found: Counter[str] = Counter()
+    new, makers = pygame.Surface, (pygame.Surface, pygame.font.Font, ModuleType)
+
+    def called(frame: object, event: str, function: object) -> None:
+        name = getattr(function, "__name__", "")
+        if (
+            event == "c_call"
+            and name in MAKES
+            and isinstance(getattr(function, "__self__", None), makers)
+        ):
+            found[name] += 1
+
+    def surface(*arguments: object, **options: object) -> pygame.Surface:
+        found["Surface"] += 1
+        return new(*arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pygame, "Surface", surface)
+        sys.setprofile(called)
+        try:
+            yield found
+        finally:
+            sys.setprofile(None)
+
+
+def test_a_game_in_which_nobody_moves_makes_a_few_words_a_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    timer = Timer()
+    source = resting_game("multi_agent/10@4", now=timer)
+    window = Window(SIZE, headless=True, clock=timer)
+
+    def frame() -> None:
+        timer.now += 1 / 60
+        window.frame(source)
+
+    try:
+        for _ in range(60):
+            frame()
+        busy, step = [], source.view().step
+        with made(monkeypatch) as pictures:
+            for _ in range(FRAMES):
+                before = pictures.total()
+                frame()
+                busy.append(pictures.total() - before)
+        steps = source.view().step - step
+    finally:
+        window.close()
+    assert steps == pytest.approx(FRAMES / 12, abs=1)
+    assert sum(map(bool, busy)) <= steps, "only a new step is written anew"
+    assert max(busy) <= 8, pictures
+
+
+def test_a_game_in_which_all_move_makes_nothing_between_its_steps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Once all of it has been seen, and its pictures drawn."""
+    shown = list(views(course(28), 8))
+    window, source = Window(SIZE, headless=True), Led(shown[0])
+
+    def show() -> None:
+        for view in shown[:FRAMES]:
+            source.shown = view
+            window.frame(source)
+
+    try:
+        show()
+        with made(monkeypatch) as pictures:
+            show()
+    finally:
+        window.close()
+    assert pictures.total() <= FRAMES // 8, pictures  # The ticket, where it changes.
