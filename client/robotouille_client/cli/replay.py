@@ -58,7 +58,7 @@ def _open(file: Path, *, damaged: bool = False) -> Recording:
 
 def _open_shown(file: Path, tasks: Path | None) -> Recording:
     """A recording that is to be drawn, damaged or not."""
-    from robotouille_client.window.replay.recorded_look import open_shown
+    from robotouille_client.window.replay.history.recorded_look import open_shown
 
     if tasks is not None and not tasks.is_dir():
         raise RobotouilleError(f"--tasks {tasks}: there is no such folder")

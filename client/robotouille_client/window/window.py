@@ -188,8 +188,9 @@ class Window:
         lost = bool(view.outcome) and not view.won
         shown = dataclasses.replace(view, hover=view.hover or hover, lost=lost)
         overlay = self._input.overlay(view, hover)
+        if self._card is not None or self._strip is not None:
+            shown = dataclasses.replace(shown, outcome="")  # They say it, and cover nothing.
         if self._card is not None:
-            shown = dataclasses.replace(shown, outcome="")  # The card says it, and covers nothing.
             overlay = dataclasses.replace(overlay, hints=(), keys=CARD_KEYS, mark=None)
         self.frames += 1
         below = None if self._strip is None else self._strip.seen()

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from robotouille.certification.certificate import Deadline
 from robotouille.planning import Limits, StepsToGo
-from robotouille.replay.analysis.distances import estimates
+from robotouille.replay.analysis.distances import coarse_first, estimates
 from robotouille.replay.container import compress
 from robotouille.replay.recording import Recording, read_recording
 from robotouille_client.cli.main import app
@@ -36,25 +36,36 @@ def short(tmp_path: Path) -> Path:
 
 
 def test_estimates_are_true() -> None:
-    """The fewest steps, as a search finds them, are within the range that is told."""
+    """The fewest steps, as a search finds them, are within every range that is told."""
     recording = Recording(recorded_game(SHORT, steps=12))
-    search = StepsToGo(recording.world)
+    search, states = StepsToGo(recording.world), dict(recording.states())
     found = list(estimates(recording, 500, Deadline(600)))
-    assert len(found) == 13
-    for (_, state), left in zip(recording.states(), found, strict=True):
-        exact = search(state, Limits())
+    assert [step for step, _ in found] == [*coarse_first(13)] * 2
+    for step, left in found:
+        exact = search(states[step], Limits())
         assert exact.steps is not None
         assert left.bound <= exact.steps
         assert left.steps is None or left.steps >= exact.steps
-    assert any(left.steps is not None for left in found)
+    assert any(left.steps is not None for _, left in found)
 
 
-def test_the_worker_tells_a_line_a_state(
+def test_the_ends_come_first_then_the_middles() -> None:
+    assert list(coarse_first(9)) == [0, 8, 4, 2, 6, 1, 3, 5, 7]
+    for count in (0, 1, 2, 3, 10, 643):
+        assert sorted(coarse_first(count)) == list(range(count))
+
+
+def test_nothing_is_told_after_the_deadline() -> None:
+    recording = Recording(recorded_game(SHORT, steps=12))
+    assert list(estimates(recording, 500, Deadline(-1.0))) == []
+
+
+def test_the_worker_tells_a_line_a_finding(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(str(short), "200", "600") == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert len(rows) == 13
+    assert {step for step, *_ in rows} == set(range(13))
     assert main(str(tmp_path / "none.rbt"), "200", "600") == 1
     assert "cannot be read" in capsys.readouterr().err
 
@@ -66,21 +77,56 @@ def test_steps_in_words() -> None:
     assert StepsKnown(0, None, dead=True).words == "the goal is out of reach"
 
 
+class Timer:
+    """A clock that stands still."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def searching(path: Path) -> tuple[StepsSearch, StepsCurve, ViewerState, Timer]:
+    timer, curve = Timer(), StepsCurve()
+    state = ViewerState(timer)
+    history = RecordedHistory(read_recording(path))
+    return StepsSearch(path, history, curve, state, timer), curve, state, timer
+
+
 @pytest.mark.process
 def test_the_curve_fills_beside_the_window(short: Path) -> None:
-    history, curve, state = (
-        RecordedHistory(read_recording(short)),
-        StepsCurve(),
-        ViewerState(lambda: 0.0),
-    )
-    search = StepsSearch(short, history, curve, state)
+    search, curve, state, _ = searching(short)
     search.start()
     assert curve.begun
+    assert curve.known[0] == StepsKnown(8, 8), "the certificate is there at once"
+    [job] = state.jobs.values()
+    assert "of 13" in job.words
     assert search.wait(120)
     search.poll()
     assert len(curve.known) == 13
-    assert "step 12" in state.message
+    assert "every step" in state.message
+    assert not state.jobs
+    search.start()
+    assert not curve.begun, "it is hidden"
     search.close()
+
+
+@pytest.mark.process
+def test_a_search_is_stopped_by_its_owner_and_by_the_time(short: Path) -> None:
+    for late in (False, True):
+        search, _, state, timer = searching(short)
+        search.start()
+        [job] = state.jobs.values()
+        if late:
+            timer.now += 600.0
+            search.poll()
+        else:
+            job.stop()
+        assert not search.running
+        assert not state.jobs
+        assert "known at" in state.message
+        search.close()
 
 
 @pytest.mark.process
@@ -90,13 +136,50 @@ def test_a_span_is_written_beside_the_recording(short: Path) -> None:
     state.first, state.last = 3, 5
     export = SpanExport(short, history, state, 24.0)
     export.start()
-    assert "short-3-5.mp4" in state.message
+    assert "short-3-5.mp4" in state.jobs["video"].words
     export.start()
     assert "already" in state.message
     assert export.wait(120)
     export.poll()
-    assert "Written" in state.message
+    assert not state.jobs
+    assert state.message == f"Video saved: {short.parent / 'short-3-5.mp4'}"
     assert (short.parent / "short-3-5.mp4").stat().st_size > 1000
+
+
+@pytest.mark.process
+def test_a_video_that_is_given_up_leaves_nothing(short: Path) -> None:
+    pytest.importorskip("av")
+    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
+    export = SpanExport(short, history, state, 1.0)
+    export.start()
+    state.jobs["video"].stop()
+    assert not export.running
+    assert "given up" in state.message
+    assert [path.name for path in short.parent.iterdir()] == [short.name]
+
+
+@pytest.mark.process
+def test_a_video_that_cannot_be_written_is_told_in_words(short: Path) -> None:
+    pytest.importorskip("av")
+    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
+    export = SpanExport(short, history, state, 24.0)
+    (short.parent / "short-0-12.part.mp4").symlink_to("/dev/full")
+    export.start()
+    assert export.wait(120)
+    export.poll()
+    assert state.message.startswith("No video: ")
+    assert "No space left" in state.message
+    assert not (short.parent / "short-0-12.mp4").exists()
+
+
+def test_without_the_extra_it_says_what_to_install(
+    short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    history, state = RecordedHistory(read_recording(short)), ViewerState(lambda: 0.0)
+    SpanExport(short, history, state, 24.0).start()
+    assert "pip install" in state.message
+    assert "video" in state.message
 
 
 def test_g_and_v_begin_and_closing_stops_them(

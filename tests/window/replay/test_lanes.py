@@ -5,19 +5,27 @@ from __future__ import annotations
 import pygame
 import pytest
 
+from robotouille.episode.tallies import Activity
 from robotouille.replay.recording import Recording
-from robotouille_client.window.pictures.theme import CARD, INK, mixed
-from robotouille_client.window.replay.history.history import EntryKind
+from robotouille_client.window.pictures.colour_vision import (
+    DICHROMACIES,
+    contrast,
+    linear,
+    simulated,
+)
+from robotouille_client.window.pictures.theme import Colour
+from robotouille_client.window.replay.history.history import MARKED, EntryKind
 from robotouille_client.window.replay.history.recorded import RecordedHistory
-from robotouille_client.window.replay.timeline.lanes import (
+from robotouille_client.window.replay.timeline.lanes import Lanes
+from robotouille_client.window.replay.timeline.legend import (
     ACTIVITY_LOOKS,
     MARK_COLOURS,
-    Lanes,
+    MARK_WORDS,
+    TRACK,
 )
 from robotouille_client.window.replay.timeline.scale import Scale
 
 ROWS, HEAD, WIDTH = 40, 20, 800
-TRACK = mixed(CARD, INK, 0.25)
 
 
 @pytest.fixture(scope="module")
@@ -33,10 +41,10 @@ def drawn(history: RecordedHistory, width: int, followed: int | None = None) -> 
     return surface
 
 
-def height(surface: pygame.Surface, x: int, bottom: int) -> int:
-    """How high the block is that stands on a pixel."""
-    colour, high = surface.get_at((x, bottom)), 0
-    while surface.get_at((x, bottom - high)) == colour:
+def height(surface: pygame.Surface, x: int, bottom: int, colours: set[Colour]) -> int:
+    """How high the block of some colours is that stands on a pixel."""
+    high = 0
+    while tuple(surface.get_at((x, bottom - high))[:3]) in colours:
         high += 1
     return high
 
@@ -49,19 +57,52 @@ def test_each_step_has_the_colour_and_the_height_of_its_activity(history: Record
         for step in range(1, history.length + 1):
             activity = history.activity(player, step)
             assert activity is not None
-            colour, high = ACTIVITY_LOOKS[activity]
+            look = ACTIVITY_LOOKS[activity]
             x = round((step - 0.5) / history.length * WIDTH)
-            assert surface.get_at((x, bottom))[:3] == colour
-            assert height(surface, x, bottom) == pytest.approx(max(2, lane * high), abs=1)
+            colours = {look.colour, look.darker}
+            found = height(surface, x, bottom, colours)
+            assert found == pytest.approx(max(2, lane * look.height), abs=1)
 
 
-def test_colours_are_told_apart_without_colours() -> None:
-    """Every two activities differ in height or clearly in brightness."""
+def test_activities_are_told_apart_without_colours() -> None:
+    """Every two differ in height or in pattern."""
     looks = list(ACTIVITY_LOOKS.values())
-    for one, (colour, high) in enumerate(looks):
-        for other, other_high in looks[:one]:
-            brightness = abs(sum(colour) - sum(other)) / 3
-            assert abs(high - other_high) >= 0.1 or brightness >= 8
+    for one, look in enumerate(looks):
+        for other in looks[:one]:
+            assert abs(look.height - other.height) >= 0.1 or look.pattern != other.pattern
+
+
+@pytest.mark.parametrize("kind", [None, *DICHROMACIES])
+def test_the_colours_of_activities_differ_for_everybody(kind: str | None) -> None:
+    """Every two are far apart as others see them (CIE 1976), and each from the ground."""
+    colours = [TRACK, *(look.colour for look in ACTIVITY_LOOKS.values())]
+    seen = [colour if kind is None else simulated(colour, kind) for colour in colours]
+    for one, colour in enumerate(seen):
+        for other in seen[:one]:
+            if TRACK not in (colours[one], colours[seen.index(other)]):
+                assert distance(colour, other) > 25, (colour, other)
+    assert all(contrast(colour, seen[0]) > 1.2 for colour in seen[1:])
+
+
+def distance(one: Colour, other: Colour) -> float:
+    return sum((a - b) ** 2 for a, b in zip(lab(one), lab(other), strict=True)) ** 0.5
+
+
+def lab(colour: Colour) -> tuple[float, float, float]:
+    """A colour as CIE L*a*b*, whose distances are those that are seen."""
+    red, green, blue = (linear(value) for value in colour)
+    x = (0.4124 * red + 0.3576 * green + 0.1805 * blue) / 0.95047
+    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    z = (0.0193 * red + 0.1192 * green + 0.9505 * blue) / 1.08883
+    x, y, z = (v ** (1 / 3) if v > 0.008856 else 7.787 * v + 16 / 116 for v in (x, y, z))
+    return 116 * y - 16, 500 * (x - y), 200 * (y - z)
+
+
+def test_every_kind_has_words_and_a_look() -> None:
+    assert set(ACTIVITY_LOOKS) == set(Activity)
+    assert set(MARK_WORDS) == set(MARK_COLOURS) == MARKED
+    words = [*MARK_WORDS.values(), *(look.words for look in ACTIVITY_LOOKS.values())]
+    assert len(set(words)) == len(words)
 
 
 def test_several_steps_a_pixel_share_the_height(history: RecordedHistory) -> None:
@@ -74,7 +115,7 @@ def test_several_steps_a_pixel_share_the_height(history: RecordedHistory) -> Non
     for step in range(1, history.length + 1):
         activity = history.activity("robot1", step)
         assert activity is not None
-        assert ACTIVITY_LOOKS[activity][0] in found
+        assert ACTIVITY_LOOKS[activity].colour in found
     assert found - {TRACK}
 
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pygame
 import pytest
 from tests.support.games import recorded_game
+from tests.support.golden_pictures import difference
 
 from robotouille.errors import RecordingError, RobotouilleError
 from robotouille.replay.container import compress, frame_ends, magic
 from robotouille.replay.recording import read_recording
 from robotouille_client.window.drawing.window_layout import layout
-from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.replay.playhead import Playhead
+from robotouille_client.window.replay.timeline.readout import readout_parts
+from robotouille_client.window.replay.viewer import ReplayCards, Viewer
+from robotouille_client.window.window import Window
 
 Opener = Callable[..., Viewer]
 SIZES = [(1280, 720), (2560, 1440), (640, 360), (320, 240)]
@@ -56,12 +61,114 @@ def test_clicks_and_drags_seek(opened: Opener, path: Path) -> None:
     assert viewer.view().step == 0
 
 
-def test_the_button_plays_and_pauses(opened: Opener, path: Path) -> None:
+def button(viewer: Viewer, key: int) -> tuple[int, int]:
+    """Where the button of a key is."""
+    buttons = viewer.strips[0]._buttons
+    assert buttons is not None
+    place = buttons.place(key)
+    assert place is not None, key
+    return place.center
+
+
+def click(viewer: Viewer, pos: tuple[int, int]) -> None:
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, pos)
+    mouse(viewer, pygame.MOUSEBUTTONUP, pos)
+
+
+def test_the_mouse_alone_does_all(opened: Opener, path: Path) -> None:
     viewer = opened(path)
-    area = viewer.strips[0].area
-    for playing in (False, True):
-        mouse(viewer, pygame.MOUSEBUTTONDOWN, (area.x + 16, area.y + 14))
-        assert viewer.playhead.playing is playing
+    playhead, state = viewer.playhead, viewer.state
+    for playing in (False, True, False):
+        click(viewer, button(viewer, pygame.K_SPACE))
+        assert playhead.playing is playing
+    steps = {pygame.K_RIGHT: 1, pygame.K_PERIOD: 8, pygame.K_LEFT: 7, pygame.K_END: 40}
+    for key, step in steps.items():
+        click(viewer, button(viewer, key))
+        assert playhead.step == step
+    click(viewer, button(viewer, pygame.K_COMMA))
+    assert playhead.step == 20
+    click(viewer, button(viewer, pygame.K_i))
+    click(viewer, button(viewer, pygame.K_RIGHT))
+    click(viewer, button(viewer, pygame.K_o))
+    assert state.span(40) == (20, 21)
+    click(viewer, button(viewer, pygame.K_PLUS))
+    click(viewer, button(viewer, pygame.K_PLUS))
+    click(viewer, button(viewer, pygame.K_MINUS))
+    assert playhead.speed == 2
+    click(viewer, button(viewer, pygame.K_f))
+    assert state.followed == "robot1"
+    click(viewer, button(viewer, pygame.K_l))
+    assert state.log
+    click(viewer, button(viewer, pygame.K_l))
+    assert not state.log
+    click(viewer, button(viewer, pygame.K_p))
+    assert path.with_name("eventful-21.png").exists()
+    click(viewer, button(viewer, pygame.K_h))
+    assert state.help
+
+
+def test_a_button_that_is_held_goes_on(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    there = button(viewer, pygame.K_RIGHT)
+    mouse(viewer, pygame.MOUSEBUTTONDOWN, there)
+    viewer.timer.now += 0.4
+    viewer.window.frame(viewer)
+    assert viewer.playhead.step == 2
+    mouse(viewer, pygame.MOUSEBUTTONUP, there)
+    viewer.timer.now += 5.0
+    viewer.window.frame(viewer)
+    assert viewer.playhead.step == 2
+
+
+def test_every_button_says_what_it_does(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    mouse(viewer, pygame.MOUSEMOTION, (5, 5))
+    without = pygame.image.tobytes(viewer.window._display.surface, "RGB")
+    buttons = viewer.strips[0]._buttons
+    assert buttons is not None
+    told = set()
+    for key in (pygame.K_SPACE, pygame.K_v, pygame.K_q, pygame.K_g):
+        mouse(viewer, pygame.MOUSEMOTION, button(viewer, key))
+        told.add(buttons.told(button(viewer, key)))
+        assert pygame.image.tobytes(viewer.window._display.surface, "RGB") != without
+    assert len(told) == 4
+
+
+@pytest.mark.parametrize("way", ["Esc", "Q", "button"])
+def test_one_leaves_after_a_question(path: Path, way: str) -> None:
+    recordings = [(path, read_recording(path))]
+    viewer = Viewer(recordings, headless=True, make_window=partial(Window, cards=ReplayCards()))
+    viewer.window.frame(viewer)
+    if way == "button":
+        click(viewer, button(viewer, pygame.K_q))
+    else:
+        press(viewer, pygame.K_ESCAPE if way == "Esc" else pygame.K_q)
+    viewer.window.frame(viewer)
+    assert not viewer.window.closed
+    press(viewer, pygame.K_RETURN)
+    assert viewer.window.closed
+    assert viewer.window.answer == "menu"
+    viewer.close()
+
+
+def test_the_end_covers_nothing_of_the_kitchen(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    press(viewer, pygame.K_END)
+    end = viewer.window._display.surface.copy()
+    press(viewer, pygame.K_LEFT)
+    kitchen = viewer.window._painter.layout(viewer.window.size, viewer.view().world).kitchen
+    middle = pygame.Rect(0, 0, kitchen.width // 2, 30)
+    middle.center = kitchen.center
+    before = viewer.window._display.surface
+    assert difference(end.subsurface(middle), before.subsurface(middle)) < 60
+    assert "Out of steps" in " ".join(
+        readout_parts(viewer.histories[0], at_end(viewer), viewer.state)
+    )
+
+
+def at_end(viewer: Viewer) -> Playhead:
+    viewer.playhead.seek(viewer.playhead.length, playing=False)
+    return viewer.playhead
 
 
 def test_keys_move(opened: Opener, path: Path) -> None:
@@ -190,12 +297,23 @@ def test_help_has_the_keys_of_the_viewer(opened: Opener, path: Path) -> None:
     assert viewer.playhead.step == 0
 
 
-def test_a_picture_is_saved_by_p(opened: Opener, path: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("key", [pygame.K_p, pygame.K_F12])
+def test_pictures_are_saved_beside_the_recording(opened: Opener, path: Path, key: int) -> None:
     viewer = opened(path)
-    viewer.window.screenshots = tmp_path
+    press(viewer, pygame.K_RIGHT)
+    for name in ("eventful-1.png", "eventful-1-2.png"):
+        press(viewer, key)
+        saved = path.with_name(name)
+        assert pygame.image.load(saved).get_size() == (1280, 720)
+        assert viewer.state.message == f"Picture saved: {saved}"
+
+
+def test_a_picture_that_cannot_be_saved_is_told(opened: Opener, path: Path) -> None:
+    viewer = opened(path)
+    path.unlink()
+    path.parent.rmdir()
     press(viewer, pygame.K_p)
-    viewer.window.frame(viewer)
-    assert len(list(tmp_path.glob("robotouille-*.png"))) == 1
+    assert viewer.state.message.startswith("No picture: ")
 
 
 def test_the_wheel_zooms_around_the_pointer(opened: Opener, path: Path) -> None:

@@ -14,7 +14,7 @@ from robotouille_client.window.replay.source import NOTICE_SECONDS, bubbles_at, 
 from robotouille_client.window.sources.texts import outcome_words
 from robotouille_client.window.video import frames_of, writing_video
 
-__all__ = ["film", "filming"]
+__all__ = ["draft_of", "film", "filming"]
 
 FPS = 24
 GIF_FPS = 12
@@ -85,7 +85,7 @@ def filming(
         pictures=look.pictures if look else None,
     )
     total = (last - first + 1) * frames_per_step + 2 * fps
-    draft = output.with_name(f"{output.stem}.part{output.suffix}")
+    draft = draft_of(output)
     try:
         for done in writing_video(draft, frames, fps):
             yield min(done, total - 1), total
@@ -97,6 +97,11 @@ def filming(
         raise RobotouilleError(f"{output}: cannot be written: {error.strerror}") from None
     finally:
         draft.unlink(missing_ok=True)
+
+
+def draft_of(output: Path) -> Path:
+    """The file that is written until all of a video is there."""
+    return output.with_name(f"{output.stem}.part{output.suffix}")
 
 
 def checked_span(history: History, span: _Span) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pygame
 
@@ -26,6 +27,11 @@ def _halves(size: tuple[int, int]) -> tuple[pygame.Rect, pygame.Rect]:
     return pygame.Rect(0, 0, left, size[1]), pygame.Rect(left, 0, size[0] - left, size[1])
 
 
+def _untold(view: View) -> View:
+    """Without the outcome, which the strip tells."""
+    return replace(view, outcome="", lost=bool(view.outcome) and not view.won)
+
+
 class SideBySidePainter(Painter):
     """Paints the view that it is given on the left, and another one on the right.
 
@@ -42,7 +48,7 @@ class SideBySidePainter(Painter):
         super().__init__(rendering)
         self._left = Painter(rendering, strip=left)
         self._right = Painter(rendering, strip=right)
-        self._right_view = right_view
+        self._right_view: Callable[[], View] = lambda: _untold(right_view())
 
     def paint(
         self, surface: pygame.Surface, view: View, ui_overlay: UiOverlay | None = None

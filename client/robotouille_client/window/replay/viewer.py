@@ -5,12 +5,17 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+
+import pygame
 
 from robotouille.episode import Clock
 from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import Recording
 from robotouille_client.window import parse_size, require_screen
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.replay.background.span_export import SpanExport
 from robotouille_client.window.replay.background.steps_search import StepsSearch
 from robotouille_client.window.replay.history.recorded import RecordedHistory
@@ -22,9 +27,9 @@ from robotouille_client.window.replay.timeline.timeline_strip import TimelineStr
 from robotouille_client.window.replay.viewer_keys import ViewerKeys
 from robotouille_client.window.replay.viewer_state import ViewerState
 from robotouille_client.window.view import View
-from robotouille_client.window.window import Window
+from robotouille_client.window.window import STAY, Window
 
-__all__ = ["Viewer", "watch"]
+__all__ = ["ReplayCards", "Viewer", "watch"]
 
 DEFAULT_RATE = 5.0
 """Steps a second of recordings in which steps waited for decisions."""
@@ -58,6 +63,7 @@ def watch(
         size=parse_size(size),
         headless=screenshot is not None,
         rendering=rendering,
+        make_window=partial(Window, cards=ReplayCards()),
     )
     if at:
         viewer.playhead.seek(at, playing=False)
@@ -69,6 +75,25 @@ def watch(
             viewer.window.screenshot(screenshot)
     finally:
         viewer.close()
+
+
+class ReplayCards:
+    """What is asked while a recording is watched; at its end it stays on the screen."""
+
+    def over(self, view: View) -> None:
+        """Nothing: one may go back in it."""
+
+    def leaving(self, view: View) -> Form:
+        """Whether one has seen enough."""
+        rows = [Button("Leave the replay", "menu"), Button("Go on watching", STAY)]
+        return Form("Seen enough?", rows, cancel=STAY)
+
+    def news(self) -> str:
+        """Nothing."""
+        return ""
+
+    def stay(self) -> None:
+        """Nothing: a recording goes on behind the question."""
 
 
 class Viewer(ReplaySource):
@@ -91,6 +116,7 @@ class Viewer(ReplaySource):
         make_window: Callable[..., Window] = Window,
     ) -> None:
         _check(recordings)
+        self._path = recordings[0][0]
         self.histories = [RecordedHistory(recording) for _, recording in recordings]
         self.state = ViewerState(now)
         self.playhead = Playhead(self._length, rate or _recorded_rate(recordings[0][1]), now)
@@ -98,7 +124,7 @@ class Viewer(ReplaySource):
         super().__init__(self.histories[0], self.playhead, self.state, titles[0])
         curves = [StepsCurve() for _ in recordings]
         self._searches = [
-            StepsSearch(path, history, curve, self.state)
+            StepsSearch(path, history, curve, self.state, now)
             for (path, _), history, curve in zip(recordings, self.histories, curves, strict=True)
         ]
         alone = len(recordings) == 1
@@ -107,7 +133,8 @@ class Viewer(ReplaySource):
         )
         keys = ViewerKeys(
             self.histories, self.playhead, self.state, now,
-            curve=self._start_curves, export=self._export.start if alone else None,
+            curve=self._toggle_curves, export=self._toggle_export if alone else None,
+            picture=self._save_picture,
         )  # fmt: skip
         strips = self.strips = [
             TimelineStrip(history, self.playhead, self.state, keys if first else None, curve)
@@ -145,9 +172,32 @@ class Viewer(ReplaySource):
     def _length(self) -> int:
         return max(history.length for history in self.histories)
 
-    def _start_curves(self) -> None:
-        for search in self._searches:
-            search.start()
+    def _toggle_curves(self) -> None:
+        running = [search for search in self._searches if search.running]
+        for search in running or self._searches:
+            if running:
+                search.stop()
+            else:
+                search.start()
+
+    def _toggle_export(self) -> None:
+        if self._export.running:
+            self._export.stop()
+        else:
+            self._export.start()
+
+    def _save_picture(self) -> None:
+        """Save what the window shows beside the recording, and tell where that is."""
+        folder, stem = self._path.absolute().parent, self._path.name.partition(".rbt")[0]
+        step = self.playhead.step
+        names = (f"{stem}-{step}{more}.png" for more in ("", *(f"-{n}" for n in range(2, 1000))))
+        path = next((folder / name for name in names if not (folder / name).exists()), folder)
+        try:
+            self.window.screenshot(path)
+        except (OSError, pygame.error) as error:
+            self.state.tell(f"No picture: {folder} cannot be written to: {error}")
+        else:
+            self.state.tell(f"Picture saved: {path}")
 
 
 def _recorded_rate(recording: Recording) -> float:

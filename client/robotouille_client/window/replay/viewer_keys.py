@@ -28,14 +28,14 @@ _HELP = (
     ("F", "follow a seat; the next one; nobody"),
     ("L", "the log: who did what; click a line to go there"),
 )
-_EXPORT_HELP = (
-    ("G", "work out the steps to go, as a curve"),
-    ("I O V", "first and last step of a span; write it as a video"),
-)
+_CURVE_HELP = (("G", "work out the steps to go, as a curve; again: stop"),)
+_EXPORT_HELP = (("I O V", "first and last step of a span; save it as a video"),)
 _WINDOW_HELP = (
     ("P or F12", "save a picture"),
-    ("H or Esc", "this help; close"),
-    ("Mouse", "click or drag: go there; wheel: zoom"),
+    ("Mouse", "click or drag: go there; wheel: zoom; buttons do what keys do"),
+    ("F11", "fill the screen"),
+    ("H", "this help"),
+    ("Esc or Q", "close what is open; leave"),
 )
 _RIGHT, _LEFT = (pygame.K_RIGHT, pygame.K_LEFT)
 _HELD = frozenset({
@@ -50,8 +50,9 @@ class ViewerKeys:
 
     Args:
         histories: The one that is shown, or those side by side.
-        curve: Begins to work out the steps to go; None where that cannot be done.
-        export: Writes the marked span as a video; None where that cannot be done.
+        curve: Begins to work out the steps to go, or stops; None where that cannot be done.
+        export: Writes the marked span as a video, or stops; None where that cannot be done.
+        picture: Saves a picture; None where the window does that.
         talks: Whoever watches an episode that is going on may talk: T and Enter are left alone.
     """
 
@@ -64,6 +65,7 @@ class ViewerKeys:
         *,
         curve: Callable[[], None] | None = None,
         export: Callable[[], None] | None = None,
+        picture: Callable[[], None] | None = None,
         talks: bool = False,
     ) -> None:
         self._histories = histories
@@ -81,7 +83,8 @@ class ViewerKeys:
             pygame.K_f: self._follow,
             pygame.K_l: self._toggle_log,
             pygame.K_h: self._toggle_help,
-            pygame.K_p: _ask_for_picture,
+            pygame.K_p: picture or (lambda: _press_again(pygame.K_F12)),
+            pygame.K_q: self._leave,
             pygame.K_i: lambda: self._set_span(first=playhead.step),
             pygame.K_o: lambda: self._set_span(last=playhead.step),
             pygame.K_g: lambda: self._or_not(curve, "Steps to go are for recordings"),
@@ -92,13 +95,24 @@ class ViewerKeys:
             ),
             **dict.fromkeys((pygame.K_MINUS, pygame.K_KP_MINUS), lambda: playhead.change_speed(-1)),
         }
+        if picture is not None:
+            self._does[pygame.K_F12] = picture
 
     @property
     def help(self) -> tuple[tuple[str, str], ...]:
         """Rows of (key, what it does)."""
-        more = _EXPORT_HELP if self._curve or self._export else ()
+        curve = _CURVE_HELP if self._curve else ()
+        export = _EXPORT_HELP if self._export else ()
         talk = (("T", "say something"),) if self._talks else ()
-        return (*_HELP, *more, *talk, *_WINDOW_HELP)
+        return (*_HELP, *curve, *export, *talk, *_WINDOW_HELP)
+
+    def has(self, key: int) -> bool:
+        """Whether a key does something here."""
+        if key == pygame.K_g:
+            return self._curve is not None
+        if key in (pygame.K_i, pygame.K_o, pygame.K_v):
+            return self._export is not None
+        return key in self._does or key in _HELD
 
     def handle(self, event: pygame.Event) -> bool:
         """Whether an event was a key of the viewer."""
@@ -110,7 +124,8 @@ class ViewerKeys:
             self._held = None
         if event.type != pygame.KEYDOWN:
             return False
-        return self._press(event.key, bool(getattr(event, "mod", 0) & pygame.KMOD_SHIFT))
+        shift = bool(getattr(event, "mod", 0) & pygame.KMOD_SHIFT)
+        return self.press(event.key, shift=shift)
 
     def tick(self) -> None:
         """Do again what a key that is held does."""
@@ -122,7 +137,12 @@ class ViewerKeys:
             self._held = (key, shift, max(due + REPEAT_EVERY, now))
             self._go(key, shift=shift)
 
-    def _press(self, key: int, shift: bool) -> bool:
+    def release(self) -> None:
+        """Nothing is held any more."""
+        self._held = None
+
+    def press(self, key: int, *, shift: bool = False) -> bool:
+        """Whether a key that goes down, or a button that does the same, is one of the viewer."""
         if key == pygame.K_ESCAPE:
             open_page = self._state.help or self._state.log
             self._state.help = self._state.log = False
@@ -178,6 +198,11 @@ class ViewerKeys:
     def _toggle_help(self) -> None:
         self._state.help = not self._state.help
 
+    def _leave(self) -> None:
+        """Close what is open, and let the window ask."""
+        self._state.help = self._state.log = False
+        _press_again(pygame.K_ESCAPE)
+
     def _set_span(self, first: int | None = None, last: int | None = None) -> None:
         state = self._state
         if first is not None:
@@ -186,6 +211,8 @@ class ViewerKeys:
         if last is not None:
             state.last = last
             state.first = None if state.first is not None and state.first >= last else state.first
+        begin, end = state.span(self._playhead.length)
+        state.tell(f"Marked: steps {begin} to {end}. V saves them as a video.")
 
     def _or_not(self, does: Callable[[], None] | None, why_not: str) -> None:
         if does is None:
@@ -194,6 +221,6 @@ class ViewerKeys:
             does()
 
 
-def _ask_for_picture() -> None:
-    """The window saves pictures by another key: there is one way to do it."""
-    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=pygame.K_F12, mod=0, unicode=""))
+def _press_again(key: int) -> None:
+    """What the window does by another key: there is one way to do it."""
+    pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))

@@ -5,15 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-__all__ = ["ViewerState"]
+__all__ = ["Job", "ViewerState"]
 
-MESSAGE_SECONDS = 6.0
+MESSAGE_SECONDS = 8.0
+
+
+@dataclass(slots=True)
+class Job:
+    """Something that is done beside the window, in words; `done` is its share, from 0 to 1, None
+    where nobody knows. `stop` gives it up."""
+
+    words: str
+    stop: Callable[[], None]
+    done: float | None = None
 
 
 @dataclass(slots=True)
 class ViewerState:
     """`followed` is a player, `first` and `last` are the steps of the span to export (None: not
-    marked), `log` and `help` say what is open over the window."""
+    marked), `log` and `help` say what is open over the window, `jobs` what is being done beside it,
+    by what it is about."""
 
     now: Callable[[], float]
     followed: str | None = None
@@ -21,15 +32,14 @@ class ViewerState:
     last: int | None = None
     log: bool = False
     help: bool = False
-    busy: str = ""
-    """What is being done beside the window, in words."""
+    jobs: dict[str, Job] = field(default_factory=dict)
     _message: str = field(default="", repr=False)
     _until: float = field(default=0.0, repr=False)
 
     @property
     def message(self) -> str:
-        """The latest message while it is new, else what is being done at present."""
-        return self._message if self.now() < self._until else self.busy
+        """The latest message, while it is new."""
+        return self._message if self.now() < self._until else ""
 
     def tell(self, message: str) -> None:
         """Show a message for a while."""

@@ -1,4 +1,4 @@
-"""The cards of a game, and of a recording."""
+"""The cards of a game."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from robotouille_client.window.shell.end_card import end_card
 from robotouille_client.window.view import View
 from robotouille_client.window.window import STAY
 
-__all__ = ["LEAVE", "REVIEW", "GameCards", "ReplayCards"]
+__all__ = ["LEAVE", "REVIEW", "GameCards"]
 
 REVIEW = (("Watch the replay", "watch"), ("Save a video", "video"))
 """What can be done with a game that is over and was kept."""
@@ -69,22 +69,3 @@ class GameCards:
         form = self.over(self._last)
         form.message = message
         return form
-
-
-class ReplayCards:
-    """What is asked while a recording is watched; at its end it stays on the screen."""
-
-    def over(self, view: View) -> None:
-        """Nothing: one may go back in it."""
-
-    def leaving(self, view: View) -> Form:
-        """Whether one has seen enough."""
-        rows = [Button("Leave the replay", "menu"), Button("Go on watching", STAY)]
-        return Form("Seen enough?", rows, cancel=STAY)
-
-    def news(self) -> str:
-        """Nothing."""
-        return ""
-
-    def stay(self) -> None:
-        """Nothing: a recording goes on behind the question."""

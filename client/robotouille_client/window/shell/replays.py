@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from robotouille.errors import RobotouilleError
 from robotouille_client.console import explain
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
-from robotouille_client.window.shell.game_cards import GameCards, ReplayCards
+from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.screens.replays_menu import recent_recordings, replays_menu
 from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.stage import Stage
@@ -77,8 +77,8 @@ class Replays:
         Raises:
             RobotouilleError: It cannot be shown.
         """
-        from robotouille_client.window.replay.recorded_look import open_shown
-        from robotouille_client.window.replay.viewer import Viewer
+        from robotouille_client.window.replay.history.recorded_look import open_shown
+        from robotouille_client.window.replay.viewer import ReplayCards, Viewer
 
         stage = self._stage
         stage.splash("Loading …")
@@ -95,6 +95,7 @@ class Replays:
     async def watch_seen(self, history: History, look: KitchenLook | None, rate: float) -> None:
         """Watch what was seen of a game, at a number of steps a second."""
         from robotouille_client.window.replay.history_viewer import HistoryViewer
+        from robotouille_client.window.replay.viewer import ReplayCards
 
         viewer = HistoryViewer(history, rate, self._stage.clock)
         window = self._stage.window(ReplayCards(), look=look, strip=viewer.strip)
@@ -107,7 +108,7 @@ class Replays:
             RobotouilleError: It cannot be read, or the video cannot be written.
         """
         from robotouille_client.window.replay.history.recorded import RecordedHistory
-        from robotouille_client.window.replay.recorded_look import open_shown
+        from robotouille_client.window.replay.history.recorded_look import open_shown
 
         history = RecordedHistory(open_shown(path, self._tasks, damaged=True))
         await self.save_seen(history, None, path.with_suffix(".mp4"))

@@ -6,48 +6,91 @@ import json
 import subprocess
 import sys
 from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
-from robotouille_client.window.replay.history.history import History
+from robotouille.certification.certificate import load_certificate
+from robotouille.domain.catalogue import load_task
+from robotouille.domain.task import Timing
+from robotouille.errors import RobotouilleError
+from robotouille_client.window.replay.history.recorded import RecordedHistory
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve, StepsKnown
-from robotouille_client.window.replay.viewer_state import ViewerState
+from robotouille_client.window.replay.viewer_state import Job, ViewerState
 
 __all__ = ["StepsSearch"]
 
 EXPANSIONS = 500
 SECONDS = 60.0
-"""What a plan may cost, and after how long no more plans are made."""
+"""What a plan may cost, and after how long nothing more is worked out."""
+GRACE = 5.0
+"""Seconds after which a process that does not notice that is ended."""
 
 
 class StepsSearch:
-    """Begins on demand. A thread reads what the process finds: no frame waits for either."""
+    """Begins on demand. A thread reads what the process finds: no frame waits for either.
 
-    def __init__(self, path: Path, history: History, curve: StepsCurve, state: ViewerState) -> None:
+    Args:
+        now: A clock in seconds.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        history: RecordedHistory,
+        curve: StepsCurve,
+        state: ViewerState,
+        now: Callable[[], float],
+    ) -> None:
         self._path = path
         self._history = history
         self._curve = curve
         self._state = state
+        self._now = now
+        self._began = 0.0
+        self._told: set[int] = set()
         self._lines: deque[str] = deque()
         self._process: subprocess.Popen[str] | None = None
         self._reader: Thread | None = None
         self._fault = ""
+        self._ended = False
+
+    @property
+    def running(self) -> bool:
+        """Whether something is being worked out."""
+        return self._process is not None
 
     def start(self) -> None:
-        """Begin, unless it has begun."""
-        if self._curve.begun:
+        """Begin; what is known without a search is there at once. Where all has been worked out,
+        hide the curve or show it again."""
+        if self._ended:
+            self._curve.begun = not self._curve.begun
+        if self.running or self._ended:
             return
-        self._curve.begun = True
-        self._state.busy = "Working out the steps to go …"
+        if not self._curve.begun:
+            self._curve.begun = True
+            self._tell_known()
         command = (
             sys.executable, "-m", "robotouille_client.window.replay.background.steps_worker",
             str(self._path), str(EXPANSIONS), str(SECONDS),
         )  # fmt: skip
+        self._began = self._now()
         self._process = subprocess.Popen(  # noqa: S603
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         self._reader = Thread(target=self._read, args=(self._process,), daemon=True)
         self._reader.start()
+        self._show()
+
+    def _tell_known(self) -> None:
+        """What the task's certificate says of the beginning, and the outcome of the end."""
+        history = self._history
+        known = _certified(history)
+        if known is not None:
+            self._curve.add(0, known)
+        if history.state(history.length).goal_reached:
+            self._curve.add(history.length, StepsKnown(0, 0))
 
     def _read(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None  # noqa: S101
@@ -70,20 +113,70 @@ class StepsSearch:
             return
         ended = not reader.is_alive()
         while self._lines:
-            least, most, dead = json.loads(self._lines.popleft())
-            self._curve.add(StepsKnown(least, most, dead))
-        known, whole = len(self._curve.known), self._history.length + 1
+            step, least, most, dead = json.loads(self._lines.popleft())
+            self._told.add(step)
+            self._curve.add(step, StepsKnown(least, most, dead))
+        late = self._now() - self._began > SECONDS + GRACE
         if ended:
-            self._process, self._state.busy = None, ""
-            if process.wait():
-                self._state.tell(f"Steps to go: {self._fault.rpartition(chr(10))[2] or 'failed'}")
-            else:
-                self._state.tell(f"Steps to go are known up to step {known - 1}")
+            self._end(process.wait())
+        elif late:
+            self.stop()
         else:
-            self._state.busy = f"Working out the steps to go: {known} of {whole}"
+            self._show()
+
+    def _show(self) -> None:
+        """How much is known, and how much of the time has passed, whichever is more."""
+        known, whole = len(self._told), self._history.length + 1
+        seconds = self._now() - self._began
+        left = max(0, round(SECONDS - seconds))
+        words = f"Steps to go: {known} of {whole}, for {left} s more at most"
+        if known == whole:
+            words = f"Steps to go: what is proven, for {left} s more at most"
+        done = seconds / SECONDS if known == whole else max(known / whole, seconds / SECONDS)
+        self._state.jobs[f"steps {self._path}"] = Job(words, self.stop, done)
+
+    def _end(self, status: int) -> None:
+        self._forget()
+        if status:
+            self._state.tell(f"Steps to go: {self._fault.rpartition(chr(10))[2] or 'failed'}")
+            return
+        self._ended = True
+        self._tell_end()
+
+    def _tell_end(self) -> None:
+        known, whole = len(self._told), self._history.length + 1
+        if known == whole:
+            self._state.tell("The steps to go are known at every step")
+        else:
+            self._state.tell(
+                f"The steps to go are known at {known} of {whole} steps, straight lines between"
+            )
+
+    def stop(self) -> None:
+        """Be content with what is known."""
+        self.close()
+        self._forget()
+        self._tell_end()
+
+    def _forget(self) -> None:
+        self._process = None
+        self._state.jobs.pop(f"steps {self._path}", None)
 
     def close(self) -> None:
         """Stop working."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
+
+
+def _certified(history: RecordedHistory) -> StepsKnown | None:
+    """What the certificate of a shipped task says of its beginning, if there is one."""
+    task = replace(history.world.task, timing=Timing.BENCHMARK)
+    try:
+        shipped = load_task(task.name, seats=task.seats)
+        if shipped.digest != task.digest:
+            return None
+        certificate = load_certificate(shipped)
+    except (RobotouilleError, OSError):
+        return None
+    return StepsKnown(certificate.bound, certificate.length)

@@ -1,4 +1,4 @@
-"""The process that works out the steps to go of a recording: a line of JSON for each state.
+"""The process that works out the steps to go of a recording: a line of JSON for each finding.
 
 python -m robotouille_client.window.replay.background.steps_worker FILE EXPANSIONS SECONDS
 """
@@ -17,11 +17,11 @@ __all__ = ["main"]
 
 
 def main(file: str, expansions: str, seconds: str) -> int:
-    """Print `[least, most, dead]` of each state as it is found; the exit status."""
+    """Print `[step, least, most, dead]` as it is found; the exit status."""
     try:
         recording = read_recording(file, damaged=True)
-        for left in estimates(recording, int(expansions), Deadline(float(seconds))):
-            print(json.dumps([left.bound, left.steps, left.dead]), flush=True)
+        for step, left in estimates(recording, int(expansions), Deadline(float(seconds))):
+            print(json.dumps([step, left.bound, left.steps, left.dead]), flush=True)
     except (RobotouilleError, ValueError) as error:
         print(error, file=sys.stderr)
         return 1

@@ -6,54 +6,23 @@ from collections import Counter
 
 import pygame
 
-from robotouille.episode.tallies import Activity
-from robotouille_client.window.pictures.theme import (
-    ACCENT,
-    BAD,
-    CARD,
-    GOOD,
-    INK,
-    PAPER,
-    TEXT,
-    Colour,
-    mixed,
-)
+from robotouille_client.window.pictures.theme import CARD
 from robotouille_client.window.replay.history.history import ACTIVITIES, EntryKind, History
+from robotouille_client.window.replay.timeline.legend import (
+    ACTIVITY_LOOKS,
+    MARK_COLOURS,
+    TRACK,
+    Look,
+    draw_mark,
+    textured,
+)
 from robotouille_client.window.replay.timeline.scale import Scale
 
-__all__ = ["ACTIVITY_LOOKS", "ACTIVITY_WORDS", "MARK_COLOURS", "Lanes", "draw_mark"]
+__all__ = ["Lanes"]
 
-ACTIVITY_LOOKS: dict[Activity, tuple[Colour, float]] = {
-    Activity.SUBSTITUTED: ((168, 128, 210), 0.72),
-    Activity.AWAY: ((104, 96, 112), 0.1),
-    Activity.ACTED: ((116, 206, 134), 1.0),
-    Activity.BUSY: ((86, 148, 222), 0.72),
-    Activity.WAITING: ((244, 164, 74), 0.46),
-    Activity.IDLE: ((150, 140, 160), 0.2),
-}
-"""Colour and height of an activity: the heights say the same to those who see no colours."""
-ACTIVITY_WORDS = {
-    Activity.ACTED: "acted",
-    Activity.BUSY: "working",
-    Activity.WAITING: "waiting",
-    Activity.IDLE: "idle",
-    Activity.AWAY: "away",
-    Activity.SUBSTITUTED: "stand-in",
-}
-MARK_COLOURS: dict[EntryKind, Colour] = {
-    EntryKind.REJECTED: BAD,
-    EntryKind.SAID: PAPER,
-    EntryKind.REASONING: (196, 150, 240),
-    EntryKind.PAUSED: ACCENT,
-    EntryKind.RESTARTED: ACCENT,
-    EntryKind.ANNOUNCED: ACCENT,
-    EntryKind.ENDED: GOOD,
-}
 _WIDE = 5
 """Pixels a step from which on steps are drawn one by one, with a gap."""
-_OUTLINED = 9
-"""Pixels from which on a sign has an outline."""
-_LOOKS = [*(ACTIVITY_LOOKS[activity] for activity in ACTIVITIES), (CARD, 0.0)]
+_LOOKS = [*(ACTIVITY_LOOKS[activity] for activity in ACTIVITIES), Look(CARD, 0.0, "")]
 """By the byte of a lane; nothing is drawn of what was not seen."""
 
 
@@ -99,31 +68,43 @@ class Lanes:
             top = head + place * rows
             fade = 0.0 if followed in (None, place) else 0.6
             track = pygame.Rect(left, top + 1, scale.width, rows - 2)
-            surface.fill(mixed(CARD, INK, 0.25), track)
+            surface.fill(TRACK, track)
             row = pygame.Rect(left, top + marks, scale.width, rows - marks - 2)
+            looks = [textured(look, row.size, fade) for look in _LOOKS]
             if scale.width >= _WIDE * scale.shown:
-                self._steps(surface, row, lane, scale, fade)
+                self._steps(surface, row, lane, scale, looks)
             else:
-                self._columns(surface, row, lane, scale, fade)
+                self._columns(surface, row, lane, scale, looks)
         self._marks(surface, area.left, scale, rows, head, followed)
         return surface
 
     def _steps(
-        self, surface: pygame.Surface, row: pygame.Rect, lane: bytearray, scale: Scale, fade: float
+        self,
+        surface: pygame.Surface,
+        row: pygame.Rect,
+        lane: bytearray,
+        scale: Scale,
+        looks: list[pygame.Surface],
     ) -> None:
         """A block for each step."""
         shift = row.left - scale.left
         for step in range(int(scale.first), min(len(lane), int(scale.last) + 1)):
-            colour, high = _LOOKS[lane[step]]
+            code = lane[step]
+            high = _LOOKS[code].height
             left = max(row.left, scale.x(step) + shift)
             right = min(row.right, scale.x(step + 1) + shift) - 1
             height = max(2, round(row.height * high))
             if right > left and high:
-                place = (left, row.bottom - height, right - left, height)
-                surface.fill(mixed(colour, CARD, fade), place)
+                part = (left - row.left, row.height - height, right - left, height)
+                surface.blit(looks[code], (left, row.bottom - height), part)
 
     def _columns(
-        self, surface: pygame.Surface, row: pygame.Rect, lane: bytearray, scale: Scale, fade: float
+        self,
+        surface: pygame.Surface,
+        row: pygame.Rect,
+        lane: bytearray,
+        scale: Scale,
+        looks: list[pygame.Surface],
     ) -> None:
         """A column of pixels for several steps: each activity has its share of the height."""
         for x in range(row.width):
@@ -132,15 +113,14 @@ class Lanes:
             steps = lane[start:end]
             if not steps:
                 break
-            bottom = float(row.bottom)
+            bottom = float(row.height)
             for code in _BY_HEIGHT:
                 count = steps.count(code)
                 if count:
-                    colour, high = _LOOKS[code]
-                    height = row.height * high * count / len(steps)
+                    height = row.height * _LOOKS[code].height * count / len(steps)
                     top = round(bottom - height)
-                    place = (row.left + x, top, 1, max(1, round(bottom) - top))
-                    surface.fill(mixed(colour, CARD, fade), place)
+                    part = (x, top, 1, max(1, round(bottom) - top))
+                    surface.blit(looks[code], (row.left + x, row.top + top), part)
                     bottom -= height
 
     def _marks(
@@ -178,37 +158,4 @@ class Lanes:
 
 _LINE = {EntryKind.REJECTED: 0, EntryKind.REASONING: 2, EntryKind.SAID: 4}
 """How far down the lines of a kind begin, in sixths: they are seen side by side."""
-_BY_HEIGHT = sorted(range(len(ACTIVITIES)), key=lambda code: -_LOOKS[code][1])
-
-
-def draw_mark(surface: pygame.Surface, kind: EntryKind, top: tuple[int, int], size: int) -> None:
-    """A small sign, in the middle below a point: each kind has a shape of its own."""
-    x, y = float(top[0]), float(top[1])
-    half, colour = size / 2, MARK_COLOURS[kind]
-    middle = (x, y + half)
-    match kind:
-        case EntryKind.REJECTED:
-            points = [(x - half, y), (x + half, y), (x, y + size)]
-        case EntryKind.REASONING:
-            points = [(x, y), (x + half, y + half), (x, y + size), (x - half, y + half)]
-        case EntryKind.SAID:
-            if size >= _OUTLINED:
-                pygame.draw.circle(surface, INK, middle, half + 1)
-            pygame.draw.circle(surface, colour, middle, half)
-            return
-        case EntryKind.PAUSED:
-            bar = max(2, size // 3)
-            for left in (x - half, x + half - bar):
-                surface.fill(colour, (round(left), top[1], bar, size))
-            return
-        case EntryKind.RESTARTED:
-            pygame.draw.circle(surface, colour, middle, half, max(2, size // 4))
-            return
-        case EntryKind.ENDED:
-            surface.fill(TEXT, (top[0] - 1, top[1], 2, size * 2))
-            points = [(x, y), (x - size * 1.4, y + half), (x, y + size)]
-        case _:
-            points = [(x, y), (x + half, y + size), (x - half, y + size)]
-    pygame.draw.polygon(surface, colour, points)
-    if size >= _OUTLINED:
-        pygame.draw.polygon(surface, INK, points, 1)
+_BY_HEIGHT = sorted(range(len(ACTIVITIES)), key=lambda code: -_LOOKS[code].height)

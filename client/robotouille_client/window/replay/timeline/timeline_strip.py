@@ -6,39 +6,35 @@ import pygame
 
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import (
-    ACCENT,
-    FAINT,
-    INK,
-    PANEL,
-    PAPER,
-    SEATS,
-    TEXT,
-    mixed,
-)
+from robotouille_client.window.pictures.theme import ACCENT, FAINT, INK, PANEL, PAPER, SEATS, TEXT
 from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.playhead import Playhead
+from robotouille_client.window.replay.timeline.button_row import ButtonRow, Look
 from robotouille_client.window.replay.timeline.key_help import draw_key_help
 from robotouille_client.window.replay.timeline.lanes import Lanes
 from robotouille_client.window.replay.timeline.log_panel import LogPanel
-from robotouille_client.window.replay.timeline.readout import draw_readout, readout_words
+from robotouille_client.window.replay.timeline.readout import draw_readout, readout_parts
 from robotouille_client.window.replay.timeline.scale import Scale
 from robotouille_client.window.replay.timeline.steps_curve import StepsCurve
-from robotouille_client.window.replay.timeline.words import entry_words, name_of, time_words
+from robotouille_client.window.replay.timeline.toast import Toast
+from robotouille_client.window.replay.timeline.tooltip import draw_tooltip, told_at
 from robotouille_client.window.replay.viewer_keys import ViewerKeys
 from robotouille_client.window.replay.viewer_state import ViewerState
 from robotouille_client.window.view import View
 
 __all__ = ["TimelineStrip"]
 
-READOUT, ROW, CURVE, AXIS = 1.8, 1.5, 2.8, 1.25
+READOUT, ROW, CURVE, AXIS = 1.9, 1.5, 2.8, 1.25
 """Heights, as multiples of the text size."""
+MAX_ROWS = 6.0
+"""How high all lanes are together, as a multiple of the text size; they are lower then."""
+LEAST_ROW = 0.8
 HEAD_ROW = 0.5
 """The height of the marks that are nobody's, as part of a lane's."""
+LEAST_WORDS = 5.5
+"""The room beside the buttons, as a multiple of the text size."""
 NEAR = 4
 """Pixels from which a mark is meant."""
-MAX_TOLD = 5
-"""Entries that the pointer tells of."""
 ZOOM = 0.8
 
 
@@ -73,7 +69,9 @@ class TimelineStrip:
         self._lane_area = pygame.Rect(0, 0, 0, 0)
         self._row = 1
         self._head_row = 1
-        self._button = pygame.Rect(0, 0, 0, 0)
+        self._curve_high = 0
+        self._buttons = None if keys is None else ButtonRow(keys)
+        self._toast = None if keys is None else Toast(state)
         self._pointer: tuple[int, int] | None = None
         self._dragging = False
         self._silent = False
@@ -82,7 +80,12 @@ class TimelineStrip:
     def lines(self) -> float:
         """The strip's height, as a multiple of the window's text size."""
         curve = CURVE if self._curve.begun else 0.0
-        return READOUT + curve + ROW * (len(self._history.lanes) + HEAD_ROW) + AXIS
+        return READOUT + curve + self._row_lines * (len(self._history.lanes) + HEAD_ROW) + AXIS
+
+    @property
+    def _row_lines(self) -> float:
+        """The height of a lane."""
+        return max(LEAST_ROW, min(ROW, MAX_ROWS / len(self._history.lanes)))
 
     def tick(self) -> None:
         """A frame passes: a key that is held does again what it does."""
@@ -96,10 +99,10 @@ class TimelineStrip:
         history, playhead, state, scale = self._history, self._playhead, self._state, self._scale
         step = min(playhead.step, history.length)
         return (
-            readout_words(history, playhead, state), state.message, state.help, state.log,
+            readout_parts(history, playhead, state), state.help, state.log,
+            None if self._toast is None else self._toast.seen(),
             playhead.playing, scale.x(playhead.position), scale.first, scale.shown,
-            history.length, len(history.marks), history.seats(step),
-            self._curve.begun, len(self._curve.known),
+            history.length, len(history.marks), history.seats(step), self._curve.seen(),
         )  # fmt: skip
 
     def draw(
@@ -110,10 +113,7 @@ class TimelineStrip:
         self._place(area, size)
         target.fill(PANEL, area)
         target.fill(INK, (area.x, area.y, area.width, 2))
-        readout = pygame.Rect(area.x, area.y, area.width, round(READOUT * size))
-        self._button = draw_readout(
-            target, readout, text, size, self._history, self._playhead, self._state
-        )
+        self._top_row(target, area, text, size)
         self._curve.draw(target, self._curve_area(size), text, size, self._scale)
         followed = self._state.followed
         players = self._history.world.players
@@ -127,17 +127,47 @@ class TimelineStrip:
             beside = pygame.Rect(area.right, 0, target.get_width() - area.right, 0)
             beside.height = target.get_height()
             self._log.draw(target, beside, text, size, view.step, followed)
+        room = pygame.Rect(area.x + size // 2, 0, area.width - size, area.top - 4)
+        if self._toast is not None:
+            self._toast.draw(target, room, text, size)
         self._tooltip(target, area, text, size)
         if self._state.help and self._keys is not None:
             draw_key_help(target, text, size, self._keys.help)
 
+    def _top_row(
+        self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
+    ) -> None:
+        """The buttons, and in words where one is."""
+        row = pygame.Rect(area.x, area.y + 1, area.width, round(READOUT * size))
+        right = row.x
+        if self._buttons is not None:
+            buttons = row.copy()
+            buttons.width -= round(LEAST_WORDS * size)
+            right = self._buttons.draw(target, buttons, text, size, self._look())
+        words = pygame.Rect(right + size // 2, row.y, 0, row.height)
+        words.width = max(1, row.right - size // 2 - words.x)
+        history = self._history
+        parts = readout_parts(history, self._playhead, self._state)
+        ended = history.outcome is not None and self._playhead.step >= history.length
+        draw_readout(target, words, text, size, parts, ended=ended)
+
+    def _look(self) -> Look:
+        state = self._state
+        on = {
+            pygame.K_f: state.followed is not None, pygame.K_l: state.log,
+            pygame.K_g: self._curve.begun, pygame.K_i: state.first is not None,
+            pygame.K_o: state.last is not None, pygame.K_h: state.help,
+        }  # fmt: skip
+        lit = frozenset(key for key, is_on in on.items() if is_on)
+        return Look(self._playhead.playing, self._playhead.follows, lit)
+
     def _place(self, area: pygame.Rect, size: int) -> None:
         """Work out where everything is."""
-        self._row = max(6, round(ROW * size))
+        self._row = max(6, round(self._row_lines * size))
         left = area.x + min(round(size * 7.5), area.width // 4)
         width = max(1, area.right - left - size)
-        curve = round(CURVE * size) if self._curve.begun else 0
-        top = area.y + round(READOUT * size) + curve
+        self._curve_high = round(CURVE * size) if self._curve.begun else 0
+        top = area.y + round(READOUT * size) + self._curve_high
         self._head_row = round(self._row * HEAD_ROW)
         high = self._head_row + self._row * len(self._history.lanes)
         self._lane_area = pygame.Rect(left - size, top, width + 2 * size, high)
@@ -160,8 +190,9 @@ class TimelineStrip:
             chip = pygame.Rect(area.x + size // 2, top + 2, max(4, size // 3), self._row - 4)
             target.blit(box(chip.size, SEATS[place % len(SEATS)], 2), chip)
             room = self._scale.left - chip.right - size
-            words = text.fit(seat.name or seat.player, max(10, size - 2), room)
-            drawn = text.line(words, max(10, size - 2), TEXT if followed else FAINT)
+            letters = max(7, min(max(10, size - 2), self._row - 2))
+            words = text.fit(seat.name or seat.player, letters, room)
+            drawn = text.line(words, letters, TEXT if followed else FAINT)
             target.blit(drawn, drawn.get_rect(midleft=(chip.right + size // 3, chip.centery)))
 
     def _span(self, target: pygame.Surface) -> None:
@@ -207,46 +238,19 @@ class TimelineStrip:
     def _tooltip(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
     ) -> None:
-        pointer = self._pointer
-        hidden = self._silent or self._state.help
-        if pointer is None or hidden or not self._on_lanes(pointer):
+        pointer, room = self._pointer, pygame.Rect(area.x + 2, 0, area.width - 4, area.bottom)
+        if pointer is None or self._silent or self._state.help:
             return
-        step, small = self._step_at(pointer), max(10, size - 1)
-        most = min(area.width - 2 * size, 26 * size)
-        lines = [
-            line for words in self._told(step, pointer) for line in text.wrap(words, small, most, 2)
-        ]
-        high, pad = text.height(small), size // 2
-        width = max(text.width(line, small) for line in lines) + 2 * pad
-        card = pygame.Rect(0, 0, width, high * len(lines) + pad)
-        card.midbottom = (self._scale.x(step), area.top + round(READOUT * size) - 4)
-        if self._curve.begun:
-            card.bottom = self._curve_area(size).top - 4
-        card.clamp_ip(pygame.Rect(area.x + 2, 0, area.width - 4, area.bottom))
-        x = self._scale.x(step)
-        pygame.draw.line(target, PAPER, (x, self._lane_area.top), (x, self._lane_area.bottom))
-        target.blit(box(card.size, (*INK, 240), 6, mixed(INK, PAPER, 0.4)), card)
-        for i, line in enumerate(lines):
-            drawn = text.line(line, small, ACCENT if i == 0 else TEXT)
-            target.blit(drawn, (card.x + pad, card.y + pad // 2 + i * high))
-
-    def _told(self, step: int, pointer: tuple[int, int]) -> list[str]:
-        """Step and time, what the seat under the pointer does, and what happened."""
-        history = self._history
-        step = min(step, history.length)
-        left = self._curve.words(step)
-        head = f"Step {step} · {time_words(history.times[step])}{f' · {left}' if left else ''}"
-        player = self._player_at(pointer)
-        if player is None:
-            entries = history.entries(step)
-            told = [_line(history, entry.player, step, entry_words(entry)) for entry in entries]
-        else:
-            entries = tuple(e for e in history.entries(step) if e.player in (player, ""))
-            did = history.activity(player, step) if step else None
-            does = "has not begun" if not step else _DOES.get(did or "", "was not seen")
-            told = [f"{name_of(history, player, step)} {does}", *map(entry_words, entries)]
-        more = [f"and {len(told) - MAX_TOLD} more"] if len(told) > MAX_TOLD else []
-        return [head, *told[:MAX_TOLD], *more]
+        does = "" if self._buttons is None else self._buttons.told(pointer)
+        if does:
+            draw_tooltip(target, room, (pointer[0], area.top - 4), [does], text, size)
+        elif self._on_lanes(pointer):
+            step = self._step_at(pointer)
+            player, x = self._player_at(pointer), self._scale.x(step)
+            told = told_at(self._history, step, player, self._curve.words(step))
+            top = self._curve_area(size).top if self._curve.begun else self._lane_area.top
+            pygame.draw.line(target, PAPER, (x, self._lane_area.top), (x, self._lane_area.bottom))
+            draw_tooltip(target, room, (x, top - 4), told, text, size)
 
     # The mouse
 
@@ -259,6 +263,8 @@ class TimelineStrip:
             return self._dragging
         if event.type == pygame.MOUSEBUTTONUP:
             dragged, self._dragging = self._dragging, False
+            if self._keys is not None:
+                self._keys.release()
             return dragged
         if event.type in (pygame.WINDOWLEAVE, pygame.WINDOWFOCUSLOST):
             self._pointer, self._dragging = None, False
@@ -280,10 +286,14 @@ class TimelineStrip:
             if step is not None and event.button == 1:
                 self._playhead.seek(step, playing=False)
             return True
+        if event.button == 1 and self._toast is not None and self._toast.press(event.pos):
+            return True
         if not area.collidepoint(event.pos):
             return False
-        if event.button == 1 and self._button.collidepoint(event.pos):
-            self._playhead.toggle()
+        key = None if self._buttons is None else self._buttons.at(event.pos)
+        if key is not None and self._keys is not None:
+            if event.button == 1:
+                self._keys.press(key)
         elif event.button == 1 and self._on_lanes(event.pos):
             self._dragging = True
             self._playhead.seek(self._step_at(event.pos))
@@ -298,10 +308,9 @@ class TimelineStrip:
 
     def _on_lanes(self, position: tuple[int, int]) -> bool:
         area = self._lane_area
-        curve = round(area.height if self._curve.begun else 0)
         return area.inflate(0, 4).collidepoint(position) or (
-            bool(curve) and area.left <= position[0] <= area.right
-            and area.top - round(CURVE * self._row / ROW) <= position[1] < area.top
+            self._curve.begun and area.left <= position[0] <= area.right
+            and area.top - self._curve_high <= position[1] < area.top
         )  # fmt: skip
 
     def _player_at(self, position: tuple[int, int]) -> str | None:
@@ -317,20 +326,6 @@ class TimelineStrip:
         if mark is not None and mark.step <= near[1]:
             return mark.step
         return self._scale.step(position[0])
-
-
-_DOES = {
-    "acted": "acted",
-    "busy": "was working or walking",
-    "waiting": "was waiting, or was refused something",
-    "idle": "did nothing",
-    "away": "was away",
-    "substituted": "had a stand-in",
-}
-
-
-def _line(history: History, player: str, step: int, words: str) -> str:
-    return f"{name_of(history, player, step)}: {words}" if player else words
 
 
 def _round_number(at_least: float) -> int:
