@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from robotouille.certification.certificate import Certificate, load_certificate
-    from robotouille.domain.catalogue import load_task, task_names
+    from robotouille.domain.loading import load_task, task_names
     from robotouille.domain.task import Task, Timing
     from robotouille.errors import (
         Fault,
@@ -40,7 +40,7 @@ else:
         __name__,
         "robotouille.errors",
         "robotouille.domain.task",
-        "robotouille.domain.catalogue",
+        "robotouille.domain.loading",
         "robotouille.world.grounding.actions",
         "robotouille.world.timers",
         "robotouille.world.unmet",

@@ -100,7 +100,7 @@ class FileError(RobotouilleError):
 
 
 class UnknownTaskError(RobotouilleError):
-    """No task of that name in the catalogue, and no such file; `file` is one that may be meant."""
+    """No shipped task has that name, and no such file is there; `file` is one that may be meant."""
 
     def __init__(self, name: str, valid: Iterable[str], file: str | None = None) -> None:
         self.name = name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
 from robotouille_server.rooms.substitutes.bot_scheduler import MAX_IN_FLIGHT, BotScheduler
 from robotouille_server.rooms.substitutes.bot_worker import BotWorkerLostError

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.substitutes.bot_worker import ThreadBotWorker
 from robotouille_server.rooms.substitutes.bots import Bots

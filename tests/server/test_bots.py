@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.planning.beam.planner import BeamPlanner
 from robotouille.world.world import State, World, shared_world
 from robotouille_server.rooms.substitutes import bots

@@ -9,7 +9,7 @@ from typing import Any
 import msgpack
 import pytest
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.substitutes.worker_main import (
     DONE,

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Timing
 from robotouille.world.world import shared_world
 from robotouille_server.rooms.substitutes import worker_process

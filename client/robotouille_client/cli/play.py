@@ -94,7 +94,7 @@ def _check_look(name: str) -> None:
     """Tell all that is wrong with the looks of a task of one's own, before a window opens."""
     if not name.endswith(".json"):
         return  # Those that are shipped have been looked at.
-    from robotouille.domain.catalogue import load_task
+    from robotouille.domain.loading import load_task
     from robotouille.world.lint.companions import lint_look
 
     faults = lint_look(load_task(name))

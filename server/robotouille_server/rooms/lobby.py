@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 from typing import Any
 
 from robotouille.certification.step_limit import people_step_limit
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.episode import Chat, Episode, Phase, Rules, SeatTreatment
 from robotouille.errors import FileError, ProtocolError, UnknownTaskError, did_you_mean
@@ -523,7 +523,7 @@ class Lobby:
 
 @lru_cache(maxsize=256)
 def _shipped(name: str, seats: int | None, timing: Timing, seed: int) -> Task:
-    """A task of the catalogue; its files do not change while the server runs."""
+    """A task by its name; its files do not change while the server runs."""
     return load_task(name, seats=seats, timing=timing, seed=seed, files=False)
 
 

@@ -19,8 +19,8 @@ from typing import Annotated, Literal, Protocol
 
 from pydantic import BaseModel, Field
 
-from robotouille.domain.catalogue import load_task
 from robotouille.domain.files import read_model, whole_file
+from robotouille.domain.loading import load_task
 from robotouille.domain.schema import Schema
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import Fault, FileError, RobotouilleError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pettingzoo
 from gymnasium.envs.registration import register, registry
 
-from robotouille.domain.catalogue import task_names
+from robotouille.domain.loading import task_names
 
 __all__ = ["env_id", "register_envs"]
 

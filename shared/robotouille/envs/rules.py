@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypedDict, TypeVar
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
 from robotouille.errors import WrongArgumentError
 from robotouille.world.world import State

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from robotouille.domain.catalogue import load_task, task_names
+from robotouille.domain.loading import load_task, task_names
 from robotouille.generation.generator import Generator
 from robotouille.generation.instance import Instance
 from robotouille.generation.parameters import DEFAULT, Kind, Parameters

@@ -7,7 +7,7 @@ from typing import Any
 
 from robotouille.certification.certificate import load_certificate
 from robotouille.certification.step_limit import retimed_length
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task, Timing
 from robotouille.errors import RobotouilleError
 from robotouille_client.window.forms.form import Form

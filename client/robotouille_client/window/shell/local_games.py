@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from robotouille.domain.catalogue import task_names
+from robotouille.domain.loading import task_names
 from robotouille_client.bots.partners import MakePartners
 from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan

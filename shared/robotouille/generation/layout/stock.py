@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from functools import cache
 
-from robotouille.domain.catalogue import task_names
 from robotouille.domain.checks import fluents
 from robotouille.domain.files import read_model
+from robotouille.domain.loading import task_names
 from robotouille.domain.schema import ObjectDef, ProblemFile
 from robotouille.domain.task import Task
 from robotouille.generation.layout.type_roles import Roles

@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import Thread
 
 from robotouille.certification.certificate import load_certificate
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Timing
 from robotouille.errors import RobotouilleError
 from robotouille_client.window.replay.history.recorded import RecordedHistory

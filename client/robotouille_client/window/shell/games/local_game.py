@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from robotouille.certification.step_limit import people_step_limit
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.domain.task import Task
 from robotouille.episode import Episode, Event, Rules
 from robotouille.episode.rules import Clock

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robotouille.domain.catalogue import load_task, task_names
+from robotouille.domain.loading import load_task, task_names
 from robotouille_client.bots.kinds import BotKind
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button, Choice, Slider, Words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robotouille.domain.catalogue import load_task, task_names
+from robotouille.domain.loading import load_task, task_names
 from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
 from robotouille_client.window.forms.form import Form

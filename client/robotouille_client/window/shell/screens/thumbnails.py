@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import pygame
 
-from robotouille.domain.catalogue import load_task
+from robotouille.domain.loading import load_task
 from robotouille.errors import RobotouilleError
 from robotouille.world.world import World
 from robotouille_client.window.drawing.painter import Painter
