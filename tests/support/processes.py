@@ -6,7 +6,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,10 +18,10 @@ COMMAND = [sys.executable, "-c", "from robotouille_server.cli import main; main(
 
 @contextmanager
 def started(
-    folder: Path, *flags: str, **environment: str
+    folder: Path, *flags: str, prefix: Sequence[str] = (), **environment: str
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A server process that serves, and what it has printed."""
-    arguments = [*COMMAND, "--port", "0", "--recordings", str(folder), *flags]
+    """A server process that serves, and what it has printed; a `prefix` runs it elsewhere."""
+    arguments = [*prefix, *COMMAND, "--port", "0", "--recordings", str(folder), *flags]
     server = subprocess.Popen(
         arguments,
         stdout=subprocess.PIPE,
@@ -46,10 +46,10 @@ def started(
 
 @contextmanager
 def process(
-    folder: Path, *flags: str, **environment: str
+    folder: Path, *flags: str, prefix: Sequence[str] = (), **environment: str
 ) -> Iterator[tuple[subprocess.Popen[str], str, str]]:
     """A server process, its URL and the code of its first kitchen."""
-    with started(folder, *flags, **environment) as (server, text):
+    with started(folder, *flags, prefix=prefix, **environment) as (server, text):
         found = re.search(r"(ws://\S+)[\s\S]*code is ([A-Z-]+)", text)
         assert found, text
         yield server, found.group(1), found.group(2)
