@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import pygame
@@ -95,3 +96,55 @@ def test_the_names_of_all_seats_are_read(seat: int) -> None:
     assert contrast(theme.PAPER, seat_fill(seat)) >= 4.5
     assert contrast(seat_ink(seat), theme.CARD) >= 4.5
     assert contrast(seat_ink(seat), theme.PANEL) >= 4.5
+
+
+CHOICES = UiOverlay(choices=tuple(f"Go to table {i}" for i in range(8)), more="9 more")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_is_seen_through_the_list(size: tuple[int, int]) -> None:
+    """The chat and the seats end above it, and do not shine through."""
+    view = crowded(9)
+    chats = [(("Ada", word * 30),) * 9 for word in ("quick ", "brown ")]
+    shown = []
+    for chat in chats:
+        painter, surface = Painter(), pygame.Surface(size)
+        painter.paint(surface, dataclasses.replace(view, chat=chat, bubbles=()), CHOICES)
+        layout = painter.layout(size, view.world)
+        top = size[1] - layout.text * 4
+        shown.append(surface.subsurface((layout.panel.left, top, layout.panel.width, size[1] - top)))
+    one, other = (pygame.image.tobytes(each, "RGB") for each in shown)
+    assert one == other
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_words_keep_off_the_outcome_and_the_strip_of_keys(size: tuple[int, int]) -> None:
+    view = dataclasses.replace(crowded(23), outcome="Out of steps.", lost=True)
+    painter, surface = Painter(), pygame.Surface(size)
+    layout = painter.layout(size, view.world)
+    overlay = UiOverlay(layout.kitchen.midbottom, ("Pick up lettuce1",), "Nothing to do")
+    painter.paint(surface, view, overlay)
+    (band,) = painter._notices.reserved(layout, view, overlay)
+    places = painter._labels.places().values()
+    assert places
+    for area in places:
+        assert not area.colliderect(band)
+        assert area.bottom <= layout.strip.top - 2 * layout.text
+
+
+@pytest.mark.parametrize("station", ["table1", "board1", "stove1", "sink1"])
+def test_what_is_under_the_mouse_is_marked(station: str) -> None:
+    """On light wood and on dark iron: its edge differs from what is around it by a lot."""
+    world = World("multi_agent/07")
+    painter = Painter()
+    view = View(world, world.initial, hover=station)
+    plain, marked = pygame.Surface((640, 400)), pygame.Surface((640, 400))
+    painter.paint(plain, dataclasses.replace(view, hover=None))
+    painter.paint(marked, view)
+    layout = painter.layout((640, 400), world)
+    cell = layout.cell(painter.stage(world.initial).placed[station].tile)
+    edge = (cell.left + 1, cell.centery)
+    ink, ground = marked.get_at(edge)[:3], marked.get_at((cell.left - 1, cell.centery))[:3]
+    assert contrast(ink, ground) > 4.5
+    middle = cell.center
+    assert contrast(marked.get_at(middle)[:3], plain.get_at(middle)[:3]) < 2.5, "and quietly"

@@ -47,8 +47,7 @@ class KeyStrip:
             self._mark(target, layout, stage, ui_overlay.mark)
         if ui_overlay.typing is None:
             self._keys(target, layout, ui_overlay)
-        if ui_overlay.choices is not None:
-            self._list(target, layout, ui_overlay)
+        self._list(target, layout, ui_overlay)
 
     def _mark(self, target: pygame.Surface, layout: Layout, stage: Stage, mark: Mark) -> None:
         placed = stage.placed.get(mark.station)
@@ -110,20 +109,40 @@ class KeyStrip:
         line = self._text.line(words, size, ink)
         target.blit(line, line.get_rect(midleft=(cap.right + size // 2, at[1])))
 
-    def _list(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
+    def list_area(self, layout: Layout, ui_overlay: UiOverlay) -> pygame.Rect | None:
+        """Where the open list is, if it is open."""
+        if ui_overlay.choices is None:
+            return None
         size, pad = layout.text, layout.text
-        rows = list(ui_overlay.choices or ()) or ["Nothing can be done now."]
-        step = size * 7 // 4
-        most = layout.size[0] // 2
-        words = [self._text.fit(row, size, most) for row in rows]
-        foot = self._text.fit(ui_overlay.more, size - 2, most)
+        words, foot = self._list_words(layout, ui_overlay)
         widest = max(self._text.width(row, size) for row in (*words, foot)) + 5 * pad
-        high = step * (len(rows) + bool(foot)) + 2 * pad
+        high = self._step(layout) * (len(words) + bool(foot)) + 2 * pad
+        widest = max(layout.panel.width - pad, min(widest, layout.size[0] - 2 * pad))
         area = pygame.Rect(0, 0, widest, high)
         area.bottomright = (layout.size[0] - pad, layout.strip.top - 2 * pad)
-        target.blit(box(area.size, (*PANEL, 245), pad, ACCENT), area)
+        return area
+
+    def _list_words(self, layout: Layout, ui_overlay: UiOverlay) -> tuple[list[str], str]:
+        """The rows of the list, and what is below them."""
+        size, most = layout.text, layout.size[0] // 2
+        rows = ui_overlay.choices or ("Nothing can be done now.",)
+        return [self._text.fit(row, size, most) for row in rows], self._text.fit(
+            ui_overlay.more, size - 2, most
+        )
+
+    def _step(self, layout: Layout) -> int:
+        return layout.text * 7 // 4
+
+    def _list(self, target: pygame.Surface, layout: Layout, ui_overlay: UiOverlay) -> None:
+        area = self.list_area(layout, ui_overlay)
+        if area is None:
+            return
+        size, pad, step = layout.text, layout.text, self._step(layout)
+        words, foot = self._list_words(layout, ui_overlay)
+        target.blit(box(area.size, PANEL, pad, ACCENT), area)
         for i, row in enumerate(words):
-            place = pygame.Rect(area.x + pad // 2, area.y + pad + i * step, widest - pad, step - 2)
+            top = area.y + pad + i * step
+            place = pygame.Rect(area.x + pad // 2, top, area.width - pad, step - 2)
             chosen = bool(ui_overlay.choices) and i == ui_overlay.chosen
             self._places.append((place, str(i + 1)))
             if chosen:

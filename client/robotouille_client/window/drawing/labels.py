@@ -80,7 +80,8 @@ class Labels:
             *self._bubbles(layout, view, poses),
             *self._tips(layout, overlay, listed),
         ]
-        below = layout.text * 2 if overlay.keys or overlay.hints else 0  # The strip of keys.
+        told = overlay.keys or overlay.hints or overlay.prompt or overlay.queued
+        below = layout.text * 2 if told else 0  # The strip of keys.
         area = pygame.Rect(0, 0, layout.panel.left, layout.strip.top - below).inflate(-6, -6)
         labels = [each.label for each in words]
         self._places = place_labels(labels, area, blocked, avoided, self._places)

@@ -35,18 +35,33 @@ class Notices:
         if ui_overlay.help:
             self._help(target, layout, ui_overlay.help)
 
-    def reserved(self, layout: Layout, ui_overlay: UiOverlay) -> list[pygame.Rect]:
-        """Where the line below the kitchen will be."""
-        return [self._typing_area(layout)] if ui_overlay.typing is not None else []
+    def reserved(self, layout: Layout, view: View, ui_overlay: UiOverlay) -> list[pygame.Rect]:
+        """Where the outcome and the line below the kitchen will be."""
+        typing = [self._typing_area(layout)] if ui_overlay.typing is not None else []
+        return (
+            [*typing, self._band(layout, self._lines(layout, view.outcome))]
+            if (view.outcome)
+            else typing
+        )
+
+    def _lines(self, layout: Layout, outcome: str) -> tuple[str, ...]:
+        size = _large(layout)
+        return self._text.wrap(outcome, size, layout.kitchen.width - size * 5, 3)
+
+    def _band(self, layout: Layout, lines: tuple[str, ...]) -> pygame.Rect:
+        """Where the ribbon is that has some lines."""
+        size, kitchen = _large(layout), layout.kitchen
+        high = self._text.height(size) * len(lines) + size * 2
+        band = pygame.Rect(kitchen.x - 6, 0, kitchen.width + 12, high)
+        band.centery = kitchen.centery
+        return band
 
     def _outcome(self, target: pygame.Surface, layout: Layout, outcome: str, *, won: bool) -> None:
         """A ribbon across the kitchen: gold with a star where the goal was reached, else grey."""
         fill, sign = (ACCENT, "goal") if won else (FAINT, "rejected")
-        size, kitchen = round(layout.text * 1.8), layout.kitchen
-        lines = self._text.wrap(outcome, size, kitchen.width - size * 5, 3)
-        step = self._text.height(size)
-        band = pygame.Rect(kitchen.x - 6, 0, kitchen.width + 12, step * len(lines) + size * 2)
-        band.centery = kitchen.centery
+        size, kitchen = _large(layout), layout.kitchen
+        lines = self._lines(layout, outcome)
+        band, step = self._band(layout, lines), self._text.height(size)
         shade = box((kitchen.width, kitchen.height), (*INK, 90), 0)
         target.blit(shade, kitchen)
         target.blit(box((band.width, band.height + 8), mixed(fill, INK, 0.45), 10), band)
@@ -100,3 +115,8 @@ class Notices:
                 target.blit(self._text.line(line, size, TEXT), (area.x + pad + keys, y))
                 y += step
             y += 4
+
+
+def _large(layout: Layout) -> int:
+    """The letters of the outcome."""
+    return max(layout.text, min(round(layout.text * 1.8), layout.kitchen.width // 12))

@@ -15,16 +15,18 @@ from robotouille.world.world import State
 from robotouille_client.window.drawing.kitchen.motion import Pose
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.appearance import Stage
-from robotouille_client.window.pictures.shapes import RING_STEPS, box, ring
+from robotouille_client.window.pictures.shapes import RING_STEPS, frame, ring
 from robotouille_client.window.pictures.sprites import Sprites
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, INK, mixed
+from robotouille_client.window.pictures.theme import ACCENT, BAD, FAINT, GOOD, INK, PAPER, mixed
 from robotouille_client.window.view import View
 
 __all__ = ["Overlays"]
 
 _BADGE = 0.46
 _ICON = 0.3
+_WASH = 44
+"""How much lighter what is under the mouse is, of 255: seen on light wood by its edge as well."""
 
 
 class Overlays:
@@ -58,10 +60,9 @@ class Overlays:
         placed = stage.placed.get(hover or "")
         if placed is None or placed.tile is None:
             return
-        cell = layout.cell(placed.tile)
-        target.blit(box(cell.size, (255, 255, 255, 24), layout.tile // 10), cell)
-        width = max(2, layout.tile // 24)
-        pygame.draw.rect(target, ACCENT, cell, width=width, border_radius=layout.tile // 10)
+        cell, width = layout.cell(placed.tile), max(2, layout.tile // 28)
+        marked = frame(cell.size, width, layout.tile // 10, PAPER, _WASH)
+        target.blit(marked, marked.get_rect(center=cell.center))
 
     # Progress
 

@@ -86,7 +86,8 @@ class Painter:
         self._kitchen.draw(surface, place, scene, view.me)
         signs = self._overlays.draw(surface, place, view, stage, poses)
         cards = self._interruptions.draw(surface, place, view)
-        self._panel.draw(surface, place, view)
+        choices = self._key_strip.list_area(place, ui_overlay)
+        self._panel.draw(surface, place, view, place.size[1] if choices is None else choices.top)
         if not ui_overlay.tips:
             ui_overlay = replace(ui_overlay, tips=self.told(ui_overlay.pointer))
         self._labels.draw(
@@ -95,7 +96,8 @@ class Painter:
             blocked=[
                 *occupied(place, stage, poses), *signs, *cards,
                 *ways(stage, scene.spots, scene.earlier, scene.life.travels),
-                *self._notices.reserved(place, ui_overlay),
+                *self._notices.reserved(place, view, ui_overlay),
+                *([] if choices is None else [choices]),
             ],
             avoided=[place.cell(t.tile) for n in stage.stations if (t := stage.placed[n]).tile],
         )  # fmt: skip

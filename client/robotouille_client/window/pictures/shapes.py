@@ -16,6 +16,7 @@ __all__ = [
     "box",
     "dial",
     "ellipse",
+    "frame",
     "pill",
     "ring",
     "share_disc",
@@ -43,6 +44,23 @@ def box(
         inner = large.get_rect().inflate(-2 * fine, -2 * fine)
         pygame.draw.rect(large, fill, inner, border_radius=max(0, radius - fine))
     return pygame.transform.smoothscale(large, (width, height))
+
+
+@lru_cache(maxsize=32)
+def frame(
+    size: tuple[int, int], width: int, radius: int, colour: Colour, wash: int
+) -> pygame.Surface:
+    """A line round a box, with a thin dark one on either side, and a wash of its colour within."""
+    wide, high = size[0] + 2, size[1] + 2
+    large = pygame.Surface((wide * _FINE, high * _FINE), pygame.SRCALPHA)
+    area, round_ = large.get_rect(), radius * _FINE
+    for ink, inset in (((*INK, 255), 0), ((*colour, 255), 1), ((*INK, 150), 1 + width)):
+        inner = area.inflate(-2 * inset * _FINE, -2 * inset * _FINE)
+        pygame.draw.rect(large, ink, inner, border_radius=max(0, round_ - inset * _FINE))
+    inner = area.inflate(-2 * (2 + width) * _FINE, -2 * (2 + width) * _FINE)
+    within = max(0, round_ - (2 + width) * _FINE)
+    pygame.draw.rect(large, (*colour, wash), inner, border_radius=within)
+    return pygame.transform.smoothscale(large, (wide, high))
 
 
 @lru_cache(maxsize=64)

@@ -46,19 +46,19 @@ class Panel:
         self._surface: pygame.Surface | None = None
         self._shown: tuple[object, ...] = ()
 
-    def draw(self, target: pygame.Surface, layout: Layout, view: View) -> None:
-        """The panel on the right of the window."""
+    def draw(self, target: pygame.Surface, layout: Layout, view: View, floor: int) -> None:
+        """The panel on the right of the window; seats and chat end above a `floor`."""
         shown = (
-            layout, id(view.world), view.step, view.max_steps, view.clock, view.seats, view.me,
-            view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
+            layout, floor, id(view.world), view.step, view.max_steps, view.clock, view.seats,
+            view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
             view.step_seconds, view.world.goal.holding(view.state.facts),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
-            self._surface = self._render(layout, view)
+            self._surface = self._render(layout, view, floor)
             self._shown = shown
         target.blit(self._surface, layout.panel)
 
-    def _render(self, layout: Layout, view: View) -> pygame.Surface:
+    def _render(self, layout: Layout, view: View, floor: int) -> pygame.Surface:
         surface = self._surface
         if surface is None or surface.get_size() != layout.panel.size:
             surface = pygame.Surface(layout.panel.size)
@@ -69,7 +69,8 @@ class Panel:
         y = self._title(surface, area, layout, view)
         y = self._goal(surface, area, y, layout, view)
         y = self._clock(surface, area, y, layout, view)
-        room = pygame.Rect(area.x, y, area.width, area.bottom - y)
+        area.height = min(area.bottom, floor - pad // 2) - area.y
+        room = pygame.Rect(area.x, y, area.width, max(0, area.bottom - y))
         y = self._seats.draw(surface, room, layout, view)
         self._chat(surface, area, y, layout, view)
         return surface

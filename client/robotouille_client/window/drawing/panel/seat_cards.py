@@ -49,6 +49,8 @@ class SeatCards:
         if len(view.seats) > room > 1:
             room -= 1  # For the line that says so.
         for seat in view.seats[:room]:
+            if y + height > area.bottom:
+                return y
             card = pygame.Rect(area.x, y, area.width, height)
             self._card(surface, card, seat, layout, view)
             y += height + gap
