@@ -112,7 +112,9 @@ def test_nothing_is_seen_through_the_list(size: tuple[int, int]) -> None:
         painter.paint(surface, dataclasses.replace(view, chat=chat, bubbles=()), CHOICES)
         layout = painter.layout(size, view.world)
         top = size[1] - layout.text * 4
-        shown.append(surface.subsurface((layout.panel.left, top, layout.panel.width, size[1] - top)))
+        shown.append(
+            surface.subsurface((layout.panel.left, top, layout.panel.width, size[1] - top))
+        )
     one, other = (pygame.image.tobytes(each, "RGB") for each in shown)
     assert one == other
 

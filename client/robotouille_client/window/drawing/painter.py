@@ -24,6 +24,7 @@ from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel.panel import Panel
+from robotouille_client.window.drawing.readable_names import with_readable_names
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
@@ -79,6 +80,7 @@ class Painter:
         """Draw a view, and what a window's owner sees over it, on all of a surface."""
         ui_overlay = ui_overlay or UiOverlay()
         self._prepare(view.world)
+        view = with_readable_names(view, self._text)
         place = self.layout(surface.get_size(), view.world)
         scene = self._scene(view, place)
         stage, poses = scene.stage, scene.poses

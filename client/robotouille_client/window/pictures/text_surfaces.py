@@ -6,7 +6,12 @@ import math
 
 import pygame
 
-from robotouille_client.window.pictures.fonts import FontStack, printable
+from robotouille_client.window.pictures.fonts import (
+    FontStack,
+    clusters,
+    printable,
+    script_of,
+)
 from robotouille_client.window.pictures.theme import Colour
 
 __all__ = ["Typesetter"]
@@ -38,6 +43,11 @@ class Typesetter:
         runs = self._fonts.runs(printable(text))
         return math.ceil(sum(self._run_size(face, part, size)[0] for face, part in runs) / _FINE)
 
+    def reads(self, text: str) -> bool:
+        """Whether most letters of a text are written so that people can read them."""
+        letters = [each for each in printable(text) if not each.isspace()]
+        return 2 * sum(self._fonts.reads(each) for each in letters) > len(letters)
+
     def height(self, size: int) -> int:
         """The distance from one line to the next."""
         return self._fonts.font(0, _large(size)).get_linesize() // _FINE + max(1, size // 8)
@@ -60,7 +70,7 @@ class Typesetter:
     def _run_size(self, face: int, part: str, size: int) -> tuple[float, float]:
         """The size of letters of one font, enlarged; a font of one size only is scaled."""
         line = self._fonts.font(0, _large(size)).get_height()
-        width, height = self._fonts.font(face, _large(size)).size(part)
+        width, height = self._fonts.font(face, _large(size), script_of(part)).size(part)
         scale = line / height if height > line * 1.6 else 1.0
         return width * scale, height * scale
 
@@ -75,7 +85,7 @@ class Typesetter:
         canvas.fill((*colour, 0))
         x = 0.0
         for (face, part), (wide, high) in zip(runs, sizes, strict=True):
-            font = self._fonts.font(face, _large(size))
+            font = self._fonts.font(face, _large(size), script_of(part))
             letters = font.render(part, True, colour)
             y = base - font.get_ascent()
             if letters.get_height() > high * 1.01:
@@ -103,17 +113,31 @@ class Typesetter:
         return lines
 
     def _chop(self, word: str, size: int, width: int) -> list[str]:
-        pieces = []
-        while self.width(word, size) > width and len(word) > 1:
-            count = max(1, len(word) * width // max(1, self.width(word, size)))
-            pieces.append(word[:count])
-            word = word[count:]
-        return [*pieces, word]
+        """A word in pieces that are at most so wide; letters are not torn from their marks."""
+        pieces, left = [], clusters(word)
+        while len(left) > 1 and self.width("".join(left), size) > width:
+            count = self._fitting(left, size, width)
+            pieces.append("".join(left[:count]))
+            left = left[count:]
+        return [*pieces, "".join(left)]
+
+    def _fitting(self, letters: list[str], size: int, width: int, end: str = "") -> int:
+        """How many letters fit, one at least, with an end."""
+        low, high = 1, len(letters)
+        while low < high:
+            middle = (low + high + 1) // 2
+            fits = self.width("".join(letters[:middle]) + end, size) <= width
+            low, high = (middle, high) if fits else (low, middle - 1)
+        return low
 
     def _shorten(self, text: str, size: int, width: int) -> str:
-        while text and self.width(text + "…", size) > width:
-            text = text[:-1]
-        return text.rstrip() + "…"
+        letters = clusters(text)
+        if not letters or self.width(text + "…", size) <= width:
+            return text.rstrip() + "…"
+        count = self._fitting(letters, size, width, "…")
+        if self.width("".join(letters[:count]) + "…", size) > width:
+            count = 0
+        return "".join(letters[:count]).rstrip() + "…"
 
 
 def _large(size: int) -> int:
