@@ -141,6 +141,9 @@ def command(
     ] = None,
     seat: Annotated[str | None, typer.Option(help="The seat to take, e.g. robot2.")] = None,
     watch: Annotated[bool, typer.Option(help="Watch instead of play.")] = False,
+    ready: Annotated[
+        bool, typer.Option(help="Be ready at once, without pressing a key before the game.")
+    ] = False,
     create: Annotated[str | None, typer.Option(help="Open an episode of this task.")] = None,
     seats: Annotated[int | None, typer.Option(help="Seats of the episode to open.")] = None,
     absence: Annotated[
@@ -216,7 +219,7 @@ def command(
             raise RobotouilleError("without a menu there is nothing to show: name a CODE")
         _open_shell(
             address, code, name, seat, watch, token, opening, size, rendering, tasks, asked=asked,
-            menu=menu,
+            menu=menu, ready=ready,
         )  # fmt: skip
     except (RobotouilleError, ValidationError) as error:
         fail(explain(error))
@@ -238,6 +241,7 @@ def _open_shell(
     *,
     asked: bool,
     menu: bool,
+    ready: bool,
 ) -> None:
     """The window with its menu, if it has one; first the episode that was asked for."""
     import asyncio
@@ -253,7 +257,9 @@ def _open_shell(
         found = code
         if found is None:
             found = await games.ask_server(lambda client: _find_code(client, opening), address)
-        return await games.join(found, watch=watch, seat=seat, url=address) if found else None
+        if not found:
+            return None
+        return await games.join(found, watch=watch, seat=seat, url=address, ready=ready)
 
     asyncio.run(shell.run(first() if asked else None))
 

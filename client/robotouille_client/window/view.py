@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.unmet import Unmet
@@ -15,6 +15,9 @@ __all__ = [
     "NEWS",
     "Bubble",
     "FarewellView",
+    "LobbyRow",
+    "LobbySource",
+    "LobbyView",
     "PauseView",
     "SeatView",
     "Source",
@@ -74,6 +77,24 @@ class PauseView:
 
 
 @dataclass(frozen=True, slots=True)
+class LobbyRow:
+    """A seat before the beginning: who has it, and whether they are ready."""
+
+    name: str
+    state: Literal["ready", "here", "away", "free"]
+
+
+@dataclass(frozen=True, slots=True)
+class LobbyView:
+    """What a game that has not begun waits for. `ready` says whether its owner is, None where
+    nobody waits for that; `code` is what others join with."""
+
+    rows: tuple[LobbyRow, ...]
+    ready: bool | None = None
+    code: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class FarewellView:
     """Why the window's owner is out of the game, in a title and a sentence."""
 
@@ -110,9 +131,10 @@ class View:
     step takes where a clock says so.
 
     A game that is over has an `outcome` in words, and was `won` or `lost`. `notice` is something
-    the operator says to everybody. A game that begins in `starts_in` seconds is counted down to,
-    and one that stands still has a `pause`; `offline` are the seconds since the connection was
-    lost, None while there is one; with a `farewell` the owner is out of the game.
+    the operator says to everybody. A game that has not begun has a `lobby`; one that begins in
+    `starts_in` seconds is counted down to, and one that stands still has a `pause`; `offline` are
+    the seconds since the connection was lost, None while there is one; with a `farewell` the owner
+    is out of the game.
     """
 
     world: World
@@ -137,6 +159,7 @@ class View:
     offline: float | None = None
     farewell: FarewellView | None = None
     waits_for: tuple[str, ...] = ()
+    lobby: LobbyView | None = None
     starts_in: float | None = None
     watching: int = 0
     blocked: tuple[tuple[str, str, str], ...] = ()
@@ -169,3 +192,11 @@ class Source(Protocol):
     @property
     def finished(self) -> bool:
         """Whether nothing will change any more."""
+
+
+@runtime_checkable
+class LobbySource(Protocol):
+    """A source of games that wait until the window's owner is ready."""
+
+    def be_ready(self, ready: bool) -> None:
+        """The owner is ready for the beginning, or is not any more."""

@@ -7,6 +7,7 @@ from math import ceil
 
 import pygame
 
+from robotouille_client.window.drawing.lobby_card import LobbyCard
 from robotouille_client.window.drawing.window_layout import Layout
 from robotouille_client.window.pictures.shapes import DIAL_STEPS, box, dial, ellipse
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -26,6 +27,7 @@ class Interruptions:
 
     def __init__(self, text: Typesetter) -> None:
         self._text = text
+        self._lobby_card = LobbyCard(text)
 
     def draw(self, target: pygame.Surface, layout: Layout, view: View) -> list[pygame.Rect]:
         """The interruptions of a view that has any; what must not be covered of them."""
@@ -45,6 +47,8 @@ class Interruptions:
             y = shown[-1].bottom + layout.text * 2 // 3
         if view.starts_in is not None:
             shown.append(self._countdown(target, layout, ceil(view.starts_in)))
+        elif view.lobby is not None and not view.frozen:
+            shown.append(self._lobby_card.draw(target, layout, view.lobby))
         if view.notice:
             shown.append(self._banner(target, layout, y, view.notice, ACCENT, INK))
         return shown

@@ -17,7 +17,7 @@ from robotouille_client.window.hands.commands import DIRECTIONS, FIXED, Command,
 from robotouille_client.window.hands.hands import MAX_CHOICES, Hands
 from robotouille_client.window.hands.walking import destination
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
-from robotouille_client.window.view import Source, View
+from robotouille_client.window.view import LobbySource, Source, View
 
 __all__ = ["HelpRows", "PlayInput"]
 
@@ -117,6 +117,8 @@ class PlayInput:
         not for the game."""
         if command is Command.CANCEL:
             return None if self._cancel() else command
+        if command in (Command.USE, Command.ENTER) and self._be_ready(source, view):
+            return None
         if self.hands.choices is not None and self._in_list(command, source, view):
             return None
         if command is Command.HELP:
@@ -134,6 +136,14 @@ class PlayInput:
         else:
             return command
         return None
+
+    def _be_ready(self, source: Source, view: View) -> bool:
+        """Say that one is ready, or not any more; whether that is asked."""
+        if view.lobby is None or view.lobby.ready is None or view.frozen:
+            return False
+        if isinstance(source, LobbySource):
+            source.be_ready(not view.lobby.ready)
+        return True
 
     def _cancel(self) -> bool:
         """Close what is open, or forget what waits; whether there was anything."""
@@ -157,6 +167,8 @@ class PlayInput:
         target = self.hover(view)
         if self._help:
             self._help = False
+        elif button == "left" and view.lobby is not None and view.lobby.ready is False:
+            self._be_ready(source, view)
         elif target is None or view.me is None or button is None:
             return
         elif button == "right" and self._uses(target, view):
@@ -262,8 +274,11 @@ class PlayInput:
         rows = [("", "You are watching")] if view.me is None and self._help_rows is None else []
         if view.me is not None and not view.frozen:
             rows = [(self._walk_keys(view), "walk"), (keys.words(Command.LIST), "all actions")]
-        if view.pause is not None and view.offline is None:
-            rows = [(keys.words(Command.CHAT), "say something")]
+        if view.lobby is not None and view.lobby.ready is not None and not view.frozen:
+            rows = [("Enter", "not ready yet" if view.lobby.ready else "I am ready")]
+        if (view.pause or view.lobby) is not None and view.offline is None and view.me is not None:
+            chat = (keys.words(Command.CHAT), "say something")
+            rows = [chat] if view.pause is not None else [*rows, chat]
         if self._may_leave:
             rows.append((key_words("escape"), "leave"))
         return (*rows, (keys.words(Command.HELP), "help"))

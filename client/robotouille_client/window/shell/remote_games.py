@@ -113,22 +113,33 @@ class RemoteGames:
                 return await self.join(answer.code, watch=full)  # type: ignore[attr-defined]
 
     async def join(
-        self, code: str, *, watch: bool = False, seat: str | None = None, url: str | None = None
+        self,
+        code: str,
+        *,
+        watch: bool = False,
+        seat: str | None = None,
+        url: str | None = None,
+        ready: bool = False,
     ) -> object:
         """Enter a kitchen and play or watch until its end, again and again as long as that is asked
         for, or until its owner leaves.
+
+        Args:
+            ready: Whether the game need not wait until its owner says so.
 
         Raises:
             RobotouilleError: There is no way in.
         """
         answer: object = _Again(code, seat)
         while isinstance(answer, _Again):
-            answer = await self._join_once(answer, watch, self._address(url))
+            answer = await self._join_once(answer, watch, self._address(url), ready)
         return answer
 
-    async def _join_once(self, where: _Again, watch: bool, url: str) -> object:
-        name = self._stage.settings.name
-        opened = remote_game(url, where.code, name, seat=where.seat, watch=watch, token=self._token)
+    async def _join_once(self, where: _Again, watch: bool, url: str, ready: bool) -> object:
+        opened = remote_game(
+            url, where.code, self._stage.settings.name, seat=where.seat, watch=watch,
+            token=self._token, ready=ready,
+        )  # fmt: skip
         try:
             entered = await self._stage.wait(opened.__aenter__(), waiting_form("Connecting …"))
         except ProtocolError as error:

@@ -33,10 +33,19 @@ from robotouille_client.window.sources.texts import (
     farewell,
     outcome_words,
     pause_words,
+    readiness,
     waiting_words,
     won,
 )
-from robotouille_client.window.view import GLIDE_SECONDS, FarewellView, PauseView, SeatView, View
+from robotouille_client.window.view import (
+    GLIDE_SECONDS,
+    FarewellView,
+    LobbyRow,
+    LobbyView,
+    PauseView,
+    SeatView,
+    View,
+)
 
 __all__ = ["RemoteSource"]
 
@@ -135,6 +144,7 @@ class RemoteSource:
             bubbles=self._chat_log.bubbles,
             chat=self._chat_log.lines,
             status=self._status(),
+            lobby=self._lobby(),
             starts_in=self._starts_in(),
             watching=game.spectators,
             blocked=self._blockages.at(game.state) if game.running else (),
@@ -172,6 +182,17 @@ class RemoteSource:
         left = self._countdown.left(game.pause, self._now())
         why, detail = pause_words(game.pause.reason, game.seats, left)
         return PauseView(why, detail, left, self._countdown.share(left))
+
+    def _lobby(self) -> LobbyView | None:
+        """Who is here before the beginning, and who is ready; oneself first."""
+        game = self._game
+        if game.phase != "waiting" or game.ended:
+            return None
+        own = [seat for seat in game.seats if seat.player in game.own_seats]
+        others = [seat for seat in game.seats if seat.player not in game.own_seats]
+        rows = [LobbyRow(f"{seat.name} (you)", readiness(seat)) for seat in own]
+        rows += [LobbyRow(seat.name or seat.player, readiness(seat)) for seat in others]
+        return LobbyView(tuple(rows), game.is_ready if own else None, game.code)
 
     def _starts_in(self) -> float | None:
         """The seconds until the game begins, while that is counted down to."""
@@ -231,7 +252,7 @@ class RemoteSource:
         if game.paused:
             return "Paused"
         if game.phase == "waiting":
-            return waiting_words(game.seats, self._starts_in())
+            return waiting_words(game.seats, self._starts_in(), game.seat)
         if game.turn is not None:
             return "Your turn" if game.turn == game.seat else f"{game.turn}'s turn"
         return ""
@@ -242,6 +263,10 @@ class RemoteSource:
 
     def say(self, text: str) -> None:
         self._game.say(text)
+
+    def be_ready(self, ready: bool) -> None:
+        if self._game.own_seats:
+            self._game.ready(ready)
 
     @property
     def outcome(self) -> Mapping[str, Any] | None:

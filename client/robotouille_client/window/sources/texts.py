@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from math import ceil
+from typing import Literal
 
 from robotouille.episode import Reason
 from robotouille.protocol.messages import SeatInfo
@@ -15,6 +16,7 @@ __all__ = [
     "farewell",
     "outcome_words",
     "pause_words",
+    "readiness",
     "waiting_words",
     "won",
 ]
@@ -92,13 +94,28 @@ def pause_words(reason: str, seats: Iterable[SeatInfo], left: float | None) -> t
     return "The game stands still", f"{reason}. {waiting}."
 
 
-def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None) -> str:
+def readiness(seat: SeatInfo) -> Literal["ready", "here", "away", "free"]:
+    """How far a seat is before the beginning."""
+    if not seat.name:
+        return "free"
+    if not seat.present:
+        return "away"
+    return "ready" if seat.ready else "here"
+
+
+def waiting_words(seats: Iterable[SeatInfo], starts_in: float | None, me: str | None = None) -> str:
     """What a game that has not begun waits for."""
     if starts_in is not None:
         return f"Starts in {ceil(starts_in)}" if starts_in > 0 else "Starts now"
+    seats = list(seats)
+    if any(seat.player == me and not seat.ready for seat in seats):
+        return "Waiting until you are ready"
     away = [seat.name for seat in seats if seat.name and not seat.present]
     free = sum(not seat.name for seat in seats)
     more = [f"{free} more player{'s' * (free != 1)}"] if free else []
+    unready = [seat.name for seat in seats if readiness(seat) == "here"]
+    if unready and not (away or more):
+        return f"Waiting until {_listed(unready)} {'is' if len(unready) == 1 else 'are'} ready"
     return f"Waiting for {_listed([*away, *more]) or 'the others'}"
 
 
@@ -118,6 +135,10 @@ def comings_and_goings(
             told.append(f"{seat.name} joins")
         elif seat.name and old.present != seat.present:
             told.append(f"{seat.name} is back" if seat.present else f"{seat.name} is away")
+        elif seat.name and seat.ready and not old.ready:
+            told.append(f"{seat.name} is ready")
+        elif seat.name and old.ready and not seat.ready:
+            told.append(f"{seat.name} is not ready any more")
     return told
 
 

@@ -69,9 +69,17 @@ def shown(
 
 @asynccontextmanager
 async def remote_game(
-    url: str, code: str, name: str, *, seat: str | None = None, watch: bool, token: str | None
+    url: str,
+    code: str,
+    name: str,
+    *,
+    seat: str | None = None,
+    watch: bool,
+    token: str | None,
+    ready: bool = True,
 ) -> AsyncIterator[tuple[Client, Game, KitchenLook | None]]:
-    """Enter an episode, and come back into one's seat if one had one.
+    """Enter an episode, and come back into one's seat if one had one; the game waits for who is
+    not `ready`.
 
     Raises:
         RobotouilleError: There is no way in; its words say why.
@@ -81,7 +89,7 @@ async def remote_game(
         asked = (seat,) if seat is not None else ()
         resume = kept.token_for(asked) if kept is not None and not watch else None
         async with connect(url, name=name, kind="human", token=token, resume=resume) as client:
-            game = await client.join(code, seat=seat, role=role)
+            game = await client.join(code, seat=seat, role=role, ready=ready or watch)
             if not watch and (back := came_back(client, game, kept)):
                 tell(printable(f"came back into {back}"), err=True)
             does = "watches" if watch else f"plays {game.seat}"
