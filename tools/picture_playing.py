@@ -27,7 +27,14 @@ from robotouille_client.window.shell.games.local_game import Plan
 from robotouille_client.window.shell.screens.server_menus import lobby_menu
 from robotouille_client.window.shell.settings import Settings
 from robotouille_client.window.shell.shell import Shell
-from robotouille_client.window.view import Bubble, PauseView, SeatView, View
+from robotouille_client.window.view import (
+    Bubble,
+    LobbyRow,
+    LobbyView,
+    PauseView,
+    SeatView,
+    View,
+)
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
@@ -160,6 +167,8 @@ def moment(name: str, rendering: str = "", task: str = "multi_agent/01@2", **see
 
 def moments() -> None:
     """What happens to a game, and other looks."""
+    rows = (LobbyRow("ada (you)", "here"), LobbyRow("ben", "ready"))
+    moment("ready", step=0, lobby=LobbyView(rows, False, "KQXZB-MHTWA"), status="Are you ready?")
     moment("countdown", step=0, starts_in=2.4, status="The game begins")
     away = SeatView("robot2", "ben", connected=False, actions=3)
     seats = (SeatView("robot1", "ada", actions=4), away)

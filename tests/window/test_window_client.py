@@ -134,7 +134,7 @@ def opened(monkeypatch: pytest.MonkeyPatch, *words: str) -> list[tuple[bool, boo
     """How a command opens the window: whether something was asked for, whether with a menu."""
     found: list[tuple[bool, bool]] = []
 
-    def record(*arguments: object, asked: bool, menu: bool) -> None:
+    def record(*arguments: object, asked: bool, menu: bool, ready: bool) -> None:
         found.append((asked, menu))
 
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")

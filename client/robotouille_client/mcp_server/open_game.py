@@ -183,6 +183,9 @@ class OpenGame:
             if away := ", ".join(s.player for s in game.seats if s.name and not s.present):
                 return f"The game begins when everybody is there; away: {away}. Call wait."
             free = ", ".join(seat.player for seat in game.seats if not seat.name)
+            unready = ", ".join(s.player for s in game.seats if not s.ready)
+            if unready and not free:
+                return f"The game begins when everybody is ready; not yet: {unready}. Call wait."
             return f"The game begins when all seats are taken; free: {free or 'none'}. Call wait."
         if game.paused:
             why = game.pause.reason if game.pause is not None else "unknown"
