@@ -8,18 +8,12 @@ from tests.support.window_play import post
 
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.widgets import (
-    Button,
-    Choice,
-    KeyField,
-    Slider,
-    TextField,
-    Words,
-)
+from robotouille_client.window.forms.text_field import TextField
+from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Slider, Words
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.shell.screens.settings_menu import SettingsMenu
-from robotouille_client.window.shell.screens.thumbnails import thumbnail
+from robotouille_client.window.shell.screens.thumbnails import Thumbnails
 from robotouille_client.window.shell.settings import Settings
 
 KEYS = KeyMap()
@@ -48,7 +42,7 @@ def drawn(form: Form, area: pygame.Rect = AREA) -> pygame.Surface:
 
 def click(form: Form, row: object, share: float = 0.5) -> None:
     drawn(form)
-    area = next(area for area, index in form._places if form.rows[index] is row)
+    area = next(area for area, index in form._list.places if form.rows[index] is row)
     pos = (area.x + round(area.width * share), area.centery)
     pygame.event.post(pygame.Event(pygame.MOUSEMOTION, pos=pos, rel=(0, 0), buttons=(0, 0, 0)))
     pygame.event.post(pygame.Event(pygame.MOUSEBUTTONDOWN, pos=pos, button=1))
@@ -118,8 +112,11 @@ def test_a_slider_by_keys_and_mouse() -> None:
     post(pygame.K_LEFT, pygame.K_LEFT)
     follow(form)
     assert slider.value == 3
-    click(form, slider, 0.99)
+    click(form, slider, 0.76)
     assert slider.value == 9
+    for beside in (0.1, 0.3, 0.9):
+        click(form, slider, beside)
+        assert slider.value == 9, "only the track is for clicks"
     post(pygame.K_RIGHT)
     follow(form)
     assert slider.value == 9
@@ -142,11 +139,11 @@ def test_a_key_is_asked_for_and_escape_keeps_the_old_one() -> None:
 def test_many_rows_are_scrolled_to() -> None:
     form = Form("Title", [Button(str(n), n) for n in range(40)])
     drawn(form)
-    assert form._places[0][1] == 0
+    assert form._list.places[0][1] == 0
     for _ in range(30):
         form.command(Command.DOWN)
     drawn(form)
-    assert 30 in [index for _, index in form._places]
+    assert 30 in [index for _, index in form._list.places]
     wheel = pygame.Event(pygame.MOUSEWHEEL, y=1)
     form.handle(wheel, KEYS)
     assert form.focused is form.rows[29]
@@ -158,7 +155,7 @@ def test_every_size_and_any_words(size: tuple[int, int]) -> None:
         Words("word " * 60), TextField("Name", "龍" * 40), Choice("Long " * 20, [("x" * 99, 1)]),
         Slider("Pace", 1, 0, 2, 1), KeyField("Use", "", print), Button("ö" * 80, 1),
     ]  # fmt: skip
-    form = Form("A title that is long " * 5, rows, picture=pygame.Surface((300, 300)))
+    form = Form("A title that is long " * 5, rows, picture=pygame.Surface)
     form.message = "Words " * 40
     drawn(form, pygame.Rect(0, 0, *size))
 
@@ -168,6 +165,14 @@ def test_the_look_of_kitchens_is_a_setting() -> None:
     menu = SettingsMenu(settings)
     look = next(row for row in menu.form.rows if row.label == "Look")
     look.command(Command.USE)
-    menu.apply(settings)
     assert settings.rendering == "chalk"
-    assert thumbnail("synchronous/01", 60, "chalk") is not thumbnail("synchronous/01", 60)
+    usual, chalk = Thumbnails(), Thumbnails("chalk")
+    assert usual.at("synchronous/01", (60, 60)) is None, "it is drawn when there is time"
+    for pictures in (usual, chalk):
+        pictures.at("synchronous/01", (60, 60))
+        assert pictures.load()
+    one, other = (pictures.at("synchronous/01", (60, 60)) for pictures in (usual, chalk))
+    assert one is not None
+    assert other is not None
+    assert one.get_size() == other.get_size()
+    assert pygame.image.tobytes(one, "RGB") != pygame.image.tobytes(other, "RGB")

@@ -24,8 +24,14 @@ from robotouille_client.window.forms.display import Display
 from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.shell.games.local_game import Plan
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
-from robotouille_client.window.shell.settings import Settings, load_settings
+from robotouille_client.window.shell.settings import (
+    Settings,
+    load_settings,
+    save_settings,
+    settings_path,
+)
 from robotouille_client.window.shell.shell import Shell
+from robotouille_client.window.shell.starting import open_shell
 
 SMALL = Plan("synchronous/01", clock=Clock.TURN, max_steps=100)
 
@@ -133,6 +139,9 @@ async def test_losing_does_not_look_like_winning(evening: Evening) -> None:
         yield from wait(3)
         assert evening.titles[-1] == "Hello, player"
         post(pygame.K_ESCAPE)
+        yield from wait(2)
+        assert evening.titles[-1] == "Leave Robotouille?"
+        yield from evening.choose("Quit")
         yield from wait(100)
 
     short = Plan("synchronous/01", clock=Clock.TURN, max_steps=3)
@@ -179,7 +188,11 @@ async def test_settings_are_kept_and_followed(evening: Evening) -> None:
         yield from evening.choose("Use what is here")
         post(pygame.K_f)
         yield from wait(2)
-        yield from evening.choose("Save")
+        post(pygame.K_ESCAPE)
+        yield from wait(2)
+        assert evening.titles[-1] == "Settings", "one back, not two"
+        post(pygame.K_ESCAPE)
+        yield from wait(2)
         assert evening.form.title == "Hello, Ada e"
         yield from evening.choose("Quit")
 
@@ -337,17 +350,60 @@ def test_without_a_menu_the_window_closes_after_the_game(
         ('{"version": 7}', "are of version 7"),
         ("[]", "are of version None"),
         ('{"version": 1, "rate": "fast"}', "cannot be read"),
-        ('{"version": 1, "colour": "red"}', "cannot be read"),
+        ('{"version": 1, "colour": "red"}', "cannot be read as to colour"),
+        ('{"version": 1, "size": [NaN, 720]}', "cannot be read as to size"),
+        ('{"version": 1, "text_scale": Infinity}', "cannot be read as to text_scale"),
+        ("[" * 99_000, "cannot be read"),
+        (f'{{"version": "{"9" * 999}"}}', "are of version"),
+        (" " * 100_001, "are longer than"),
+        ("\ud83d", "cannot be read"),
     ],
 )
 def test_settings_that_cannot_be_read_are_kept_beside(tmp_path: Path, text: str, told: str) -> None:
     path = tmp_path / "window.json"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8", errors="surrogatepass")
     settings, words = load_settings(path)
     assert settings == Settings()
     assert told in words
-    assert (tmp_path / "window.json.bak").read_text() == text
+    assert len(words) < 200
+    assert "window.json.bak" in words
+    kept = (tmp_path / "window.json.bak").read_text(encoding="utf-8", errors="surrogatepass")
+    assert kept == text
     assert not path.exists()
+
+
+def test_of_settings_that_are_wrong_in_part_the_others_count(tmp_path: Path) -> None:
+    path = tmp_path / "window.json"
+    path.write_text('{"version": 1, "name": "ada", "rate": 900, "size": [1, 2], "hat": "red"}')
+    settings, words = load_settings(path)
+    assert settings == Settings(name="ada")
+    for name in ("rate", "size", "hat"):
+        assert name in words
+    assert not save_settings(settings, path)
+    assert load_settings(path) == (settings, "")
+
+
+def test_settings_that_are_a_folder(tmp_path: Path) -> None:
+    path = tmp_path / "window.json"
+    path.mkdir()
+    settings, words = load_settings(path)
+    assert settings == Settings()
+    assert "Is a directory" in words
+    assert "cannot be saved" in save_settings(settings, path)
+    assert [each.name for each in tmp_path.iterdir()] == ["window.json"], "nothing is left over"
+
+
+def test_a_look_that_is_gone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    monkeypatch.setattr("robotouille_client.window.shell.starting.require_screen", lambda: None)
+    assert not save_settings(Settings(rendering="marble"), settings_path())
+    shell = open_shell()
+    try:
+        assert shell.settings.rendering == ""
+        assert "'marble'" in shell.stage.message
+    finally:
+        shell.stage.close()
 
 
 def test_no_settings_are_the_defaults(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ class Display:
         self.fullscreen = fullscreen
         self._caption = caption
         self._surface: pygame.Surface | None = None
+        self._place: tuple[int, int] | None = None
 
     @property
     def is_open(self) -> bool:
@@ -83,7 +84,7 @@ class Display:
     def handle(self, event: pygame.Event) -> bool:
         """Whether an event was for the display: Alt+Enter fills the screen."""
         if event.type == pygame.VIDEORESIZE and not self.fullscreen:
-            self.size = (event.w, event.h)
+            self._resized((event.w, event.h))
         if event.type != pygame.KEYDOWN or event.key != pygame.K_RETURN:
             return False
         if not event.mod & pygame.KMOD_ALT:
@@ -103,7 +104,27 @@ class Display:
             pygame.display.quit()
 
     def _set_mode(self) -> None:
+        """Open the window, or change its size.
+
+        Where no window manager does it, nobody moves a window that fills the screen to the
+        screen's corner, and back.
+        """
+        alone = len(pygame.display.get_desktop_sizes()) == 1
         if self.fullscreen:
+            if alone:
+                if self._surface is None:  # The corner of what is not open cannot be moved.
+                    pygame.display.set_mode(self.size, pygame.RESIZABLE)
+                self._place = pygame.display.get_window_position()
+                pygame.display.set_window_position((0, 0))
             self._surface = pygame.display.set_mode((0, 0), pygame.FULLSCREEN)
-        else:
-            self._surface = pygame.display.set_mode(self.size, pygame.RESIZABLE)
+            return
+        self._surface = pygame.display.set_mode(self.size, pygame.RESIZABLE)
+        if self._place is not None:
+            pygame.display.set_window_position(self._place)
+            self._place = None
+
+    def _resized(self, size: tuple[int, int]) -> None:
+        """Note the size that the owner has given the window; that of the whole screen may be told
+        late, when it is left."""
+        if size not in pygame.display.get_desktop_sizes():
+            self.size = size

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pygame
 
-from robotouille_client.window.forms.widgets import Button, Look, Row
+from robotouille_client.window.forms.row_list import RowList
+from robotouille_client.window.forms.widgets import Row
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.pictures.theme import (
-    ACCENT,
-    FAINT,
-    PANEL,
-    TEXT,
-    Colour,
-    mixed,
-)
+from robotouille_client.window.pictures.theme import ACCENT, PANEL, TEXT, Colour, mixed
 
-__all__ = ["Form"]
+__all__ = ["Form", "Picture"]
 
-_DOUBLE = 5 / 2
+Picture = Callable[[tuple[int, int]], pygame.Surface | None]
+"""A picture that fits into a size in pixels, if there is one (yet)."""
+
+WIDTH, PICTURE = 40, 20
+"""Of a form, and of the picture beside its rows, in letters' heights."""
 
 
 class Form:
@@ -31,8 +29,11 @@ class Form:
         title: What the form is about.
         rows: From the top; the first that can have it gets the focus.
         cancel: The result of Escape; None where there is no way back.
-        picture: What is shown beside the rows.
+        picture: What is shown beside the rows where there is room.
         accent: The title's colour.
+        pinned: How many of the last rows are always in sight, however many there are.
+        idle: Does a bit of what may be late, e.g. loads a picture; whether anything looks different
+            now. It is called while its owner does nothing.
     """
 
     def __init__(
@@ -41,8 +42,10 @@ class Form:
         rows: Sequence[Row],
         *,
         cancel: object = "back",
-        picture: pygame.Surface | None = None,
+        picture: Picture | None = None,
         accent: Colour = ACCENT,
+        pinned: int = 0,
+        idle: Callable[[], bool] = lambda: False,
     ) -> None:
         self.title = title
         self.rows = tuple(rows)
@@ -50,10 +53,11 @@ class Form:
         self.picture = picture
         self.message = ""
         self.result: object = None
+        self.idle = idle
         self._accent = accent
-        self._focus = next((i for i, row in enumerate(self.rows) if row.focusable), -1)
-        self._places: list[tuple[pygame.Rect, int]] = []
-        self._first = 0
+        self._list = RowList(pinned)
+        self._focus = -1
+        self._focus_first()
 
     @property
     def focused(self) -> Row | None:
@@ -64,21 +68,34 @@ class Form:
         """Move the focus."""
         self._focus = self.rows.index(row)
 
+    def set_rows(self, rows: Sequence[Row]) -> None:
+        """Show other rows; the focus stays where it is if that is among them."""
+        row = self.focused
+        self.rows = tuple(rows)
+        if row in self.rows:
+            self.focus(row)
+        else:
+            self._focus_first()
+
+    def width(self, size: int) -> int:
+        """How wide it would like to be, with letters of a size."""
+        return (WIDTH + (PICTURE if self.picture else 0)) * size
+
     # Events
 
     def handle(self, event: pygame.Event, keys: KeyMap) -> Command | None:
         """Follow an event; a command that is not for the form comes back."""
-        row = self.focused
         if event.type == pygame.MOUSEMOTION:
-            self._point(event.pos)
+            self._point(event.pos, held=any(event.buttons))
         elif event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
             self._click(event.pos)
         elif event.type == pygame.MOUSEWHEEL:
-            self._move(-1 if event.y > 0 else 1)
-        elif event.type == pygame.TEXTINPUT and row is not None and row.wants_letters:
-            row.letters(event.text)
+            self._go(-event.y)
+        elif event.type == pygame.TEXTINPUT:
+            self._letters(event.text)
         elif event.type == pygame.KEYDOWN:
-            return self._key(pygame.key.name(event.key).casefold(), keys)
+            ctrl = bool(getattr(event, "mod", 0) & (pygame.KMOD_CTRL | pygame.KMOD_META))
+            return self._key(pygame.key.name(event.key).casefold(), keys, ctrl=ctrl)
         return None
 
     def command(self, command: Command) -> Command | None:
@@ -93,14 +110,21 @@ class Form:
             return command
         return None
 
-    def _key(self, name: str, keys: KeyMap) -> Command | None:
+    def _letters(self, text: str) -> None:
         row = self.focused
-        if row is not None and row.key(name):
+        if row is not None and row.wants_letters:
+            row.letters(text)
+
+    def _key(self, name: str, keys: KeyMap, *, ctrl: bool) -> Command | None:
+        row = self.focused
+        if row is not None and row.key(name, ctrl=ctrl):
+            return None
+        pages = {"page up": -self._list.page, "page down": self._list.page}
+        if name in (*pages, "home", "end"):
+            self._go(pages.get(name, -len(self.rows) if name == "home" else len(self.rows)))
             return None
         command = keys.command(name)
-        if row is not None and row.wants_letters and len(name) == 1:
-            return None
-        if command is Command.USE and name == "space" and row is not None and row.wants_letters:
+        if row is not None and row.wants_letters and (len(name) == 1 or name == "space"):
             return None
         return self.command(command) if command is not None else None
 
@@ -109,14 +133,17 @@ class Form:
             self._choose(row)
 
     def _choose(self, row: Row) -> None:
-        """What a row asks for: its value, or, of a field that is filled in, the next button."""
-        if isinstance(row, Button):
-            self.result = row.value
+        """What a row asks for: its answer, or, of a field that is filled in, the next button."""
+        if row.answer is not None:
+            self.result = row.answer
             return
         following = self.rows[self.rows.index(row) + 1 :]
         button = next((r for r in following if r.focusable), None)
         if button is not None:
             self.focus(button)
+
+    def _focus_first(self) -> None:
+        self._focus = next((i for i, row in enumerate(self.rows) if row.focusable), -1)
 
     def _move(self, step: int) -> None:
         """Give the focus to the next row that can have it, round and round."""
@@ -125,19 +152,39 @@ class Form:
             if self.rows[self._focus].focusable:
                 return
 
-    def _point(self, pos: tuple[int, int]) -> None:
-        for area, index in self._places:
-            if area.collidepoint(pos) and self.rows[index].focusable:
-                self._focus = index
+    def _go(self, steps: int) -> None:
+        """Move the focus by so many rows, and not beyond the ends."""
+        able = [index for index, row in enumerate(self.rows) if row.focusable]
+        if self._focus in able:
+            at = able.index(self._focus) + steps
+            self._focus = able[min(len(able) - 1, max(0, at))]
+
+    def _point(self, pos: tuple[int, int], *, held: bool) -> None:
+        if held and self._list.bar.collidepoint(pos):
+            self._scroll_to(pos[1])
+            return
+        found = self._list.row_at(pos, whole=True)
+        if found is not None and self.rows[found[1]].focusable:
+            self._focus = found[1]
 
     def _click(self, pos: tuple[int, int]) -> None:
-        for area, index in self._places:
-            row = self.rows[index]
-            if area.collidepoint(pos) and row.focusable:
-                self._focus = index
-                if row.click((pos[0] - area.x) / area.width):
-                    self._choose(row)
-                return
+        if self._list.bar.collidepoint(pos):
+            self._scroll_to(pos[1])
+            return
+        found = self._list.row_at(pos)
+        if found is None or not self.rows[found[1]].focusable:
+            return
+        area, self._focus = found
+        row = self.rows[self._focus]
+        if row.click((pos[0] - area.x) / area.width):
+            self._choose(row)
+
+    def _scroll_to(self, y: int) -> None:
+        """Bring the part of the rows into sight that the mark of a place stands for."""
+        able = [index for index, row in enumerate(self.rows) if row.focusable]
+        share = (y - self._list.bar.y) / max(1, self._list.bar.height)
+        if able:
+            self._focus = able[min(len(able) - 1, max(0, int(share * len(able))))]
 
     # Drawing
 
@@ -146,48 +193,36 @@ class Form:
         pad = size
         target.blit(box(area.size, PANEL, pad, mixed(PANEL, TEXT, 0.25)), area)
         inner = area.inflate(-2 * pad, -2 * pad)
-        y = inner.y
-        for line in text.wrap(self.title, round(size * 1.5), inner.width, 3):
-            target.blit(text.line(line, round(size * 1.5), self._accent), (inner.x, y))
-            y += text.height(round(size * 1.5))
-        y += pad // 2
-        if self.picture is not None and self.picture.get_width() * 2 < inner.width:
-            place = self.picture.get_rect(topright=(inner.right, y))
-            target.blit(self.picture, place)
-            inner.width -= place.width + pad
+        inner = self._draw_title(target, inner, text, size)
+        beside = self._draw_beside(target, inner, text, size)
+        inner.width -= beside + (pad if beside else 0)
         foot = text.wrap(self.message, size, inner.width, 4)
         bottom = inner.bottom - text.height(size) * len(foot)
-        self._draw_rows(target, pygame.Rect(inner.x, y, inner.width, bottom - y), text, size)
+        room = bottom - inner.y - (size // 2 if foot else 0)
+        place = pygame.Rect(inner.x, inner.y, inner.width, room)
+        self._list.draw(target, place, self.rows, self._focus, text, size)
         for i, line in enumerate(foot):
             at = (inner.x, bottom + i * text.height(size))
             target.blit(text.line(line, size, ACCENT), at)
 
-    def _draw_rows(
+    def _draw_title(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
-    ) -> None:
-        gap = max(3, size // 4)
-        heights = [self._height(row, text, size, area.width) + gap for row in self.rows]
-        self._scroll(heights, area.height)
-        self._places = []
-        y = area.y
-        for index in range(self._first, len(self.rows)):
-            if y + heights[index] - gap > area.bottom:
-                more = text.line("…", size, FAINT)
-                target.blit(more, more.get_rect(midbottom=(area.centerx, area.bottom + size // 2)))
-                break
-            row = self.rows[index]
-            place = pygame.Rect(area.x, y, area.width, heights[index] - gap)
-            row.draw(target, place, Look(text, size, index == self._focus))
-            self._places.append((place, index))
-            y += heights[index]
+    ) -> pygame.Rect:
+        """Draw the title; what is left of the area."""
+        y, large = area.y, round(size * 1.5)
+        for line in text.wrap(self.title, large, area.width, 3):
+            target.blit(text.line(line, large, self._accent), (area.x, y))
+            y += text.height(large)
+        y += size // 2
+        return pygame.Rect(area.x, y, area.width, area.bottom - y)
 
-    def _height(self, row: Row, text: Typesetter, size: int, width: int) -> int:
-        lines = row.lines(Look(text, size, focused=False), width)
-        line = text.height(size)
-        return round(size * _DOUBLE) if row.focusable else lines * line + size // 2
-
-    def _scroll(self, heights: list[int], room: int) -> None:
-        """Show as much from the top as can be with the focus in sight."""
-        self._first = 0
-        while self._first < self._focus and sum(heights[self._first : self._focus + 1]) > room:
-            self._first += 1
+    def _draw_beside(
+        self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int
+    ) -> int:
+        """Draw what is on the right of the rows; how wide that is."""
+        if self.picture is None or area.width < 2 * PICTURE * size:
+            return 0
+        picture = self.picture((PICTURE * size, area.height))
+        if picture is not None:
+            target.blit(picture, picture.get_rect(topright=area.topright))
+        return PICTURE * size

@@ -10,6 +10,7 @@ import pygame
 
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.repeats import Repeats
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.hands.gamepad import Gamepads
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -18,8 +19,10 @@ from robotouille_client.window.pictures.theme import ACCENT, BACKGROUND, FAINT
 __all__ = ["ClosedByOwnerError", "Screen", "text_size"]
 
 FRAME_SECONDS = 1 / 60
-WIDTH = 40
-"""Of a form, in letters' heights."""
+HIGH = 30
+"""Of a window that has room for more than a form, in letters' heights."""
+QUIET_FRAMES = 6
+"""Without an event, after which what may be late is done: nobody waits for it with a key."""
 
 
 class ClosedByOwnerError(Exception):
@@ -66,13 +69,23 @@ class Screen:
         """
         self.display.open()
         shown: tuple[object, ...] = ()
+        quiet, repeats = 0, Repeats()
         while form.result is None and not (until is not None and until.done()):
             events = pygame.event.get()
-            for event in events:
+            for number, event in enumerate(events, 1):
+                repeats.note(event)
                 self._handle(event, form)
+                if form.result is not None:
+                    _give_back(events[number:])
+                    return form.result
+            again = repeats.due(self.gamepads.held)
+            if again is not None:
+                self._again(again, form)
             surface = self.display.surface
+            quiet = 0 if events or again else quiet + 1
+            late = quiet >= QUIET_FRAMES and form.idle()
             looks = (form.message, surface.get_size() if surface else None)
-            if surface is not None and (events or looks != shown):
+            if surface is not None and (quiet == 0 or late or looks != shown):
                 self._draw(surface, form)
                 shown = looks
             if form.result is None:
@@ -91,13 +104,20 @@ class Screen:
         elif form.handle(event, self.keys) is Command.FULLSCREEN:
             self.display.toggle_fullscreen()
 
+    def _again(self, held: pygame.Event | Command, form: Form) -> None:
+        if isinstance(held, Command):
+            form.command(held)
+        else:
+            form.handle(held, self.keys)
+
     def _draw(self, surface: pygame.Surface, form: Form) -> None:
-        self._background(surface, "Robotouille")
         width, height = surface.get_size()
         size = text_size((width, height), self.text_scale)
-        wide = WIDTH * size + (form.picture.get_width() if form.picture else 0)
-        area = pygame.Rect(0, 0, min(width - size, wide), height - 5 * size)
-        area.midbottom = (width // 2, height - size)
+        self._background(surface, "Robotouille" if height >= HIGH * size else "")
+        above = 4 * size if height >= HIGH * size else size // 2
+        below = size if height >= HIGH * size else size // 2
+        area = pygame.Rect(0, 0, min(width - size, form.width(size)), height - above - below)
+        area.midtop = (width // 2, above)
         form.draw(surface, area, self._typesetter(), size)
         self.display.flip()
 
@@ -106,12 +126,21 @@ class Screen:
         width, height = surface.get_size()
         size = text_size((width, height), 1.0)
         text = self._typesetter()
+        if not words:
+            return
         title = text.line(words, size * 2, ACCENT)
         surface.blit(title, title.get_rect(midtop=(width // 2, size)))
         foot = text.line("F11 fills the screen", max(10, size - 4), FAINT)
-        surface.blit(foot, foot.get_rect(topright=(width - size, size)))
+        if title.get_width() + 2 * (foot.get_width() + size) < width:
+            surface.blit(foot, foot.get_rect(topright=(width - size, size)))
 
     def _typesetter(self) -> Typesetter:
         if self._text is None:
             self._text = Typesetter()
         return self._text
+
+
+def _give_back(events: list[pygame.Event]) -> None:
+    """What was done after a form had its answer is for what comes next."""
+    for event in events:
+        pygame.event.post(event)

@@ -1,4 +1,4 @@
-"""Rows of a form: buttons, choices, sliders, fields for text and for keys.
+"""Rows of a form: buttons, choices, sliders, fields for keys.
 
 A row draws itself into an area and is changed by commands, letters and clicks; it knows nothing of
 the other rows.
@@ -16,7 +16,13 @@ from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.pictures.theme import ACCENT, CARD, FAINT, INK, PAPER, TEXT, TRACK
 
-__all__ = ["Button", "Choice", "KeyField", "Look", "Row", "Slider", "TextField", "Words"]
+__all__ = ["Button", "Choice", "KeyField", "Look", "Row", "Slider", "Words"]
+
+_DOUBLE = 5 / 2
+"""How high a row is that one can go to, in letters' heights."""
+_TRACK, _BESIDE = (0.4, 0.75), 0.08
+"""Where the track of a slider is at most, as shares of the row; how far beside it a click is still
+meant for it, as a share of the track."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +35,16 @@ class Look:
 
 
 class Row:
-    """One line of a form; `label` says what it is."""
+    """One line of a form; `label` says what it is.
+
+    `answer` is the form's result when the row is asked for what it stands for; None where it stands
+    for nothing but itself.
+    """
 
     focusable = True
     wants_letters = False
     wants_keys = False
+    answer: object = None
 
     def __init__(self, label: str) -> None:
         self.label = label
@@ -47,6 +58,12 @@ class Row:
         """How many lines it needs in a width."""
         return 1
 
+    def height(self, look: Look, width: int) -> int:
+        """How many pixels it needs in a width."""
+        if self.focusable:
+            return round(look.size * _DOUBLE)
+        return self.lines(look, width) * look.text.height(look.size) + look.size // 2
+
     def command(self, command: Command) -> bool:
         """Whether a command changed the row, or asks for what it stands for."""
         return False
@@ -54,8 +71,9 @@ class Row:
     def letters(self, text: str) -> None:
         """Letters were typed while the row had the focus."""
 
-    def key(self, name: str) -> bool:
-        """Whether a key was for the row, before it means a command."""
+    def key(self, name: str, *, ctrl: bool = False) -> bool:
+        """Whether a key, pressed with Ctrl or without, was for the row, before it means a
+        command."""
         return False
 
     def click(self, share: float) -> bool:
@@ -71,13 +89,17 @@ class Row:
         line = look.text.line(words, look.size, INK if look.focused else TEXT)
         target.blit(line, line.get_rect(midleft=(area.x + look.size, area.centery)))
 
-    def _right(self, target: pygame.Surface, area: pygame.Rect, look: Look, words: str) -> None:
-        """Words at the right end, in what the label leaves."""
+    def _right(
+        self, target: pygame.Surface, area: pygame.Rect, look: Look, words: str
+    ) -> pygame.Rect:
+        """Words at the right end, in what the label leaves; where they are."""
         used = look.text.width(self.label, look.size)
         room = max(look.size * 4, area.width - used - 4 * look.size)
         fitting = look.text.fit(words, look.size, room)
         line = look.text.line(fitting, look.size, INK if look.focused else FAINT)
-        target.blit(line, line.get_rect(midright=(area.right - look.size, area.centery)))
+        place = line.get_rect(midright=(area.right - look.size, area.centery))
+        target.blit(line, place)
+        return place
 
 
 class Words(Row):
@@ -100,14 +122,17 @@ class Button(Row):
 
     def __init__(self, label: str, value: object) -> None:
         super().__init__(label)
-        self.value = value
+        self.answer = value
 
     def command(self, command: Command) -> bool:
         return command in (Command.USE, Command.ENTER)
 
 
 class Choice(Row):
-    """One of several values, each with words for it; `changed` is told the new one."""
+    """One of several values, each with words for it; `changed` is told the new one.
+
+    With an `opens`, using it ends the form with that, so that one can choose from a list.
+    """
 
     def __init__(
         self,
@@ -115,23 +140,34 @@ class Choice(Row):
         options: Sequence[tuple[str, object]],
         value: object = None,
         changed: Callable[[object], None] | None = None,
+        opens: object = None,
     ) -> None:
         super().__init__(label)
         self.options = tuple(options)
-        values = [option for _, option in self.options]
-        self.index = values.index(value) if value in values else 0
+        self.index = 0
+        self.answer = opens
         self._changed = changed
+        self._middle = 0.75
+        self.choose(value)
 
     @property
     def value(self) -> object:
         """The value that is chosen."""
         return self.options[self.index][1]
 
+    def choose(self, value: object) -> None:
+        """Set it to a value, which nobody is told; the first one where it has no such."""
+        values = [option for _, option in self.options]
+        self.index = values.index(value) if value in values else 0
+
     def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
         super().draw(target, area, look)
-        self._right(target, area, look, f"‹ {self.options[self.index][0]} ›")
+        words = self._right(target, area, look, f"‹ {self.options[self.index][0]} ›")
+        self._middle = (words.centerx - area.x) / max(1, area.width)
 
     def command(self, command: Command) -> bool:
+        if self.answer is not None and command in (Command.USE, Command.ENTER):
+            return True
         if command in (Command.LEFT, Command.RIGHT, Command.USE):
             step = -1 if command is Command.LEFT else 1
             self.index = (self.index + step) % len(self.options)
@@ -140,7 +176,10 @@ class Choice(Row):
         return False
 
     def click(self, share: float) -> bool:
-        return self.command(Command.LEFT if 0.5 < share < 0.75 else Command.RIGHT)
+        if self.answer is not None:
+            return True
+        back = min(0.5, 2 * self._middle - 1) < share < self._middle
+        return self.command(Command.LEFT if back else Command.RIGHT)
 
 
 class Slider(Row):
@@ -161,10 +200,12 @@ class Slider(Row):
         self.value = min(high, max(low, value))
         self._words = words
         self._changed = changed
+        self._end = _TRACK[1]
 
     def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
         super().draw(target, area, look)
-        self._right(target, area, look, self._words(self.value))
+        words = self._right(target, area, look, self._words(self.value))
+        self._end = min(_TRACK[1], (words.left - look.size - area.x) / max(1, area.width))
         track = self._track(area, look.size)
         share = (self.value - self.low) / (self.high - self.low)
         target.blit(box(track.size, TRACK, track.height // 2), track)
@@ -178,9 +219,10 @@ class Slider(Row):
         return False
 
     def click(self, share: float) -> bool:
-        along = (share - 0.4) / 0.35
-        steps = round(min(1.0, max(0.0, along)) * (self.high - self.low) / self.step)
-        self._set(self.low + steps * self.step)
+        along = (share - _TRACK[0]) / max(0.01, self._end - _TRACK[0])
+        if -_BESIDE <= along <= 1 + _BESIDE:
+            steps = round(min(1.0, max(0.0, along)) * (self.high - self.low) / self.step)
+            self._set(self.low + steps * self.step)
         return False
 
     def _set(self, value: float) -> None:
@@ -189,45 +231,10 @@ class Slider(Row):
             self._changed(self.value)
 
     def _track(self, area: pygame.Rect, size: int) -> pygame.Rect:
-        left, right = area.x + area.width * 0.4, area.x + area.width * 0.75
-        track = pygame.Rect(round(left), 0, round(right - left), max(4, size // 3))
+        left, right = (area.x + area.width * share for share in (_TRACK[0], self._end))
+        track = pygame.Rect(round(left), 0, max(1, round(right - left)), max(4, size // 3))
         track.centery = area.centery
         return track
-
-
-class TextField(Row):
-    """A line of text of at most `length` letters."""
-
-    wants_letters = True
-
-    def __init__(self, label: str, text: str = "", length: int = 40, hint: str = "") -> None:
-        super().__init__(label)
-        self.text = text[:length]
-        self._length = length
-        self._hint = hint
-
-    def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
-        super().draw(target, area, look)
-        shown = f"{self.text}|" if look.focused else self.text or self._hint
-        room = max(look.size * 4, area.width - look.text.width(self.label, look.size) * 3 // 2)
-        while look.text.width(shown, look.size) > room and len(shown) > 2:
-            shown = "…" + shown[2:]
-        self._right(target, area, look, shown)
-
-    def letters(self, text: str) -> None:
-        typed = "".join(letter for letter in text if letter.isprintable())
-        self.text = (self.text + typed)[: self._length]
-
-    def key(self, name: str) -> bool:
-        if name == "backspace":
-            self.text = self.text[:-1]
-        return name == "backspace"
-
-    def command(self, command: Command) -> bool:
-        return command is Command.ENTER
-
-    def click(self, share: float) -> bool:
-        return False
 
 
 class KeyField(Row):
@@ -249,7 +256,7 @@ class KeyField(Row):
             self.wants_keys = True
         return False
 
-    def key(self, name: str) -> bool:
+    def key(self, name: str, *, ctrl: bool = False) -> bool:
         if not self.wants_keys:
             return False
         self.wants_keys = False

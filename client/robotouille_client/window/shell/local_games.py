@@ -8,13 +8,15 @@ from functools import partial
 from pathlib import Path
 
 from robotouille.domain.loading import task_names
+from robotouille.domain.task import Timing
 from robotouille_client.bots.partners import MakePartners
 from robotouille_client.window.shell.game_cards import LEAVE, REVIEW, GameCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
 from robotouille_client.window.shell.games.tutorial import TUTORIAL, TutorialSource
 from robotouille_client.window.shell.replays import Replays
-from robotouille_client.window.shell.screens.play_menu import PlayMenu, task_title
+from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.stage import Stage
+from robotouille_client.window.sources.task_titles import task_title
 
 __all__ = ["LocalGames"]
 
@@ -38,11 +40,8 @@ class LocalGames:
     async def choose(self) -> object:
         """Ask what is to be played, and play it."""
         self._stage.splash("Loading …")
-        chosen = PlayMenu(self._stage.settings)
-        if await self._stage.ask(chosen.form) != "start":
-            return None
-        chosen.remember(self._stage.settings)
-        return await self.play(chosen.plan)
+        plan = await PlayMenu(self._stage.settings).ask(self._stage.ask)
+        return None if plan is None else await self.play(plan)
 
     async def play(self, plan: Plan) -> object:
         """Play a task, again and again, or the next one, as long as that is asked for."""
@@ -86,12 +85,22 @@ class LocalGames:
             answer = await self._stage.show(source, cards, caption=task_title(plan.task))
         finally:
             path = game.finish(over=source.finished)
+            self._note_best(game)
         if path is None:
             if answer in ("watch", "video"):
                 self._stage.message = "The game could not be kept."
             return answer
         watch, save = partial(self._replays.watch, path), partial(self._replays.save, path)
         return await self._replays.review(answer, cards, watch, save)
+
+    def _note_best(self, game: LocalGame) -> None:
+        """Remember in how few steps a task was done, in the timing that people play in."""
+        task, outcome = game.world.task, game.source.outcome
+        if outcome is None or outcome["reason"] != "goal" or task.timing is not Timing.PEOPLE:
+            return
+        best, name = self._stage.settings.best, f"{task.name}@{task.seats}"
+        if task.name in task_names():
+            best[name] = min(best.get(name, outcome["steps"]), outcome["steps"])
 
 
 def _following(task: str) -> str:

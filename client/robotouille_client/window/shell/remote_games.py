@@ -87,9 +87,8 @@ class RemoteGames:
         while True:
             self._stage.splash("Loading …")
             asked = OpenMenu(settings, message)
-            if await self._stage.ask(asked.form) != "open":
+            if not await asked.ask(self._stage.ask):
                 return None
-            asked.remember(settings)
             try:
                 made = await self.ask_server(asked.create)
                 if made is not None:

@@ -13,7 +13,7 @@ from robotouille.errors import RobotouilleError
 from robotouille_client.console import explain
 from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.shell.game_cards import GameCards
-from robotouille_client.window.shell.screens.replays_menu import recent_recordings, replays_menu
+from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu, recent_recordings
 from robotouille_client.window.shell.screens.saving_form import SavingForm
 from robotouille_client.window.shell.stage import Stage
 
@@ -43,10 +43,16 @@ class Replays:
     async def choose(self) -> object:
         """Ask for one after the other, and watch it."""
         message = ""
+        path: object = None
         while True:
             folders = [Path("recordings"), *([self._recordings] if self._recordings else [])]
-            form = replays_menu(recent_recordings(folders), message)
-            path = await self._stage.ask(form)
+            menu = ReplaysMenu(
+                recent_recordings(folders),
+                message,
+                rendering=self._stage.settings.rendering,
+                chosen=path,
+            )
+            path = await self._stage.ask(menu.form)
             if not isinstance(path, Path):
                 return None
             try:

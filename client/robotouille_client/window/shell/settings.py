@@ -12,7 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 __all__ = ["Settings", "load_settings", "save_settings", "settings_path"]
 
 VERSION = 1
+MAX_BYTES = 100_000
+"""Of the file: nobody has so many settings."""
 Name = Annotated[str, Field(min_length=1, max_length=40)]
+Word = Annotated[str, Field(max_length=40)]
 Side = Annotated[int, Field(ge=160, le=8192)]
 
 
@@ -22,7 +25,8 @@ class Settings(BaseModel):
     `size` is that of the window in pixels, `rendering` the name of the one that is chosen for the
     kitchens that may look like it, `text_scale` makes letters larger or smaller, `keys` are
     those that differ from the defaults. `task`, `partner` and `rate` (steps a second) were played
-    last, `server` and `code` joined last.
+    last, `server` and `code` joined last. `best` has the fewest steps in which each task was done
+    here, by `NAME@PLAYERS`.
     """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -35,14 +39,15 @@ class Settings(BaseModel):
     reduced_motion: bool = False
     rendering: Annotated[str, Field(max_length=64)] = ""
     text_scale: Annotated[float, Field(ge=0.8, le=1.6)] = 1.0
-    keys: dict[str, list[str]] = {}
-    task: str = "synchronous/01"
+    keys: dict[Word, list[Word]] = Field(default={}, max_length=40)
+    task: Annotated[str, Field(max_length=200)] = "synchronous/01"
     seats: Annotated[int, Field(ge=1, le=8)] = 1
-    partner: str = "planner"
+    partner: Word = "planner"
     rate: Annotated[float, Field(ge=1, le=20)] = 5.0
-    server: str = "ws://127.0.0.1:8765"
-    code: str = ""
+    server: Annotated[str, Field(max_length=200)] = "ws://127.0.0.1:8765"
+    code: Word = ""
     learned: bool = False
+    best: dict[str, Annotated[int, Field(ge=0)]] = Field(default={}, max_length=1000)
 
 
 def settings_path() -> Path:
@@ -53,20 +58,39 @@ def settings_path() -> Path:
 
 
 def load_settings(path: Path) -> tuple[Settings, str]:
-    """The settings, and words where they could not be read: a file that is broken or of another
-    version is kept beside, as `….bak`, and the defaults are taken."""
+    """The settings, and words where they could not be read.
+
+    A file that is broken or of another version is kept beside, as `….bak`, and the defaults are
+    taken; of one with settings that are wrong, or not known, the others.
+    """
     try:
-        raw: Any = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            return Settings(), _set_aside(path, f"are longer than {MAX_BYTES:,} bytes")
+        raw: Any = json.loads(content)
         version = raw.get("version") if isinstance(raw, dict) else None
         if version != VERSION:
-            return Settings(), _set_aside(path, f"are of version {version}")
-        return Settings.model_validate(raw), ""
+            return Settings(), _set_aside(path, f"are of version {str(version)[:20]}")
     except FileNotFoundError:
         return Settings(), ""
-    except (ValueError, ValidationError, RecursionError):
+    except (ValueError, RecursionError):
         return Settings(), _set_aside(path, "cannot be read")
     except OSError as error:
         return Settings(), f"The settings cannot be read: {error.strerror}."
+    return _sound(raw, path)
+
+
+def _sound(raw: dict[str, Any], path: Path) -> tuple[Settings, str]:
+    """The settings without those that make no sense, and words where there are such."""
+    try:
+        return Settings.model_validate(raw), ""
+    except ValidationError as error:
+        wrong = dict.fromkeys(str(fault["loc"][0]) for fault in error.errors())
+    kept = {name: value for name, value in raw.items() if name not in wrong}
+    names = ", ".join(name[:20] for name in list(wrong)[:4]) + (", …" if len(wrong) > 4 else "")
+    words = _set_aside(path, f"cannot be read as to {names}", "these are left out")
+    return Settings.model_validate(kept), words
 
 
 def save_settings(settings: Settings, path: Path) -> str:
@@ -77,12 +101,16 @@ def save_settings(settings: Settings, path: Path) -> str:
         draft.write_text(settings.model_dump_json(indent=2) + "\n", encoding="utf-8")
         draft.replace(path)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
         return f"The settings cannot be saved: {error.strerror}."
     return ""
 
 
-def _set_aside(path: Path, what: str) -> str:
+def _set_aside(path: Path, what: str, instead: str = "these are the defaults") -> str:
     beside = path.with_name(f"{path.name}.bak")
-    with contextlib.suppress(OSError):
+    try:
         path.replace(beside)
-    return f"The settings {what}: these are the defaults. The old file is {beside.name}."
+    except OSError:
+        return f"The settings {what}: {instead}."
+    return f"The settings {what}: {instead}. The old file is {beside.name}."

@@ -16,10 +16,11 @@ from robotouille_client.bots.partners import MakePartners
 from robotouille_client.console import explain
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.screen import ClosedByOwnerError
+from robotouille_client.window.hands.commands import KeyMap
 from robotouille_client.window.shell.local_games import LocalGames
 from robotouille_client.window.shell.remote_games import RemoteGames
 from robotouille_client.window.shell.replays import Replays
-from robotouille_client.window.shell.screens.main_menu import menu
+from robotouille_client.window.shell.screens.main_menu import leaving, menu
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.settings import Settings, save_settings
 from robotouille_client.window.shell.stage import Stage
@@ -86,6 +87,8 @@ class Shell:
             while self._menu and answer != "quit":
                 if answer in self._places:
                     answer = await self._go(answer)
+                elif answer == "leave":
+                    answer = await self.stage.ask(leaving())
                 else:
                     answer = await self.stage.ask(menu(self.settings, self.stage.told()))
         except ClosedByOwnerError:
@@ -105,25 +108,30 @@ class Shell:
     # What is remembered
 
     async def _set(self) -> object:
-        form = SettingsMenu(self.settings)
-        answer = await self.stage.ask(form.form)
-        if answer in ("save", "keys"):
-            form.apply(self.settings)
-            if self.settings.fullscreen != self.stage.display.fullscreen:
-                self.stage.display.toggle_fullscreen()
-            self.stage.follow_settings()
+        self.settings.fullscreen = self.stage.display.fullscreen
+        answer: object = "settings"
+        try:
+            while answer != "back":
+                asked = SettingsMenu(self.settings, self._follow)
+                if answer == "keys":
+                    asked.form.focus(asked.keys)
+                answer = await self.stage.ask(asked.form)
+                if answer == "keys":
+                    await self.stage.ask(KeysMenu(self.stage.keys, self._set_keys).form)
+        finally:
             self._remember()
-        if answer == "keys":
-            await self._set_keys()
         return None
 
-    async def _set_keys(self) -> None:
-        form = KeysMenu(self.stage.keys)
-        answer = await self.stage.ask(form.form)
-        if answer in ("save", "reset"):
-            self.settings.keys = {} if answer == "reset" else form.keys.changed
-            self.stage.follow_settings()
-            self._remember()
+    def _follow(self, field: str) -> None:
+        """Do as a setting, which was changed, says from now on."""
+        full = self.settings.fullscreen
+        if field == "fullscreen" and full != self.stage.display.fullscreen:
+            self.stage.display.toggle_fullscreen()
+        self.stage.follow_settings()
+
+    def _set_keys(self, keys: KeyMap) -> None:
+        self.settings.keys = keys.changed
+        self.stage.follow_settings()
 
     def _remember(self) -> None:
         self.settings.size = self.stage.display.size

@@ -42,7 +42,8 @@ def open_shell(
         shipped_rendering(rendering)
     path = settings_path()
     settings, told = load_settings(path)
-    if settings.rendering not in other_renderings():
+    if settings.rendering and settings.rendering not in other_renderings():
+        told = told or f"There is no look {settings.rendering!r} any more: kitchens look as usual."
         settings.rendering = ""
     for_now: dict[str, object] = {}
     if size is not None:

@@ -26,6 +26,7 @@ from robotouille_client.window.pictures.theme import (
     Colour,
     mixed,
 )  # fmt: skip
+from robotouille_client.window.sources.task_titles import dish_title
 from robotouille_client.window.view import NEWS, View
 
 __all__ = ["Panel"]
@@ -84,9 +85,10 @@ class Panel:
 
     def _title(self, surface: pygame.Surface, area: pygame.Rect, layout: Layout, view: View) -> int:
         size, y = layout.text, area.y
-        folder, _, dish = view.world.task.name.rpartition("/")
-        number, _, words = dish.partition("_")
-        title = (words if number.isdigit() and words else dish).replace("_", " ").capitalize()
+        task = view.world.task
+        folder, _, file = task.name.rpartition("/")
+        number = file.partition("_")[0]
+        title = dish_title(task.name, task.goal_description)
         small = max(10, size - 3)
         above = " · ".join(part for part in (folder.replace("_", " "), number) if part and folder)
         room = area.width

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import pygame
 
@@ -11,10 +11,9 @@ from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.widgets import Button
 from robotouille_client.window.shell.settings import Settings
 
-__all__ = ["menu"]
+__all__ = ["leaving", "menu"]
 
 EMBLEM = ("assets", "kitchen", "app_icon.svg")
-SIDE = 280
 
 
 def menu(settings: Settings, message: str = "") -> Form:
@@ -29,17 +28,22 @@ def menu(settings: Settings, message: str = "") -> Form:
         Button("Settings", "settings"),
         Button("Quit", "quit"),
     ]
-    form = Form(f"Hello, {settings.name}", rows, cancel="quit", picture=_emblem())
+    form = Form(f"Hello, {settings.name}", rows, cancel="leave", picture=_emblem)
     if not settings.learned:
         form.focus(rows[5])
     form.message = message
     return form
 
 
-@cache
-def _emblem() -> pygame.Surface | None:
+def leaving() -> Form:
+    """Whether Escape was meant."""
+    return Form("Leave Robotouille?", [Button("Stay", "stay"), Button("Quit", "quit")])
+
+
+@lru_cache(maxsize=4)
+def _emblem(room: tuple[int, int]) -> pygame.Surface | None:
     folder, kitchen, file = EMBLEM
     try:
-        return pygame.image.load_sized_svg(data_folder(folder) / kitchen / file, (SIDE, SIDE))
+        return pygame.image.load_sized_svg(data_folder(folder) / kitchen / file, (min(room),) * 2)
     except (pygame.error, OSError):
         return None

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator
+from datetime import datetime
 from pathlib import Path
 
-from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.widgets import Button, Row, Words
+from pygame import Surface
 
-__all__ = ["recent_recordings", "replays_menu"]
+from robotouille_client.window.forms.picker import Entry, Picker, Told
+from robotouille_client.window.forms.widgets import Button
+from robotouille_client.window.shell.screens.recording_summary import (
+    RecordingSummary,
+    summary_of,
+    when_words,
+)
+from robotouille_client.window.shell.screens.thumbnails import Thumbnails
+from robotouille_client.window.sources.task_titles import task_title
 
-SHOWN = 30
+__all__ = ["ReplaysMenu", "recent_recordings"]
+
+SHOWN = 50
+AT_ONCE = 0.02
+"""Seconds that may be spent on reading files before the next look for what its owner does."""
 
 
 def recent_recordings(folders: Iterable[Path]) -> list[Path]:
@@ -25,11 +38,79 @@ def recent_recordings(folders: Iterable[Path]) -> list[Path]:
     return [path for _, path in sorted(found, reverse=True)[:SHOWN]]
 
 
-def replays_menu(paths: Iterable[Path], message: str = "") -> Form:
-    """A form whose result is a path."""
-    rows: list[Row] = [Button(path.stem.replace("_", " "), path) for path in paths]
-    if not rows:
-        rows.append(Words("There is no recording yet: play a game first."))
-    form = Form("Replays", [*rows, Button("Back", "back")])
-    form.message = message
-    return form
+class ReplaysMenu:
+    """The form, whose result is a path, or `back`."""
+
+    def __init__(
+        self,
+        paths: Iterable[Path],
+        message: str = "",
+        *,
+        rendering: str = "",
+        chosen: object = None,
+        now: datetime | None = None,
+    ) -> None:
+        self._now = now or datetime.now().astimezone()
+        self._pictures = Thumbnails(rendering)
+        self._summaries: dict[Path, RecordingSummary] = {}
+        entries = [self._entry(path) for path in paths]
+        self._unread: Iterator[Path] = iter([Path(str(entry.answer)) for entry in entries])
+        self.form = Picker(
+            "Replays",
+            entries,
+            [Button("Back", "back")],
+            chosen=chosen,
+            empty="There is no recording yet: play a game first.",
+            idle=self._load,
+        )
+        self.form.message = message
+
+    def _entry(self, path: Path) -> Entry:
+        return Entry(
+            path,
+            lambda: self._told(path),
+            picture=lambda room: self._picture(path, room),
+            about=lambda: self._about(path),
+        )
+
+    def _told(self, path: Path) -> Told:
+        found = self._summaries.get(path)
+        if found is None:
+            return Told(path.stem.replace("_", " "), "…")
+        title = task_title(found.name) if found.name else path.name
+        return Told(title, f"{when_words(found.when, self._now)} · {found.result}")
+
+    def _about(self, path: Path) -> str:
+        found = self._summaries.get(path)
+        if found is None:
+            return ""
+        people = f"With {', '.join(found.people)}." if found.people else ""
+        result = found.result
+        return "\n".join(
+            each
+            for each in (
+                when_words(found.when, self._now),
+                f"{result[:1].upper()}{result[1:]}.",
+                people,
+                path.name,
+            )
+            if each
+        )
+
+    def _picture(self, path: Path, room: tuple[int, int]) -> Surface | None:
+        found = self._summaries.get(path)
+        if found is None or found.task is None:
+            return None
+        return self._pictures.at(f"{found.name} {found.digest}", room, found.load)
+
+    def _load(self) -> bool:
+        """Look into some files, or else draw a kitchen."""
+        until = time.perf_counter() + AT_ONCE
+        read = False
+        while time.perf_counter() < until:
+            path = next(self._unread, None)
+            if path is None:
+                return read or self._pictures.load()
+            self._summaries[path] = summary_of(path)
+            read = True
+        return read

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robotouille.domain.loading import load_task, task_names
 from robotouille.protocol.messages import Created, EpisodeInfo
 from robotouille_client.client import Client
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.widgets import Button, Choice, Row, Slider, TextField, Words
-from robotouille_client.window.shell.screens.play_menu import pace_words, task_title
+from robotouille_client.window.forms.text_field import TextField
+from robotouille_client.window.forms.widgets import Button, Row, Slider, Words
+from robotouille_client.window.shell.screens.play_menu import Ask, TaskChoice, pace_words
 from robotouille_client.window.shell.settings import Settings
+from robotouille_client.window.sources.task_titles import task_title
 
 __all__ = ["JoinMenu", "OpenMenu", "episode_words", "lobby_menu", "waiting_form"]
 
@@ -31,7 +32,7 @@ class JoinMenu:
 
     def remember(self, settings: Settings) -> None:
         """Keep what was typed for the next time."""
-        settings.code = self._code.text.strip()
+        settings.code = "".join(self._code.text.split())
         settings.server = self._server.text.strip() or settings.server
         settings.name = self._name.text.strip() or settings.name
 
@@ -40,40 +41,50 @@ class OpenMenu:
     """A task for several people, opened on a server."""
 
     def __init__(self, settings: Settings, message: str = "") -> None:
-        names = task_names()
-        last = next((name for name in names if name.startswith(settings.task)), names[0])
-        options = [(task_title(name), name) for name in names]
-        self._task = Choice("Task", options, last, lambda _: self._show())
-        self._goal = Words("")
-        self._seats = Choice("Players", [("1", None)])
+        self._settings = settings
+        self._message = message
         self._rate = Slider("Pace", settings.rate, 1, 12, 1, pace_words)
         self._server = TextField("Server", settings.server, 200)
-        rows = (
-            Button("Open and join", "open"), self._task, self._goal, self._seats, self._rate,
-            self._server, Button("Back", "back"),
-        )  # fmt: skip
-        self.form = Form("Open a kitchen", rows)
-        self.form.message = message
-        self._show()
+        self._ends = (Button("Open and join", "open"), Button("Back", "back"))
+        self._task = TaskChoice(settings, str, self._arrange)
+        self.form = self._made()
+
+    async def ask(self, ask: Ask) -> bool:
+        """Ask until a kitchen is to be opened, which is remembered; False to go back."""
+        while (answer := await ask(self.form)) == "task":
+            await self._task.pick(ask)
+            self.form = self._made()
+        if answer != "open":
+            return False
+        self._task.remember()
+        self._settings.server = self._server.text.strip() or self._settings.server
+        self._settings.rate = self._rate.value
+        return True
 
     async def create(self, client: Client) -> Created:
         """Open what was chosen."""
-        seats = {} if self._seats.value is None else {"seats": self._seats.value}
-        rate = self._rate.value
-        rules = {**seats, "clock": "realtime", "step_rate": rate, "timing": "people"}
-        return await client.create(str(self._task.value), **rules)
+        return await client.create(
+            self._task.task,
+            seats=self._task.seats,
+            clock="realtime",
+            step_rate=self._rate.value,
+            timing="people",
+        )
 
-    def remember(self, settings: Settings) -> None:
-        """Keep what was chosen for the next time."""
-        settings.server = self._server.text.strip() or settings.server
-        settings.task, settings.rate = str(self._task.value), self._rate.value
+    def _made(self) -> Form:
+        form = Form(
+            "Open a kitchen", self._rows(), pinned=1, picture=self._task.picture,
+            idle=self._task.load,
+        )  # fmt: skip
+        form.message = self._message
+        return form
 
-    def _show(self) -> None:
-        task = load_task(str(self._task.value))
-        self._goal.label = task.goal_description
-        counts = task.problem.seats or (task.seats,)
-        self._seats.options = tuple((str(n), n) for n in counts)
-        self._seats.index = min(self._seats.index, len(counts) - 1)
+    def _arrange(self) -> None:
+        self.form.set_rows(self._rows())
+
+    def _rows(self) -> tuple[Row, ...]:
+        start, back = self._ends
+        return (start, *self._task.rows, self._rate, self._server, back)
 
 
 def lobby_menu(episodes: Iterable[EpisodeInfo], server: str) -> Form:
@@ -82,7 +93,7 @@ def lobby_menu(episodes: Iterable[EpisodeInfo], server: str) -> Form:
     if not rows:
         rows.append(Words("No kitchen is open. Open one, or ask for a code."))
     ends = (Button("Look again", "again"), Button("Back", "back"))
-    form = Form("Kitchens", [*rows, *ends])
+    form = Form("Kitchens", [*rows, *ends], pinned=len(ends))
     form.message = f"On {server}"
     return form
 

@@ -1,10 +1,13 @@
-"""The settings, and which key does what."""
+"""The settings, each of which counts at once, and which key does what."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from robotouille.domain.companions import other_renderings
 from robotouille_client.window.forms.form import Form
-from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Row, Slider, TextField
+from robotouille_client.window.forms.text_field import TextField
+from robotouille_client.window.forms.widgets import Button, Choice, KeyField, Row, Slider
 from robotouille_client.window.hands.commands import DEFAULT_KEYS, Command, KeyMap
 from robotouille_client.window.shell.settings import Settings
 
@@ -23,62 +26,100 @@ _WORDS = {
     Command.FULLSCREEN: "Fill the screen",
     Command.SCREENSHOT: "Save a picture",
 }
+_FIXED = "Arrows always walk, Enter always does what has the focus."
 
 
 class SettingsMenu:
-    """The form, and what was set in it."""
+    """A form that changes settings as it is used; `changed` is told the name of each that was."""
 
-    def __init__(self, settings: Settings) -> None:
-        self._name = TextField("Your name", settings.name, 40)
-        self._server = TextField("Server", settings.server, 200)
-        self._full = Choice("Fill the screen", [("no", False), ("yes", True)], settings.fullscreen)
-        self._scale = Slider(
-            "Size of letters", settings.text_scale, 0.8, 1.6, 0.1, lambda x: f"{round(x * 100)} %"
-        )
+    def __init__(
+        self, settings: Settings, changed: Callable[[str], None] = lambda field: None
+    ) -> None:
+        self._settings = settings
+        self._changed = changed
+        self.keys = Button("Keys", "keys")
         looks = [("as it comes", ""), *((name, name) for name in other_renderings())]
-        self._rendering = Choice("Look", looks, settings.rendering)
-        self._sound = Choice("Sound", [("on", True), ("off", False)], settings.sound)
         motion = [("all", False), ("only what matters", True)]
-        self._motion = Choice("What moves", motion, settings.reduced_motion)
         rows = (
-            self._name, self._server, self._rendering, self._sound, self._motion,
-            self._full, self._scale, Button("Keys", "keys"), Button("Save", "save"),
+            self._text("name", "Your name", 40),
+            self._text("server", "Server", 200),
+            self._choice("rendering", "Look", looks),
+            self._choice("sound", "Sound", [("on", True), ("off", False)]),
+            self._choice("reduced_motion", "What moves", motion),
+            self._choice("fullscreen", "Fill the screen", [("no", False), ("yes", True)]),
+            Slider(
+                "Size of letters", settings.text_scale, 0.8, 1.6, 0.1,
+                lambda x: f"{round(x * 100)} %", lambda scale: self._set("text_scale", scale),
+            ),
+            self.keys,
             Button("Back", "back"),
         )  # fmt: skip
-        self.form = Form("Settings", rows)
+        self.form = Form("Settings", rows, pinned=1)
+        self.form.message = "What you change counts at once."
 
-    def apply(self, settings: Settings) -> None:
-        """Take over what was set."""
-        settings.name = self._name.text.strip() or settings.name
-        settings.server = self._server.text.strip() or settings.server
-        settings.reduced_motion = bool(self._motion.value)
-        settings.rendering = str(self._rendering.value)
-        settings.sound = bool(self._sound.value)
-        settings.fullscreen = bool(self._full.value)
-        settings.text_scale = self._scale.value
+    def _text(self, field: str, label: str, length: int) -> TextField:
+        def changed(text: str) -> None:
+            if text.strip():
+                self._set(field, text.strip())
+
+        return TextField(label, str(getattr(self._settings, field)), length, changed=changed)
+
+    def _choice(self, field: str, label: str, options: Sequence[tuple[str, object]]) -> Choice:
+        value = getattr(self._settings, field)
+        return Choice(label, options, value, lambda new: self._set(field, new))
+
+    def _set(self, field: str, value: object) -> None:
+        setattr(self._settings, field, value)
+        self._changed(field)
 
 
 class KeysMenu:
-    """The keys that can be changed; a key that meant something else means that no more."""
+    """The keys that can be changed; a key that meant something else means that no more.
 
-    def __init__(self, keys: KeyMap) -> None:
+    `changed` is told the new ones.
+    """
+
+    def __init__(self, keys: KeyMap, changed: Callable[[KeyMap], None] = lambda keys: None) -> None:
         self.keys = keys
+        self._changed = changed
         self._fields = {
-            command: KeyField(_WORDS[command], self._key(command), self._changer(command))
+            command: KeyField(_WORDS[command], "", self._changer(command))
             for command in DEFAULT_KEYS
         }
-        rows: list[Row] = [*self._fields.values(), Button("As they were", "reset")]
-        self.form = Form("Keys", [*rows, Button("Save", "save"), Button("Back", "back")])
-        self.form.message = "Arrows always walk, Enter always does what has the focus."
+        reset = _Pressed("As they were", lambda: self._take(KeyMap()))
+        rows: list[Row] = [*self._fields.values(), reset, Button("Back", "back")]
+        self.form = Form("Keys", rows, pinned=1)
+        self.form.message = _FIXED
+        self._show()
 
-    def _key(self, command: Command) -> str:
-        keys = self.keys.keys(command)
-        return keys[0] if keys else ""
+    def _changer(self, command: Command) -> Callable[[str], None]:
+        return lambda key: self._take(self.keys.with_key(command, key))
 
-    def _changer(self, command: Command):  # type: ignore[no-untyped-def]
-        def change(key: str) -> None:
-            self.keys = self.keys.with_key(command, key)
-            for other, field in self._fields.items():
-                field.current = self._key(other)
+    def _take(self, keys: KeyMap) -> None:
+        lost = [
+            _WORDS[command]
+            for command in DEFAULT_KEYS
+            if self.keys.keys(command) and not keys.keys(command)
+        ]
+        self.keys = keys
+        self._show()
+        self.form.message = f"No key any more: {', '.join(lost)}." if lost else _FIXED
+        self._changed(keys)
 
-        return change
+    def _show(self) -> None:
+        for command, field in self._fields.items():
+            keys = self.keys.keys(command)
+            field.current = keys[0] if keys else ""
+
+
+class _Pressed(Row):
+    """Does something, and the form stays."""
+
+    def __init__(self, label: str, does: Callable[[], None]) -> None:
+        super().__init__(label)
+        self._does = does
+
+    def command(self, command: Command) -> bool:
+        if command in (Command.USE, Command.ENTER):
+            self._does()
+        return False
