@@ -183,7 +183,7 @@ class TestWords:
 @pytest.mark.parametrize("size", [(320, 240), (640, 480), (1280, 720), (3840, 2160)])
 @pytest.mark.parametrize("ready", [False, True, None])
 def test_the_card_is_inside_and_covers_no_panel(size: tuple[int, int], ready: bool | None) -> None:
-    from robotouille.domain.catalogue import load_task
+    from robotouille.domain.loading import load_task
     from robotouille.world.world import shared_world
     from robotouille_client.window.view import View
 
