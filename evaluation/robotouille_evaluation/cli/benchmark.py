@@ -6,7 +6,7 @@ import asyncio
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 from rich.console import Console
@@ -14,6 +14,7 @@ from rich.console import Console
 from robotouille.errors import RobotouilleError, UnknownNameError, did_you_mean
 from robotouille.program import tell
 from robotouille_client.console import failing
+from robotouille_evaluation.cli import run_options as options
 from robotouille_evaluation.cli.results import agreement, compare, report
 
 if TYPE_CHECKING:
@@ -32,121 +33,38 @@ for command in (report, compare, agreement):
 
 COMPUTED = ("planner", "random", "scripted")
 
-PackOption = Annotated[
-    Path | None,
-    typer.Option("--pack", help="A pack's folder (`robotouille pack build`); ours if none."),
-]
-ProcessesOption = Annotated[
-    int, typer.Option("--processes", min=1, help="Processes for agents that plan.")
-]
-CallsOption = Annotated[
-    int, typer.Option("--calls", min=1, help="Episodes that wait for a model at the same time.")
-]
-TimeoutOption = Annotated[
-    float | None,
-    typer.Option(min=0.1, help="Seconds for one attempt to ask a model; 120 if left out."),
-]
-AttemptsOption = Annotated[
-    int | None,
-    typer.Option(min=1, help="How often a model is asked one thing at most; 6 if left out."),
-]
-SchedulerOption = Annotated[
-    str, typer.Option("--scheduler", help="A Dask scheduler's address, instead of processes.")
-]
-
 
 @benchmark.command()
 @failing
 def run(
-    out: Annotated[Path, typer.Argument(help="A new folder for the run.")],
-    agents: Annotated[
-        str,
-        typer.Option(
-            "--agents",
-            help="Who plays: planner, random, scripted, or strategies of a language model "
-            "(react-last-reasoning-action, io, …, or an experiment of the pack).",
-        ),
-    ] = "planner,random,scripted",
-    model: Annotated[
-        str,
-        typer.Option(
-            help="The language model's name; `local` for a small one, `mock` for none, "
-            "`inspect:PROVIDER/NAME` by a provider of Inspect."
-        ),
-    ] = "mock",
-    base_url: Annotated[str, typer.Option(help="Of an OpenAI-compatible endpoint.")] = "",
-    pack: PackOption = None,
-    datasets: Annotated[str, typer.Option(help="Which data sets; all if none are named.")] = "",
-    tasks: Annotated[str, typer.Option(help="Which tasks; all if none are named.")] = "",
-    kinds: Annotated[str, typer.Option(help="default, free, noisy.")] = "free",
-    seats: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Players of each team, where tasks leave it open; the usual number if left out.",
-        ),
-    ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="How often each agent plays.")] = 1,
-    budget: Annotated[
-        Literal["own", "published"] | None,
-        typer.Option(help="The limit of steps: 1.5 x the optimum, or the published constants."),
-    ] = None,
-    variant: Annotated[
-        Literal["stochastic", "delay-free"] | None,
-        typer.Option(help="A cut item reverts by chance; or nothing has to be waited for."),
-    ] = None,
-    control: Annotated[
-        Literal["each", "turns", "joint"],
-        typer.Option(
-            help="Teams: one model for each robot; or one for all, asked for one robot after the "
-            "other, or for all at once."
-        ),
-    ] = "each",
-    clock: Annotated[
-        Literal["turns", "realtime"],
-        typer.Option(help="Whether the world waits for its players, or goes on while they think."),
-    ] = "turns",
-    step_rate: Annotated[
-        float, typer.Option(min=0.01, max=60, help="Real time: steps a second.")
-    ] = 5.0,
-    charge: Annotated[
-        str,
-        typer.Option(
-            help="Real time: what a thought costs. `tokens:20` are 20 ms a generated token, "
-            "`declared:1500` 1,500 ms a call."
-        ),
-    ] = "tokens:20",
-    late: Annotated[
-        Literal["apply", "revalidate", "drop"],
-        typer.Option(help="Real time: what becomes of late answers (docs/benchmark.md)."),
-    ] = "apply",
-    helper: Annotated[
-        Literal["none", "planner", "script"],
-        typer.Option(help="Real time: who acts while a model thinks."),
-    ] = "none",
-    digest_tokens: Annotated[
-        int,
-        typer.Option(min=0, help="Real time: the longest digest of what has changed; 0: none."),
-    ] = 0,
-    slack: Annotated[
-        float,
-        typer.Option(
-            min=1, max=1000, help="Real time: by how much limits of steps are multiplied."
-        ),
-    ] = 1.0,
-    temperature: Annotated[float | None, typer.Option(help="Sent with each request.")] = None,
-    price: Annotated[
-        str, typer.Option(help="Of a million tokens sent and received, e.g. 0.40/1.20.")
-    ] = "",
-    timeout: TimeoutOption = None,
-    attempts: AttemptsOption = None,
-    steps_to_go: Annotated[
-        bool,
-        typer.Option("--steps-to-go", help="Measure how far failed episodes were from the goal."),
-    ] = False,
-    processes: ProcessesOption = os.cpu_count() or 1,
-    calls: CallsOption = 16,
-    scheduler: SchedulerOption = "",
+    out: options.Out,
+    agents: options.Agents = "planner,random,scripted",
+    model: options.Model = "mock",
+    base_url: options.BaseUrl = "",
+    pack: options.Pack = None,
+    datasets: options.Datasets = "",
+    tasks: options.Tasks = "",
+    kinds: options.Kinds = "free",
+    seats: options.Seats = None,
+    seeds: options.Seeds = 1,
+    budget: options.Budget = None,
+    variant: options.Variant = None,
+    control: options.Control = "each",
+    clock: options.Clock = "turns",
+    step_rate: options.StepRate = 5.0,
+    charge: options.Charge = "tokens:20",
+    late: options.Late = "apply",
+    helper: options.Helper = "none",
+    digest_tokens: options.DigestTokens = 0,
+    slack: options.Slack = 1.0,
+    temperature: options.Temperature = None,
+    price: options.Price = "",
+    timeout: options.Timeout = None,
+    attempts: options.Attempts = None,
+    steps_to_go: options.StepsToGo = False,
+    processes: options.Processes = os.cpu_count() or 1,
+    calls: options.Calls = 16,
+    scheduler: options.Scheduler = "",
 ) -> None:
     """Play agents on tasks, and write a report."""
     from robotouille_evaluation.cli.models import ModelChoice, check_model
@@ -201,11 +119,11 @@ def run(
 @failing
 def resume(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
-    processes: ProcessesOption = os.cpu_count() or 1,
-    calls: CallsOption = 16,
-    scheduler: SchedulerOption = "",
-    timeout: TimeoutOption = None,
-    attempts: AttemptsOption = None,
+    processes: options.Processes = os.cpu_count() or 1,
+    calls: options.Calls = 16,
+    scheduler: options.Scheduler = "",
+    timeout: options.Timeout = None,
+    attempts: options.Attempts = None,
     base_url: Annotated[
         str,
         typer.Option(help="The run's own, said again where a key would be sent to it."),

@@ -253,15 +253,19 @@ def _ms(seconds: float) -> int:
     return round(seconds * 1000)
 
 
+def _row(note: str, seconds: float, **told: Any) -> dict[str, Any]:
+    return {"note": note, "t": _ms(seconds), **told}
+
+
 def _rejection(event: Rejected) -> dict[str, Any]:
-    note: dict[str, Any] = {
-        "note": "rejected",
-        "t": _ms(event.time),
-        "player": event.player,
-        "seq": event.seq,
-        "action": event.action,
-        "reasons": list(event.reasons),
-    }
+    note = _row(
+        "rejected",
+        event.time,
+        player=event.player,
+        seq=event.seq,
+        action=event.action,
+        reasons=list(event.reasons),
+    )
     if any(unmet.kind is not UnmetKind.OTHER for unmet in event.unmet):
         note["why"] = [why_row(unmet) for unmet in event.unmet]
     if event.code != ACTION_INVALID:
@@ -277,70 +281,73 @@ def _rejection(event: Rejected) -> dict[str, Any]:
     return note
 
 
+def _roster(event: RosterChanged) -> dict[str, Any]:
+    note = _row(
+        "roster",
+        event.time,
+        player=event.player,
+        name=event.name,
+        kind=event.kind,
+        present=event.present,
+        taken=event.taken,
+        controller=event.controller.value,
+        session=event.session,
+        participant=event.participant,
+        generation=event.generation,
+    )
+    if event.why:
+        note["why"] = event.why.value
+    return note
+
+
+def _noted(event: Noted) -> dict[str, Any]:
+    more = {"more": True} if event.more else {}
+    return _row(
+        "noted", event.time, player=event.player, topic=event.topic, text=event.text, **more
+    )
+
+
+def _moderation(event: Moderated) -> dict[str, Any]:
+    return _row(
+        "moderated",
+        event.time,
+        what=event.what.value,
+        session=event.session,
+        participant=event.participant,
+        name=event.name,
+    )
+
+
 def _note(event: Event) -> dict[str, Any]:
     match event:
         case Rejected():
             return _rejection(event)
         case Said():
-            return {
-                "note": "said",
-                "t": _ms(event.time),
-                "name": event.name,
-                "player": event.player,
-                "text": event.text,
-            }
+            return _row("said", event.time, name=event.name, player=event.player, text=event.text)
         case Noted():
-            return {
-                "note": "noted",
-                "t": _ms(event.time),
-                "player": event.player,
-                "topic": event.topic,
-                "text": event.text,
-                **({"more": True} if event.more else {}),
-            }
+            return _noted(event)
         case RosterChanged():
-            return {
-                "note": "roster",
-                "t": _ms(event.time),
-                "player": event.player,
-                "name": event.name,
-                "kind": event.kind,
-                "present": event.present,
-                "taken": event.taken,
-                "controller": event.controller.value,
-                "session": event.session,
-                "participant": event.participant,
-                "generation": event.generation,
-                **({"why": event.why.value} if event.why else {}),
-            }
+            return _roster(event)
         case ReadinessChanged():
-            return {"note": "ready", "t": 0, "player": event.player, "ready": event.ready}
+            return _row("ready", 0, player=event.player, ready=event.ready)
         case QuotaReached():
-            return {"note": "quota", "t": _ms(event.time), "player": event.player}
+            return _row("quota", event.time, player=event.player)
         case RoundTripMeasured():
-            told = {"player": event.player, "ms": round(event.seconds * 1000, 1)}
-            return {"note": "round_trip", "t": _ms(event.time), **told}
+            ms = round(event.seconds * 1000, 1)
+            return _row("round_trip", event.time, player=event.player, ms=ms)
         case Announced():
-            return {"note": "announced", "t": _ms(event.time), "text": event.text}
+            return _row("announced", event.time, text=event.text)
         case Moderated():
-            return {
-                "note": "moderated",
-                "t": _ms(event.time),
-                "what": event.what.value,
-                "session": event.session,
-                "participant": event.participant,
-                "name": event.name,
-            }
+            return _moderation(event)
         case Paused():
-            holds = [reason.value for reason in event.reasons]
-            return {"note": "paused", "t": _ms(event.time), "holds": holds}
+            return _row("paused", event.time, holds=[reason.value for reason in event.reasons])
         case CountdownChanged():
             until = {} if event.seconds is None else {"ms": _ms(event.seconds)}
-            return {"note": "countdown", "t": 0, **until}
+            return _row("countdown", 0, **until)
         case Started():
-            return {"note": "started", "t": 0}
+            return _row("started", 0)
         case Resumed():
-            return {"note": "resumed", "t": _ms(event.time)}
+            return _row("resumed", event.time)
         case Restarted():
-            return {"note": "restarted", "t": _ms(event.time)}
+            return _row("restarted", event.time)
     raise AssertionError(f"not a note: {event}")
