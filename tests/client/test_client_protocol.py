@@ -204,7 +204,7 @@ def test_a_seat_that_is_lost_ends_the_game_and_not_the_connection(server: Script
     (join,) = sent(client)
     assert isinstance(join, messages.Join)
     client.receive(server.error("episode/full", join.ref), 1.0)
-    assert game.poll()[-1] == Over({}, "no")
+    assert game.poll()[-1] == Over({}, "no", "episode/full")
     assert (client.state, client.membership) == (ClientState.LOBBY, None)
 
 

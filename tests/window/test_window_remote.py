@@ -12,13 +12,19 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import pygame
 import pytest
 from tests.support.servers import crash, raw, serving
 from tests.support.virtual_time import run
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.typing import Subprotocol
 
+from robotouille.errors import ProtocolError
 from robotouille_client import Client, Game, connect
+from robotouille_client.console import explain
 from robotouille_client.errors import ConnectionFailedError
+from robotouille_client.window.drawing.interruptions import _lost
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.pictures.theme import SEATS, TEXT, Colour, mixed
 from robotouille_client.window.sources.remote import RemoteSource
@@ -361,3 +367,101 @@ def _words_above_the_goal(view: View) -> frozenset[tuple[int, ...]]:
 def _nearest(colours: frozenset[tuple[int, ...]], wanted: Colour) -> int:
     """How far the most similar of some colours is from one."""
     return min(max(abs(a - b) for a, b in zip(c, wanted, strict=True)) for c in colours)
+
+
+class TestAnotherServer:
+    """The server has gone, and what is there now is not what it was."""
+
+    @staticmethod
+    @asynccontextmanager
+    async def left_alone(folder: Path) -> AsyncIterator[tuple[RemoteSource, Client, int]]:
+        """Ada's window after her server was killed, and its port."""
+        async with serving(folder) as server:
+            port = server.port
+            async with connect(server.url, name="ada", kind="human") as ada:
+                created = await ada.create("synchronous/01")
+                game = await ada.join(created.code)
+                source = RemoteSource(game, asyncio.get_running_loop().time, ada.connected.is_set)
+                await crash(server)
+                await asyncio.sleep(0.1)
+                source.view()
+                await asyncio.sleep(25.5)
+                yield source, ada, port
+
+    def test_while_nothing_is_there_one_is_told_the_ways_on(self, tmp_path: Path) -> None:
+        async def main() -> None:
+            async with self.left_alone(tmp_path) as (source, _, _):
+                view = source.view()
+                assert view.farewell is None
+                assert _lost(view.offline or 0.0) == (
+                    "Connection lost — trying again (25 s). You can wait, or leave with Esc"
+                )
+                await stays_open(source)
+
+        run(main())
+
+    def test_one_that_knows_nothing_of_the_game(self, tmp_path: Path) -> None:
+        async def main() -> None:
+            async with self.left_alone(tmp_path / "one") as (source, ada, port):
+                async with serving(tmp_path / "other", port=port, seed=9):
+                    await ada.connected.wait()
+                    await asyncio.sleep(1.0)
+                    farewell = source.view().farewell
+                    assert farewell is not None
+                    assert farewell.title == "The server does not know this game any more"
+                    assert source.finished
+                    await stays_open(source)
+
+        run(main())
+
+    def test_one_of_another_version_at_the_very_start(self) -> None:
+        async def main() -> None:
+            async def handle(socket: ServerConnection) -> None:
+                async for _ in socket:
+                    error = {"type": "error", "code": "protocol/version", "message": "I speak 9"}
+                    await socket.send(msgpack.packb(error))
+
+            names = [Subprotocol("robotouille.v1.msgpack")]
+            async with serve(handle, "127.0.0.1", 0, subprotocols=names) as server:
+                port = next(iter(server.sockets)).getsockname()[1]
+                with pytest.raises(ProtocolError) as refused:
+                    async with connect(f"ws://127.0.0.1:{port}", name="ada", kind="human"):
+                        pass
+                assert "is of another version (I speak 9)" in explain(refused.value)
+
+        run(main())
+
+    @pytest.mark.parametrize(
+        ("answer", "title"),
+        [
+            (
+                {"type": "error", "code": "protocol/version", "message": "version 1; I speak 9"},
+                "The server is of another version",
+            ),
+            (
+                {"type": "error", "code": "auth/required", "message": "a token"},
+                "The server does not let you in any more",
+            ),
+            ({"type": "welcome", "protocol": "nine"}, "What the server sends cannot be read"),
+            ("rubbish", "What the server sends cannot be read"),
+        ],
+    )
+    def test_one_of_another_kind(self, tmp_path: Path, answer: object, title: str) -> None:
+        async def main() -> None:
+            async with self.left_alone(tmp_path) as (source, ada, port):
+
+                async def handle(socket: ServerConnection) -> None:
+                    async for _ in socket:
+                        plain = msgpack.packb(answer) if isinstance(answer, dict) else b"\xc1"
+                        await socket.send(plain)
+
+                names = [Subprotocol("robotouille.v1.msgpack")]
+                async with serve(handle, "127.0.0.1", port, subprotocols=names):
+                    await asyncio.sleep(12.0)
+                    farewell = source.view().farewell
+                    assert farewell is not None
+                    assert farewell.title == title
+                    assert ada.farewell
+                    await stays_open(source)
+
+        run(main())

@@ -145,7 +145,8 @@ class ClientProtocol(Generic[G]):
         for ref, pending in list(self._requests.pending.items()):
             self._requests.fail(ref, self._gone(pending))
         if self.game is not None and not self.game.over:
-            self.game.receive(messages.Bye(reason=reason or CLOSED), 0.0)
+            code = error.code if isinstance(error, ProtocolError) else ErrorCode.SERVER_BYE
+            self.game.receive(messages.Bye(reason=reason or CLOSED, code=code), 0.0)
 
     def _gone(self, pending: PendingRequest | None = None) -> ConnectionFailedError:
         """Why a request is not answered."""
@@ -315,7 +316,10 @@ class ClientProtocol(Generic[G]):
             case messages.Bye(retry=True):
                 self.connection_failed(NotYetError(answer.reason), now)
             case messages.Error():
-                error = ProtocolError(answer.code, answer.message, answer.field)
+                message = answer.message
+                if answer.code == ErrorCode.PROTOCOL_VERSION:
+                    message = f"{self.url} is of another version ({message}); update this program"
+                error = ProtocolError(answer.code, message, answer.field)
                 self.connection_failed(error, now)
             case messages.Bye():
                 self.connection_failed(ProtocolError(answer.code, answer.reason), now)
@@ -489,7 +493,7 @@ class ClientProtocol(Generic[G]):
             self._enter(Trigger.REFUSED)
             self.membership = self._rejoin = None
             if self.game is not None:
-                lost = messages.Left(episode=self.game.episode, reason=answer.message)
+                lost = messages.Bye(reason=answer.message, code=answer.code)
                 self.game.receive(lost, 0.0)
 
     def _move(self, moved: messages.Moved, now: float) -> None:

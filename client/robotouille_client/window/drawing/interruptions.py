@@ -20,6 +20,8 @@ _SHADE = (*PANEL, 165)
 _STALE = (*PANEL, 90)
 _PATIENCE = 3.0
 """Seconds after which it is told for how long the connection has been lost."""
+_LONG = 20.0
+"""Seconds after which it is told what one may do about it."""
 
 
 class Interruptions:
@@ -173,4 +175,5 @@ def offline_seen(seconds: float) -> float:
 def _lost(seconds: float) -> str:
     """After a while it is told for how long, so that one sees that the window lives."""
     since = f" ({int(seconds)} s)" if seconds >= _PATIENCE else ""
-    return f"Connection lost — trying again{since}"
+    way_on = ". You can wait, or leave with Esc" if seconds >= _LONG else ""
+    return f"Connection lost — trying again{since}{way_on}"

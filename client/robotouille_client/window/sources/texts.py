@@ -37,7 +37,37 @@ FAREWELLS = {
     "rate/limited": FarewellView(
         "The server closed the connection", "It got far too many messages."
     ),
+    "protocol/version": FarewellView(
+        "The server is of another version",
+        "It was replaced during the game. Update this program, then join again with the code.",
+    ),
+    "episode/unknown": FarewellView(
+        "The server does not know this game any more",
+        "It was started anew without it, or the game was over long ago. Open or join another one.",
+    ),
+    "episode/over": FarewellView(
+        "The game is over", "It ended while the connection was lost. Open or join another one."
+    ),
+    "seat/taken": FarewellView(
+        "Somebody else has your seat",
+        "The connection was lost for too long. You can watch the game with its code.",
+    ),
+    "episode/full": FarewellView(
+        "All seats are taken by now",
+        "The connection was lost for too long. You can watch the game with its code.",
+    ),
+    **dict.fromkeys(
+        ("auth/required", "auth/revoked", "auth/expired", "auth/invalid", "auth/role"),
+        FarewellView(
+            "The server does not let you in any more", "Ask whoever invited you for a new token."
+        ),
+    ),
 }
+UNREADABLE = FarewellView(
+    "What the server sends cannot be read",
+    "It may be of another version, or no server of Robotouille. Update this program, or ask whoever"
+    " runs the server.",
+)
 
 
 def outcome_words(outcome: Mapping[str, object]) -> str:
@@ -67,6 +97,8 @@ def farewell(code: str, reason: str) -> FarewellView:
     known = FAREWELLS.get(code)
     if known is not None:
         return known
+    if code.startswith(("message/", "state/")):
+        return UNREADABLE
     words = reason.strip() or "the connection was closed"
     ending = "" if words[-1] in ".!?" else "."
     return FarewellView("You are out of this game", f"{words[0].upper()}{words[1:]}{ending}")
