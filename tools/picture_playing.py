@@ -18,6 +18,7 @@ from robotouille import World, load_task
 from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
 from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
+from robotouille.protocol.messages import Create
 from robotouille_client.bots.partners import prompt_partners
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.forms.display import Display
@@ -35,6 +36,7 @@ from robotouille_client.window.view import (
     SeatView,
     View,
 )
+from robotouille_server import ServerSettings, serve
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 SIZE = (1120, 630)
@@ -43,10 +45,12 @@ COURSE = "up e left left down e right up e left e e e e e down e right e left e"
 
 
 class Playing:
-    """A shell whose time stands still, but for what a script of keys lets pass."""
+    """A shell whose time stands still, but for what a script of keys lets pass; with `seconds`
+    that pass indeed between two of them, for a server."""
 
-    def __init__(self, script: Callable[[Display], Iterator[str]]) -> None:
+    def __init__(self, script: Callable[[Display], Iterator[str]], seconds: float = 0.0) -> None:
         self.now = 0.0
+        self._seconds = seconds
         folder = Path(tempfile.mkdtemp())
         self.display = Display(SIZE, headless=True)
         settings = Settings(name="ada", learned=True, task="multi_agent/01", seats=2)
@@ -66,7 +70,7 @@ class Playing:
 
     async def _sleep(self, seconds: float) -> None:
         self.now += seconds
-        await asyncio.sleep(0)
+        await asyncio.sleep(self._seconds)
         key = next(self._keys, None)
         if key is None:
             pygame.event.post(pygame.Event(pygame.QUIT))
@@ -151,6 +155,24 @@ def kitchens() -> Form:
     return lobby_menu(episodes, "ws://127.0.0.1:8765")
 
 
+async def served() -> None:
+    """The end of a game on a server."""
+    settings = ServerSettings(port=0, recordings=Path(tempfile.mkdtemp()), countdown=0.0)
+    async with serve(settings) as server:
+        room = server.lobby.create(Create(task="training/01", clock=Clock.TURN))
+
+        def script(display: Display) -> Iterator[str]:
+            yield from pause(30)
+            for key in COURSE.split():
+                yield key
+                yield from pause(6)
+            yield from pause(60)
+            display.save(IMAGES / "end_server.png")
+
+        playing = Playing(script, 0.01)
+        await playing.shell.run(playing.shell.remote.join(room.code, url=server.url))
+
+
 def moment(name: str, rendering: str = "", task: str = "multi_agent/01@2", **seen: Any) -> None:
     """A kitchen of two as its window shows it."""
     world = World(load_task(task, timing="people"))
@@ -196,6 +218,7 @@ def main() -> None:
     turns = Plan("training/01", clock=Clock.TURN, max_steps=200)
     asyncio.run(playing.shell.run(playing.shell.local.play(turns)))
     playing = Playing(lost)
+    asyncio.run(served())
     short = Plan("training/01", max_steps=10, countdown=0.0)
     asyncio.run(playing.shell.run(playing.shell.local.play(short)))
 

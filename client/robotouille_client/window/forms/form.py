@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import pygame
 
 from robotouille_client.window.forms.row_list import RowList
-from robotouille_client.window.forms.widgets import Row
+from robotouille_client.window.forms.widgets import Look, Row
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.shapes import box
 from robotouille_client.window.pictures.text_surfaces import Typesetter
@@ -20,6 +20,10 @@ Picture = Callable[[tuple[int, int]], pygame.Surface | None]
 
 WIDTH, PICTURE = 40, 20
 """Of a form, and of the picture beside its rows, in letters' heights."""
+MAX_TOLD = 6
+"""Lines of a message."""
+SMALLEST = 9
+"""Letters' height, below which they are hard to read."""
 
 
 class Form:
@@ -34,6 +38,7 @@ class Form:
         pinned: How many of the last rows are always in sight, however many there are.
         idle: Does a bit of what may be late, e.g. loads a picture; whether anything looks different
             now. It is called while its owner does nothing.
+        shrinks: Whether letters become smaller before anything has to be scrolled to.
     """
 
     def __init__(
@@ -46,6 +51,7 @@ class Form:
         accent: Colour = ACCENT,
         pinned: int = 0,
         idle: Callable[[], bool] = lambda: False,
+        shrinks: bool = False,
     ) -> None:
         self.title = title
         self.rows = tuple(rows)
@@ -54,6 +60,7 @@ class Form:
         self.message = ""
         self.result: object = None
         self.idle = idle
+        self._shrinks = shrinks
         self._accent = accent
         self._list = RowList(pinned)
         self._focus = -1
@@ -190,13 +197,14 @@ class Form:
 
     def draw(self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int) -> None:
         """Fill an area of the window; what does not fit is scrolled to."""
+        size = self._fitting(area, text, size) if self._shrinks else size
         pad = size
         target.blit(box(area.size, PANEL, pad, mixed(PANEL, TEXT, 0.25)), area)
         inner = area.inflate(-2 * pad, -2 * pad)
         inner = self._draw_title(target, inner, text, size)
         beside = self._draw_beside(target, inner, text, size)
         inner.width -= beside + (pad if beside else 0)
-        foot = text.wrap(self.message, size, inner.width, 4)
+        foot = text.wrap(self.message, size, inner.width, MAX_TOLD)
         bottom = inner.bottom - text.height(size) * len(foot)
         room = bottom - inner.y - (size // 2 if foot else 0)
         place = pygame.Rect(inner.x, inner.y, inner.width, room)
@@ -204,6 +212,21 @@ class Form:
         for i, line in enumerate(foot):
             at = (inner.x, bottom + i * text.height(size))
             target.blit(text.line(line, size, ACCENT), at)
+
+    def _fitting(self, area: pygame.Rect, text: Typesetter, size: int) -> int:
+        """The size of letters, as large as can be, with which there is room for all."""
+        least = max(SMALLEST, size * 3 // 5)
+        sizes = range(size, least, -1)
+        fits = (s for s in sizes if self._needed(area.width - 2 * s, text, s) <= area.height)
+        return next(fits, min(size, least))
+
+    def _needed(self, width: int, text: Typesetter, size: int) -> int:
+        """The height of all there is in a width."""
+        large, look = round(size * 1.5), Look(text, size, focused=False)
+        title = len(text.wrap(self.title, large, width, 3)) * text.height(large)
+        foot = len(text.wrap(self.message, size, width, MAX_TOLD)) * text.height(size)
+        rows = sum(row.height(look, width) + max(3, size // 4) for row in self.rows)
+        return title + rows + foot + 3 * size
 
     def _draw_title(
         self, target: pygame.Surface, area: pygame.Rect, text: Typesetter, size: int

@@ -65,7 +65,7 @@ class RowList:
             self._mark(target, bar, self._first / count, last / count)
         else:
             self._first, self.bar = 0, pygame.Rect(0, 0, 0, 0)
-        self.page, self._cut = max(1, last - self._first - 1), last
+        self.page, self._cut = max(1, last - self._first - 1), last if last < count else -1
         shown = range(self._first, min(count, last + 1))  # One in part: there is more below.
         foot = pygame.Rect(area.x, room.bottom + gap, area.width, below)
         self.places = [

@@ -44,7 +44,7 @@ def end_card(
         rows.append(Words(f"{view.farewell.title}. {view.farewell.text}"))
     rows += [Button(label, answer) for label, answer in buttons]
     title = "Done!" if view.won else "The game is over" if outcome is None else "Not done this time"
-    return Form(title, rows, cancel="menu", accent=GOOD if view.won else BAD)
+    return Form(title, rows, cancel="menu", accent=GOOD if view.won else BAD, shrinks=True)
 
 
 def best_words(task: Task) -> str:

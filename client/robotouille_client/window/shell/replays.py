@@ -139,5 +139,13 @@ class Replays:
             return True
 
         saved = await self._stage.wait(write(), form)
-        words = f"The video is saved: {output}" if saved else "No video was saved."
+        words = f"The video is saved: {_shown(output)}" if saved else "No video was saved."
         self._stage.message = words
+
+
+def _shown(path: Path) -> str:
+    """A path as its owner knows it: what is in their own folder begins with `~`."""
+    try:
+        return str(Path("~") / path.absolute().relative_to(Path.home()))
+    except (ValueError, RuntimeError):
+        return str(path)
