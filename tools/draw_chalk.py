@@ -1,4 +1,4 @@
-"""Draw kitchen pictures anew with coloured chalk on slate, for the rendering `chalk`.
+"""Draw pictures anew with coloured chalk on slate, for the rendering `chalk`.
 
     python tools/draw_chalk.py                 those that assets/chalk lacks
     python tools/draw_chalk.py stove.svg …     these, in place of what is there
@@ -16,6 +16,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
+FOLDERS = ("kitchen", "diner", "workshop")
+"""What is drawn; the first that has a picture of a name."""
 SVG = "http://www.w3.org/2000/svg"
 Rgb = tuple[int, int, int]
 INK: Rgb = (0x3B, 0x2F, 0x2F)
@@ -104,12 +106,14 @@ def _hex(colour: Rgb) -> str:
 
 def main() -> None:
     """Draw them."""
-    kitchen, chalk = ASSETS / "kitchen", ASSETS / "chalk"
+    chalk = ASSETS / "chalk"
     chalk.mkdir(exist_ok=True)
     there = {path.name for path in chalk.glob("*.svg")}
-    wanted = sys.argv[1:] or sorted(p.name for p in kitchen.glob("*.svg") if p.name not in there)
-    for name in wanted:
-        drawn = Chalk((kitchen / name).read_text(encoding="utf-8")).drawn()
+    drawings = {
+        path.name: path for folder in reversed(FOLDERS) for path in (ASSETS / folder).glob("*.svg")
+    }
+    for name in sys.argv[1:] or sorted(drawings.keys() - there):
+        drawn = Chalk(drawings[name].read_text(encoding="utf-8")).drawn()
         (chalk / name).write_text(drawn, encoding="utf-8")
         print(f"chalk/{name}")
 

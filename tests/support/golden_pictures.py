@@ -1,5 +1,5 @@
-"""Golden pictures of the window: the contact sheet of each domain and
-rendering, and a scene of each task.
+"""Golden pictures of the window: the contact sheet of each domain and rendering, a scene of each
+task, what may happen to a game, and windows of all sizes.
 
 python -m tests.support.golden_pictures
 
@@ -12,8 +12,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
@@ -25,18 +28,22 @@ from tools.contact_sheet import sheet
 from robotouille import State, Task, World, load_task, task_names
 from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
-from robotouille_client.window.view import Bubble, SeatView, View
+from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
+from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
 
 __all__ = ["GOLDEN", "PICTURES", "TOLERANCE", "difference", "scene"]
 
 GOLDEN = Path(__file__).parents[1] / "window/golden"
-SIZE, SIDE = (320, 240), 32
-TILE, TOLERANCE = 16, 14.0
+SIZE, KEPT, SIDE = (640, 480), 240, 32
+"""What is drawn, how wide it is kept, and the side of what is on a sheet."""
+TILE, TOLERANCE = 12, 14.0
 """Pixels of a tile's side, and how far its mean colour may be from the golden one (of 255)."""
 
 SHEETS = ("asynchronous/10", "examples/pancakes", "workshop/02")
-THEMED = ("asynchronous/10", "multi_agent/07")
+THEMED = ("multi_agent/07", "examples/pancakes", "workshop/02")
 """Tasks that are drawn with another rendering as well."""
+WINDOWS = ((320, 240), (640, 1000), (1280, 720), (2560, 1440))
+"""Sizes of a window in which one scene is drawn."""
 
 
 def middle(task: Task) -> tuple[State, State, int]:
@@ -58,8 +65,14 @@ def middle(task: Task) -> tuple[State, State, int]:
     return before, state, len(steps) * 2 // 3
 
 
-def scene(name: str, rendering: str = "") -> pygame.Surface:
-    """A window in the middle of a task, with a few words."""
+def scene(
+    name: str,
+    rendering: str = "",
+    size: tuple[int, int] = SIZE,
+    ui: UiOverlay | None = None,
+    **seen: Any,
+) -> pygame.Surface:
+    """A window in the middle of a task, with a few words; `seen` is what else there is to see."""
     before, state, step = middle(load_task(name))
     players = state.world.players
     view = View(
@@ -67,9 +80,41 @@ def scene(name: str, rendering: str = "") -> pygame.Surface:
         tuple(SeatView(player, player.title(), actions=step) for player in players), players[0],
         (Bubble(players[-1], "I am here.", "chat"),), (("Ada", "Hello."),), step_seconds=0.2,
     )  # fmt: skip
-    surface = pygame.Surface(SIZE)
-    Painter(rendering).paint(surface, view)
-    return surface
+    surface = pygame.Surface(size)
+    Painter(rendering).paint(surface, replace(view, **seen), ui)
+    width = min(KEPT if size[0] > size[1] else KEPT * 2 // 3, size[0])
+    return pygame.transform.smoothscale(surface, (width, width * size[1] // size[0]))
+
+
+AWAY = SeatView("robot2", "Ben", connected=False, stand_in="astar")
+KEYS = (("WASD", "walk"), ("Tab", "all actions"), ("H", "help"))
+CHOICES = tuple(f"Go to table {number}" for number in range(1, 9))
+MOMENTS: dict[str, dict[str, Any]] = {
+    "start": {"bubbles": (), "step": 0},
+    "countdown": {"starts_in": 2.4, "status": "The game begins"},
+    "refusal": {"bubbles": (Bubble("robot1", "The board is not free."),)},
+    "blocked": {"blocked": (("robot2", "stove1", "robot1"),)},
+    "waited-for": {"waits_for": ("robot2",)},
+    "away": {"seats": (SeatView("robot1", "Ada"), AWAY)},
+    "paused": {"pause": PauseView("Ben's connection is lost", "It goes on when he is back.", 22)},
+    "offline": {"offline": 7.0},
+    "farewell": {"farewell": FarewellView("You were sent out", "The operator has done that.")},
+    "notice": {"notice": "Five minutes are left.", "code": "RNYHV-KDQTA"},
+    "won": {"outcome": "You have made the soup.", "won": True},
+    "lost": {"outcome": "Out of steps.", "lost": True},
+    "spectator": {"me": None, "watching": 3},
+    "hover": {"hover": "table2", "ui": UiOverlay((200, 200), ("Take the onion",), keys=KEYS)},
+    "ticket": {"ui": UiOverlay((540, 120))},
+    "hands": {
+        "ui": UiOverlay(
+            prompt="Nothing to do here", keys=KEYS, choices=CHOICES, chosen=2, more="9 more",
+            mark=Mark("stove1", "refused"),
+        )
+    },
+    "typing": {"ui": UiOverlay(typing="I shall take the pot")},
+    "help": {"ui": UiOverlay(help=(*KEYS, ("F11", "fill the screen")))},
+}  # fmt: skip
+"""What may happen to a game."""
 
 
 def _sheet(name: str, rendering: str = "") -> pygame.Surface:
@@ -80,6 +125,14 @@ PICTURES: dict[str, Callable[[], pygame.Surface]] = {
     "sheet-chalk": partial(_sheet, "asynchronous/10", "chalk"),
     **{f"{name.replace('/', '-')}-chalk": partial(scene, name, "chalk") for name in THEMED},
     **{f"sheet-{name.replace('/', '-')}": partial(_sheet, name) for name in SHEETS},
+    **{
+        f"moment-{moment}": partial(scene, "multi_agent/07@2", **seen)
+        for moment, seen in MOMENTS.items()
+    },
+    **{
+        f"window-{size[0]}x{size[1]}": partial(scene, "multi_agent/10@4", size=size)
+        for size in WINDOWS
+    },
     **{
         name.replace("/", "-"): partial(scene, name)
         for name in task_names()
@@ -114,9 +167,13 @@ def main() -> None:
 
 def _changed(path: Path, now: pygame.Surface) -> bool:
     """Write a picture unless it is what is there already."""
-    if path.is_file() and difference(pygame.image.load(path), now) < TOLERANCE / 3:
-        return False
-    pygame.image.save(now, path)
+    content = BytesIO()
+    pygame.image.save(now, content, path.name)
+    if path.is_file():
+        kept = pygame.image.load(BytesIO(content.getvalue()), path.name)
+        if difference(pygame.image.load(path), kept) < TOLERANCE / 3:
+            return False
+    path.write_bytes(content.getvalue())
     return True
 
 

@@ -131,11 +131,14 @@ def test_a_domain_cannot_name_a_file_elsewhere() -> None:
     assert rendering_of(dataclasses.replace(task, domain=domain)) == ours()
 
 
-def test_a_rendering_is_chosen_for_the_domains_whose_own_it_extends() -> None:
+def test_a_rendering_is_chosen_for_the_domains_whose_own_it_extends_or_redraws() -> None:
     kitchen, workshop = load_task("asynchronous/10"), load_task("workshop/01")
     assert rendering_of(kitchen, "chalk").assets == "chalk"
     assert rendering_of(kitchen, "robotouille") == ours()
-    assert rendering_of(workshop, "chalk") == rendering_of(workshop)
+    assert rendering_of(workshop, "robotouille") == rendering_of(workshop)
+    drawn = rendering_of(workshop, "chalk")
+    assert (drawn.assets, drawn.inherited_assets) == ("chalk", ("workshop", "kitchen"))
+    assert drawn.station == rendering_of(workshop).station
     assert other_renderings() == ["chalk"]
     with pytest.raises(RobotouilleError, match="no rendering 'chalky'; did you mean 'chalk'"):
         rendering_of(kitchen, "chalky")
@@ -143,10 +146,18 @@ def test_a_rendering_is_chosen_for_the_domains_whose_own_it_extends() -> None:
 
 def test_chalk_says_nothing_but_where_its_pictures_are_and_has_all_of_them() -> None:
     chalk, own = rendering_of(load_task("asynchronous/10"), "chalk"), ours()
-    places = {"assets": "kitchen", "inherited_assets": ()}
+    places = {"assets": "kitchen", "inherited_assets": (), "redraws": ()}
     assert chalk.model_copy(update=places) == own.model_copy(update=places)
     folder = chalk.folders(None)[0]
     assert {path.name for path in folder.iterdir()} >= own.files()
+
+
+@pytest.mark.parametrize("name", ["examples/pancakes", "workshop/02"])
+def test_chalk_has_all_pictures_of_other_domains(name: str) -> None:
+    rendering = rendering_of(load_task(name), "chalk")
+    folder = rendering.folders(None)[0]
+    assert folder.name == "chalk"
+    assert rendering.files() <= {path.name for path in folder.iterdir()}
 
 
 @pytest.mark.parametrize("name", ["workshop/01", "workshop/02"])

@@ -71,7 +71,7 @@ class Notices:
         icon = self._sprites.file(self._rendering.icons.get(sign), size * 2)
         widest = max((self._text.width(line, size) for line in lines), default=0)
         if icon is not None:
-            left = band.centerx - widest // 2 - size * 2 - size // 3
+            left = band.centerx - widest // 2 - size * 2 - size * 2 // 3
             place = icon.get_rect(midleft=(max(band.x + 8, left), band.centery))
             plate = place.inflate(8, 8)
             target.blit(ellipse(plate.size, PAPER), plate)

@@ -138,8 +138,9 @@ class RenderingFile(Schema):
     """How a domain looks, and (`language`) what people call what is in it.
 
     `assets` is the folder of its pictures; what is not there is looked for in those of
-    `inherited_assets`, which are the folders of the renderings it extends. `during` names the
-    effect that leaves a thing while an action is in progress with it, `moments` that of players
+    `inherited_assets`, which are the folders of the renderings it extends. `redraws` are shipped
+    renderings that it does not extend, and of whose pictures its folder has some. `during` names
+    the effect that leaves a thing while an action is in progress with it, `moments` that of players
     when something happens.
     """
 
@@ -148,6 +149,7 @@ class RenderingFile(Schema):
     version: str = "1.0.0"
     assets: FileName = "kitchen"
     inherited_assets: tuple[FileName, ...] = ()
+    redraws: tuple[FileName, ...] = ()
     floor: FloorArt = FloorArt()
     player: dict[
         str, Annotated[tuple[Facings, ...], BeforeValidator(as_listed), Field(min_length=1)]
@@ -268,15 +270,21 @@ RENDERING_FILES = FileKind(
 def rendering_of(task: Task, name: str = "") -> RenderingFile:
     """The rendering beside a task or shipped for its domain; the kitchen's where there is none.
 
-    With the `name` of a shipped one, that one in its place, if it extends it: other domains look as
-    they do. FileError lists all faults, RobotouilleError has the nearest name.
+    With the `name` of a shipped one, that one in its place, if it extends it, or with its pictures,
+    if it redraws it: other domains look as they do. FileError lists all faults, RobotouilleError
+    has the nearest name.
     """
     own = rendering_path(task.domain, task.folder)
-    if name:
-        chosen = shipped_rendering(name)
-        if own in chain_of(chosen, RENDERING_FILES):
-            return read_extending(chosen, RENDERING_FILES)
-    return read_extending(own, RENDERING_FILES)
+    if not name:
+        return read_extending(own, RENDERING_FILES)
+    chosen = shipped_rendering(name)
+    if own in chain_of(chosen, RENDERING_FILES):
+        return read_extending(chosen, RENDERING_FILES)
+    rendering, look = (read_extending(path, RENDERING_FILES) for path in (own, chosen))
+    if all(own != shipped_rendering(each) for each in look.redraws):
+        return rendering
+    folders = (rendering.assets, *rendering.inherited_assets)
+    return rendering.model_copy(update={"assets": look.assets, "inherited_assets": folders})
 
 
 def language_of(task: Task) -> Language:

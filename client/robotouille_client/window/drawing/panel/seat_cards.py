@@ -96,7 +96,8 @@ class SeatCards:
             return
         top = card.centery - (self._text.height(size) + self._text.height(small)) // 2 + 1
         surface.blit(self._text.line(name, size, ink), (x, top))
-        words = self._text.fit(words, small, counts - x - 6)
+        room = counts if wide and seat.rejected else card.right - size // 2
+        words = self._text.fit(words, small, room - x - 6)
         surface.blit(self._text.line(words, small, colour), (x, top + self._text.height(size)))
 
     def _line(
