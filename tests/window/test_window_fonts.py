@@ -9,7 +9,7 @@ import pygame
 import pytest
 
 from robotouille import World
-from robotouille_client.window.drawing.readable_names import with_readable_names
+from robotouille_client.window.drawing.panel.readable_names import with_readable_names
 from robotouille_client.window.pictures.fonts import FontStack, clusters, printable, system_fonts
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 from robotouille_client.window.view import SeatView, View

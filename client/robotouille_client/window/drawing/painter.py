@@ -24,7 +24,7 @@ from robotouille_client.window.drawing.labels import Labels, Listing
 from robotouille_client.window.drawing.notices import Notices
 from robotouille_client.window.drawing.overlays import Overlays
 from robotouille_client.window.drawing.panel.panel import Panel
-from robotouille_client.window.drawing.readable_names import with_readable_names
+from robotouille_client.window.drawing.panel.readable_names import with_readable_names
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.drawing.window_layout import Layout, layout
 from robotouille_client.window.pictures.appearance import AppearanceResolver, Stage
