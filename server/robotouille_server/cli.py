@@ -300,3 +300,7 @@ def main() -> None:
     help_text = "Serve Robotouille episodes over WebSocket. Environment: ROBOTOUILLE_<SETTING>."
     app.command(help=help_text)(_flags(ServerSettings, run))
     app()
+
+
+if __name__ == "__main__":
+    main()

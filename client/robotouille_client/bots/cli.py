@@ -390,3 +390,7 @@ def main() -> None:
     """
     os.environ.setdefault("ROBOTOUILLE_COMPILE", "0")
     typer.run(command)
+
+
+if __name__ == "__main__":
+    main()

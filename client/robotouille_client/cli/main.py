@@ -211,3 +211,7 @@ def text(
 def main() -> None:
     """The entry point of `robotouille`."""
     app()
+
+
+if __name__ == "__main__":
+    main()

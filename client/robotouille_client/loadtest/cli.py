@@ -155,3 +155,7 @@ def _check_files(json_file: Path | None, html_file: Path | None) -> None:
 def main() -> None:
     """The entry point of `robotouille-loadtest`."""
     typer.run(command)
+
+
+if __name__ == "__main__":
+    main()

@@ -57,3 +57,7 @@ def main() -> None:
     application = typer.Typer(add_completion=False, rich_markup_mode="rich")
     application.command()(command)
     application()
+
+
+if __name__ == "__main__":
+    main()

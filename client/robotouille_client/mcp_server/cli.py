@@ -139,3 +139,7 @@ def _require_mcp() -> None:
 def main() -> None:
     """The entry point of `robotouille-mcp`."""
     typer.run(command)
+
+
+if __name__ == "__main__":
+    main()

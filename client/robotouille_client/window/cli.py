@@ -267,3 +267,7 @@ def _open_shell(
 def main() -> None:
     """The entry point of `robotouille-client`."""
     typer.run(command)
+
+
+if __name__ == "__main__":
+    main()

@@ -244,3 +244,7 @@ def _reported() -> Iterator[None]:
 def main() -> None:
     """The entry point of `robotouille-token`."""
     token_app()()
+
+
+if __name__ == "__main__":
+    main()
