@@ -53,7 +53,8 @@ class Playing:
         self._seconds = seconds
         folder = Path(tempfile.mkdtemp())
         self.display = Display(SIZE, headless=True)
-        settings = Settings(name="ada", learned=True, task="multi_agent/01", seats=2)
+        best = {"multi_agent/02_lettuce_tomato_burger@2": 61}
+        settings = Settings(name="ada", learned=True, task="multi_agent/01", seats=2, best=best)
         self.shell = Shell(
             settings,
             self.display,
@@ -87,8 +88,16 @@ def pause(frames: int) -> Iterator[str]:
 
 def menus(display: Display) -> Iterator[str]:
     """The menu of games that are played here."""
-    yield from ("", "return", "", "", "")
+    yield from ("", "return")
+    yield from pause(12)
     display.save(IMAGES / "menu.png")
+
+
+def tasks(display: Display) -> Iterator[str]:
+    """The list of tasks."""
+    yield from ("", "return", "", "down", "return")
+    yield from pause(150)
+    display.save(IMAGES / "tasks.png")
 
 
 def game(display: Display) -> Iterator[str]:
@@ -207,6 +216,7 @@ def main() -> None:
     """Draw all of them."""
     moments()
     asyncio.run(Playing(menus).shell.run())
+    asyncio.run(Playing(tasks).shell.run())
     asyncio.run(Playing(settings).shell.run())
     playing = Playing(lobby)
     asyncio.run(playing.shell.run(playing.ask(kitchens())))

@@ -14,11 +14,13 @@ import pytest
 from tests.support.games import play_through, record
 from tests.support.window_play import post
 
-from robotouille import GroundAction
+from robotouille import GroundAction, World
 from robotouille.certification.certificate import load_certificate
 from robotouille.domain.loading import task_names
+from robotouille.domain.rendering import NO_WORDS, language_of, read_language
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.replay.container import compress
+from robotouille_client.window.controls import Controls
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
 from robotouille_client.window.forms.picker import Entry, Picker, Told
@@ -36,6 +38,7 @@ from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenM
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
 from robotouille_client.window.shell.settings import Settings
+from robotouille_client.window.shell.stage import Stage
 from robotouille_client.window.sources.task_titles import dish_title, task_title
 from robotouille_server.runtime.workers import plain_code
 
@@ -315,7 +318,12 @@ def recording() -> bytes:
 def test_settings_count_at_once(display: Display) -> None:
     settings = Settings()
     told: list[str] = []
-    form = SettingsMenu(settings, told.append).form
+
+    def changed(field: str) -> str:
+        told.append(field)
+        return ""
+
+    form = SettingsMenu(settings, changed).form
     for label in ("Sound", "What moves", "Size of letters"):
         row = next(row for row in form.rows if row.label == label)
         form.focus(row)
@@ -561,3 +569,44 @@ def test_a_picker_without_entries_says_so(display: Display) -> None:
     assert form.rows[0].label == "None yet."
     form.command(Command.RIGHT)
     assert form.focused is form.rows[1]
+
+
+# Words of one's own
+
+
+def test_words_of_ones_own_are_laid_over_those_of_the_kitchen(tmp_path: Path) -> None:
+    file = tmp_path / "deutsch.json"
+    file.write_text('{"kinds": {"lettuce": "Salat"}, "actions": {"cut": "{i1} schneiden"}}')
+    world = World("synchronous/02")
+    over = language_of(world.task).with_words(read_language(file))
+    assert over.kinds["lettuce"][0].name == "Salat"
+    assert over.kinds["bottombun"] == language_of(world.task).kinds["bottombun"]
+    me, state = world.players[0], world.initial
+    words = Controls(world, language=over).wording(me)
+    cut = world.action("cut", me, "lettuce1", "board1")
+    assert "Salat schneiden" in words.action(cut, state)
+    assert language_of(world.task).with_words(NO_WORDS) == language_of(world.task)
+
+
+def test_the_language_file_is_a_setting_and_its_faults_are_told(
+    tmp_path: Path, display: Display
+) -> None:
+    file = tmp_path / "words.json"
+    file.write_text('{"kinds": {"lettuce": "Salat"}}')
+    settings = Settings(language_file=str(file))
+    stage = Stage(settings, display)
+    assert stage.words.kinds["lettuce"][0].name == "Salat"
+    assert not stage.words_fault
+    for broken_words, told in (
+        ('{"kind": {}}', "kind"), ("{", "broken.json"), ('{"actions": {"cut": 3}}', "cut"),
+    ):  # fmt: skip
+        (tmp_path / "broken.json").write_text(broken_words)
+        settings.language_file = str(tmp_path / "broken.json")
+        stage.follow_settings()
+        assert stage.words == NO_WORDS
+        assert told in stage.words_fault
+        settings.language_file = ""
+        stage.follow_settings()
+    settings.language_file = str(tmp_path / "none.json")
+    stage.follow_settings()
+    assert "none.json" in stage.words_fault

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pygame
 
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import UiOverlay
 from robotouille_client.window.forms.cards import Cards
@@ -41,9 +42,9 @@ class Window:
     `headless` draws the same without a screen. `extra_keys` do more than the window does by
     itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
     that of a kitchen which is not installed, `rendering` the name of the one that is chosen for the
-    others. A `strip` is drawn below the kitchen, and asked first
-    about each event; a `painter` that is given draws instead of the window's own, and draws the
-    strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters moves.
+    others; `words` are laid over those of its language. A `strip` is drawn below the kitchen, and
+    asked first about each event; a `painter` that is given draws instead of the window's own, and
+    draws the strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters moves.
     `keys` are those of the window's own commands. A `display` that is given stays open when this
     window is closed. `cards` are shown beside the kitchen when a game is over, and when its owner
     wants to leave it; `answer` is what was chosen there, None if the window was closed. `sounds`
@@ -63,6 +64,7 @@ class Window:
         extra_keys: Mapping[str, Callable[[], None]] | None = None,
         help_rows: HelpRows | None = None,
         look: KitchenLook | None = None,
+        words: Language = NO_WORDS,
         rendering: str = "",
         strip: Strip | None = None,
         painter: Painter | None = None,
@@ -104,6 +106,7 @@ class Window:
         self._input = PlayInput(
             keys=keys or KeyMap(),
             look=look,
+            words=words,
             extra_keys=extra_keys or {},
             help_rows=help_rows,
             target=self._target,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import pygame
 
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import scene
@@ -31,7 +32,8 @@ _Advice = tuple[tuple[str, ...], HelpRows]
 
 
 class PlayInput:
-    """Keys, clicks and commands in a game; `target` finds what is under a point of the window, and
+    """Keys, clicks and commands in a game, told in the words of its kitchen with `words` laid over
+    them; `target` finds what is under a point of the window, and
     `key_at` the key that is drawn there. Where it is not `alone`, a strip tells spectators keys;
     where one `may_leave`, the key for it is told."""
 
@@ -40,6 +42,7 @@ class PlayInput:
         *,
         keys: KeyMap,
         look: KitchenLook | None,
+        words: Language = NO_WORDS,
         extra_keys: Mapping[str, Callable[[], None]],
         help_rows: HelpRows | None,
         target: Callable[[tuple[int, int], View], str | None],
@@ -50,6 +53,7 @@ class PlayInput:
     ) -> None:
         self.hands = Hands(keys, clock)
         self._look = look
+        self._words = words
         self._extra_keys = extra_keys
         self._help_rows = help_rows
         self._target = target
@@ -212,11 +216,9 @@ class PlayInput:
         """What clicks and keys mean in a view's world."""
         if self._controls is None or self._controls.world is not view.world:
             look = self._look
-            self._controls = (
-                Controls(view.world, look.bindings, look.rendering.language)
-                if look
-                else Controls(view.world)
-            )
+            language = look.rendering.language if look else language_of(view.world.task)
+            bindings = look.bindings if look else None
+            self._controls = Controls(view.world, bindings, language.with_words(self._words))
         return self._controls
 
     # What is shown

@@ -71,7 +71,9 @@ class LocalGames:
 
     def _game(self, plan: Plan, recordings: Path | None) -> LocalGame:
         stage = self._stage
-        return LocalGame(plan, stage.settings.name, stage.clock, recordings, self._make_partners)
+        return LocalGame(
+            plan, stage.settings.name, stage.clock, recordings, self._make_partners, stage.words
+        )
 
     async def _play_once(self, game: LocalGame, plan: Plan) -> object:
         source = game.source

@@ -155,7 +155,9 @@ class RemoteGames:
     async def _play(self, client: Client, game: Game, look: KitchenLook | None) -> object:
         """A game, and what comes after it."""
         loop = asyncio.get_running_loop()
-        source, strip, history = shown(game, loop.time, client.connected.is_set, look)
+        source, strip, history = shown(
+            game, loop.time, client.connected.is_set, look, self._stage.words
+        )
         cards = GameCards(
             lambda: game.outcome,
             lambda: self._buttons(game, history),

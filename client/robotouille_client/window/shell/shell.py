@@ -113,6 +113,7 @@ class Shell:
         try:
             while answer != "back":
                 asked = SettingsMenu(self.settings, self._follow)
+                asked.form.message = self.stage.words_fault or asked.form.message
                 if answer == "keys":
                     asked.form.focus(asked.keys)
                 answer = await self.stage.ask(asked.form)
@@ -122,12 +123,13 @@ class Shell:
             self._remember()
         return None
 
-    def _follow(self, field: str) -> None:
-        """Do as a setting, which was changed, says from now on."""
+    def _follow(self, field: str) -> str:
+        """Do as a setting, which was changed, says from now on; what is wrong with it."""
         full = self.settings.fullscreen
         if field == "fullscreen" and full != self.stage.display.fullscreen:
             self.stage.display.toggle_fullscreen()
         self.stage.follow_settings()
+        return self.stage.words_fault
 
     def _set_keys(self, keys: KeyMap) -> None:
         self.settings.keys = keys.changed

@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
+from robotouille.domain.rendering import NO_WORDS, read_language
+from robotouille.errors import RobotouilleError
 from robotouille_client.window.forms.cards import Cards
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -47,6 +50,9 @@ class Stage:
         self.message = ""
         self._sleep = sleep
         self._gamepads = Gamepads()
+        self.words = NO_WORDS
+        self.words_fault = ""
+        self._words_file = ""
         self._sounds = None if display.headless else Sounds()
         self._screen = Screen(display, gamepads=self._gamepads, sleep=sleep)
         self.follow_settings()
@@ -74,6 +80,17 @@ class Stage:
         self._screen.text_scale = self.settings.text_scale
         if self._sounds is not None:
             self._sounds.on = self.settings.sound
+        if self.settings.language_file != self._words_file:
+            self._read_words(self.settings.language_file)
+
+    def _read_words(self, file: str) -> None:
+        """Take the words of a file; of one that cannot be read none, and `words_fault` says why."""
+        self._words_file, self.words, self.words_fault = file, NO_WORDS, ""
+        try:
+            if file:
+                self.words = read_language(Path(file).expanduser())
+        except (RobotouilleError, OSError, RuntimeError) as error:
+            self.words_fault = f"No words of your own: {error}"
 
     def told(self) -> str:
         """The message, which is told once."""
@@ -113,6 +130,7 @@ class Stage:
             cards=cards,
             sounds=self._sounds,
             keys=self.keys,
+            words=self.words,
             text_scale=self.settings.text_scale,
             reduced_motion=self.settings.reduced_motion,
             rendering=self.settings.rendering,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
-from robotouille.domain.rendering import language_of
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.episode import (
     Ended,
     Episode,
@@ -51,6 +51,7 @@ class LocalSource:
         *,
         name: str = "you",
         record: Callable[[Iterable[Event]], None] | None = None,
+        words: Language = NO_WORDS,
     ) -> None:
         self._episode = episode
         self._me = me
@@ -59,7 +60,9 @@ class LocalSource:
         self._now = now
         self._name = name
         self._record = record
-        self._wording = Wording(episode.world, language_of(episode.world.task), me, bots)
+        self._wording = Wording(
+            episode.world, language_of(episode.world.task).with_words(words), me, bots
+        )
         rules = episode.rules
         self._clock_words = clock_words(rules.clock.value, rules.model_dump(mode="json"))
         self._chat_log = ChatLog(now)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robotouille.domain.rendering.art import Art, Effect, Facings, Trait
 from robotouille.domain.rendering.rendering_file import (
+    NO_WORDS,
     RENDERING_FILES,
     ActionWords,
     Constants,
@@ -13,10 +14,12 @@ from robotouille.domain.rendering.rendering_file import (
     PredicateWords,
     RenderingFile,
     language_of,
+    read_language,
     rendering_of,
 )
 
 __all__ = [
+    "NO_WORDS",
     "RENDERING_FILES",
     "ActionWords",
     "Art",
@@ -30,5 +33,6 @@ __all__ = [
     "RenderingFile",
     "Trait",
     "language_of",
+    "read_language",
     "rendering_of",
 ]

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from robotouille.domain.companions import companion_folder, rendering_path, shipped_rendering
 from robotouille.domain.extends import FileKind, chain_of, each, read_extending
+from robotouille.domain.files import read_model
 from robotouille.domain.rendering.art import (
     Art,
     Effect,
@@ -132,6 +133,19 @@ class Language(Schema):
         default={}, max_length=200
     )
     predicates: dict[str, PredicateWords] = Field(default={}, max_length=500)
+
+    def with_words(self, own: Language) -> Language:
+        """The same with other words laid over it: kind by kind, action by action, predicate by
+        predicate."""
+        return Language(
+            kinds={**self.kinds, **own.kinds},
+            actions={**self.actions, **own.actions},
+            predicates={**self.predicates, **own.predicates},
+        )
+
+
+NO_WORDS = Language()
+"""Laid over a language, it leaves it as it is."""
 
 
 class RenderingFile(Schema):
@@ -294,3 +308,9 @@ def language_of(task: Task) -> Language:
     own = (Path(domain.rendering_json or "").name, f"{domain.name}.json")
     is_own = path.name in (*own, f"{domain.name}.rendering.json")
     return rendering_of(task).language if is_own else Language()
+
+
+def read_language(path: Path) -> Language:
+    """Words in a file of their own, to be laid over those of renderings; FileError lists all its
+    faults."""
+    return read_model(path, Language)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from robotouille.certification.step_limit import people_step_limit
 from robotouille.domain.loading import load_task
+from robotouille.domain.rendering import NO_WORDS, Language
 from robotouille.domain.task import Task
 from robotouille.episode import Episode, Event, Rules
 from robotouille.episode.rules import Clock
@@ -80,6 +81,7 @@ class LocalGame:
         now: Callable[[], float],
         folder: Path | None,
         make_partners: MakePartners = PartnerProcess,
+        words: Language = NO_WORDS,
     ) -> None:
         task = sound_task(plan.load())
         self.world = World(task)
@@ -103,6 +105,7 @@ class LocalGame:
             now,
             name=name,
             record=self._record,
+            words=words,
         )
 
     def finish(self, *, over: bool) -> Path | None:

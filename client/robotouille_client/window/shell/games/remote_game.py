@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, NamedTuple
 
-from robotouille.domain.rendering import Language
+from robotouille.domain.rendering import NO_WORDS, Language, language_of
 from robotouille.program import printable, tell
 from robotouille_client.client import Client, connect
 from robotouille_client.console.kept_seat import came_back, keep_seat, kept_seat, state_folder
@@ -57,9 +57,11 @@ def shown(
     now: Callable[[], float],
     connected: Callable[[], bool],
     look: KitchenLook | None,
+    words: Language = NO_WORDS,
 ) -> Shown:
-    """What there is to show: who only watches has a timeline."""
-    language = None if look is None else look.rendering.language
+    """What there is to show, with `words` of one's own; who only watches has a timeline."""
+    own = language_of(game.world.task) if look is None else look.rendering.language
+    language = own.with_words(words)
     if game.own_seats:
         played = PlayedSource(game, now, connected, language)
         return Shown(played, None, played.history)

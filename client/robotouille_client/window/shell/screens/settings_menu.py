@@ -26,14 +26,19 @@ _WORDS = {
     Command.FULLSCREEN: "Fill the screen",
     Command.SCREENSHOT: "Save a picture",
 }
+_AT_ONCE = "What you change counts at once."
 _FIXED = "Arrows always walk, Enter always does what has the focus."
 
 
 class SettingsMenu:
-    """A form that changes settings as it is used; `changed` is told the name of each that was."""
+    """A form that changes settings as it is used.
+
+    `changed` is told the name of each that was changed, and says what is wrong with it, if
+    anything is.
+    """
 
     def __init__(
-        self, settings: Settings, changed: Callable[[str], None] = lambda field: None
+        self, settings: Settings, changed: Callable[[str], str] = lambda field: ""
     ) -> None:
         self._settings = settings
         self._changed = changed
@@ -51,18 +56,20 @@ class SettingsMenu:
                 "Size of letters", settings.text_scale, 0.8, 1.6, 0.1,
                 lambda x: f"{round(x * 100)} %", lambda scale: self._set("text_scale", scale),
             ),
+            self._text("language_file", "Language file", 400, "words of your own: a JSON file"),
             self.keys,
             Button("Back", "back"),
         )  # fmt: skip
         self.form = Form("Settings", rows, pinned=1)
-        self.form.message = "What you change counts at once."
+        self.form.message = _AT_ONCE
 
-    def _text(self, field: str, label: str, length: int) -> TextField:
+    def _text(self, field: str, label: str, length: int, may_be_empty: str = "") -> TextField:
         def changed(text: str) -> None:
-            if text.strip():
+            if text.strip() or may_be_empty:
                 self._set(field, text.strip())
 
-        return TextField(label, str(getattr(self._settings, field)), length, changed=changed)
+        value = str(getattr(self._settings, field))
+        return TextField(label, value, length, may_be_empty, changed)
 
     def _choice(self, field: str, label: str, options: Sequence[tuple[str, object]]) -> Choice:
         value = getattr(self._settings, field)
@@ -70,7 +77,7 @@ class SettingsMenu:
 
     def _set(self, field: str, value: object) -> None:
         setattr(self._settings, field, value)
-        self._changed(field)
+        self.form.message = self._changed(field) or _AT_ONCE
 
 
 class KeysMenu:
