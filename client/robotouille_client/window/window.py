@@ -39,16 +39,16 @@ STAY = "stay"
 class Window:
     """One pygame window.
 
-    `headless` draws the same without a screen. `extra_keys` do more than the window does by
-    itself, e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is
-    that of a kitchen which is not installed, `rendering` the name of the one that is chosen for the
-    others; `words` are laid over those of its language. A `strip` is drawn below the kitchen, and
-    asked first about each event; a `painter` that is given draws instead of the window's own, and
-    draws the strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters moves.
-    `keys` are those of the window's own commands. A `display` that is given stays open when this
-    window is closed. `cards` are shown beside the kitchen when a game is over, and when its owner
-    wants to leave it; `answer` is what was chosen there, None if the window was closed. `sounds`
-    are told each view. `clock` and `sleep` are injected for tests.
+    `headless` draws the same without a screen. `extra_keys` do more than the window does by itself,
+    e.g. pause a recording, and `help_rows` say so in place of the keys that play. `look` is that of
+    a kitchen which is not installed, `rendering` the name of the one that is chosen for the others;
+    `words` are laid over those of its language. A `strip` is drawn below the kitchen, and asked
+    first about each event; a `painter` that is given draws instead of the window's own, and draws
+    the strip itself. `text_scale` makes letters larger; with `reduced_motion` only what matters
+    moves. `keys` are those of the window's own commands. A `display` that is given stays open when
+    this window is closed. `cards` are shown beside the kitchen when a game is over, and when its
+    owner wants to leave it; `answer` is what was chosen there, None if the window was closed.
+    `sounds` are told each view. `clock` and `sleep` are injected for tests.
 
     Of its `frames` only those are `drawn` that look different, or follow an event.
     """
