@@ -172,7 +172,7 @@ async def served() -> None:
 
         def script(display: Display) -> Iterator[str]:
             yield from pause(30)
-            for key in COURSE.split():
+            for key in ("return", *COURSE.split()):
                 yield key
                 yield from pause(6)
             yield from pause(60)
