@@ -15,7 +15,7 @@ from string import Formatter
 from typing import Any
 
 from robotouille import Task
-from robotouille.domain.checks import parameter_types
+from robotouille.domain.checks.derived import parameter_types
 from robotouille.domain.schema import ActionDef, Condition, EffectDef
 from robotouille.world.grounding.objects import initial_facts, place_objects
 from tests.world.reference_floor import distance

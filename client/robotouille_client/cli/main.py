@@ -154,7 +154,7 @@ def lint_file(name: str, domain: str | None = None) -> list[Fault]:
 
 
 def _lint_domain(path: Path) -> list[Fault]:
-    from robotouille.domain.checks import check_domain
+    from robotouille.domain.checks.domain_checks import check_domain
     from robotouille.domain.task import complete_domain, read_domain
     from robotouille.world.lint import lint_domain_file
 

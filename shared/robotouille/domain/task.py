@@ -10,7 +10,8 @@ from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from robotouille.domain.checks import check_domain, check_problem
+from robotouille.domain.checks.domain_checks import check_domain
+from robotouille.domain.checks.problem_checks import check_problem
 from robotouille.domain.extends import FileKind, by, each, read_extending, union
 from robotouille.domain.files import is_file, read_model, validate
 from robotouille.domain.schema import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from functools import cache
 
-from robotouille.domain.checks import fluents
+from robotouille.domain.checks.derived import fluents
 from robotouille.domain.files import read_model
 from robotouille.domain.loading import task_names
 from robotouille.domain.schema import ObjectDef, ProblemFile

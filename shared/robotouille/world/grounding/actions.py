@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from robotouille.domain.checks import parameter_types, placeholders
+from robotouille.domain.checks.derived import parameter_types, placeholders
 from robotouille.domain.schema import ActionDef, Condition, Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.world.grounding.effects import Effect

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import product
 
-from robotouille.domain.checks import fluents
+from robotouille.domain.checks.derived import fluents
 from robotouille.domain.schema import DomainFile
 from robotouille.world.grounding.objects import Atom, Object, atom_name
 

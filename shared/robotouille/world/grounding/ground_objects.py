@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 
-from robotouille.domain.checks import parameter_types
+from robotouille.domain.checks.derived import parameter_types
 from robotouille.domain.schema import Creation, Deletion, EffectDef
 from robotouille.domain.task import Task
 from robotouille.errors import UnknownNameError, WrongWorldError, did_you_mean

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from robotouille.domain.checks import check_input, created_kinds
+from robotouille.domain.checks.derived import created_kinds
+from robotouille.domain.checks.input_checks import check_input
 from robotouille.domain.companions import input_path, rendering_path
 from robotouille.domain.extends import read_extending
 from robotouille.domain.input_bindings import INPUT_FILES, made_up_keys

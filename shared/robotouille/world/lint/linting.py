@@ -11,7 +11,8 @@ from collections.abc import Iterator, Set
 from itertools import product
 from pathlib import Path
 
-from robotouille.domain.checks import check_problem, fluents
+from robotouille.domain.checks.derived import fluents
+from robotouille.domain.checks.problem_checks import check_problem
 from robotouille.domain.extends import in_own_words
 from robotouille.domain.files import read_json
 from robotouille.domain.schema import ActionDef, Creation, DomainFile, EffectDef

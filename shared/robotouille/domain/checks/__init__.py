@@ -1,0 +1,1 @@
+"""Whether the files of a domain agree with one another."""

@@ -1,0 +1,90 @@
+"""What follows from the definitions of a domain: parameters, what can change, what is created."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from string import Formatter
+
+from robotouille.domain.schema import (
+    ActionDef,
+    Condition,
+    Creation,
+    DomainFile,
+    EffectDef,
+    PredicateDef,
+)
+
+__all__ = [
+    "conditions_of_action",
+    "created_by",
+    "created_kinds",
+    "effects_of",
+    "fluents",
+    "parameter_types",
+    "placeholders",
+]
+
+
+def parameter_types(action: ActionDef, predicates: Mapping[str, PredicateDef]) -> dict[str, str]:
+    """The parameters of an action in order of first mention, each with its type."""
+    types: dict[str, str] = {}
+    for _, condition in conditions_of_action("", action):
+        definition = predicates.get(condition.predicate)
+        if definition is not None:
+            for name, kind in zip(condition.params, definition.param_types, strict=False):
+                types.setdefault(name, kind)
+    for created in created_by(action.sfx):
+        types.pop(created.created_obj.param, None)
+    return types
+
+
+def fluents(domain: DomainFile) -> frozenset[str]:
+    """The predicates that some action can change; all others are static."""
+    return frozenset(
+        condition.predicate
+        for action in domain.action_defs
+        for path, condition in conditions_of_action("", action)
+        if ".precons" not in path and ".conditions" not in path
+    )
+
+
+def created_kinds(domain: DomainFile) -> list[str]:
+    """The kinds of the objects that some action makes."""
+    made = [c.created_obj.name for a in domain.action_defs for c in created_by(a.sfx)]
+    return list(dict.fromkeys(made))
+
+
+def conditions_of_action(path: str, action: ActionDef) -> Iterator[tuple[str, Condition]]:
+    """The conditions and results of an action, each with its path in the file."""
+    for field in ("precons", "immediate_fx"):
+        for i, condition in enumerate(getattr(action, field)):
+            yield f"{path}.{field}[{i}]", condition
+    for where, effect in effects_of(f"{path}.sfx", action.sfx):
+        for i, condition in enumerate(getattr(effect, "conditions", ())):
+            yield f"{where}.conditions[{i}]", condition
+        for i, condition in enumerate(effect.fx):
+            yield f"{where}.fx[{i}]", condition
+
+
+def effects_of(path: str, effects: tuple[EffectDef, ...]) -> Iterator[tuple[str, EffectDef]]:
+    """Special effects and those nested in them, each with its path in the file."""
+    for i, effect in enumerate(effects):
+        yield f"{path}[{i}]", effect
+        yield from effects_of(f"{path}[{i}].sfx", effect.sfx)
+
+
+def created_by(effects: tuple[EffectDef, ...]) -> Iterator[Creation]:
+    """Those of some effects, nested ones included, that create an object."""
+    for _, effect in effects_of("", effects):
+        if isinstance(effect, Creation):
+            yield effect
+
+
+def placeholders(text: str) -> list[str]:
+    """What is in braces, in order; ValueError where a brace has no partner."""
+    found = []
+    for _, name, layout, conversion in Formatter().parse(text):
+        if name is not None:
+            tail = f"!{conversion}" if conversion else ""
+            found.append(name + tail + (f":{layout}" if layout else ""))
+    return found
