@@ -15,6 +15,9 @@ from robotouille_client.window.pictures.text_surfaces import Typesetter
 __all__ = ["Sprites"]
 
 _KEPT = 600
+MAX_PIXELS = 32_000_000
+"""Of all pictures that are kept (128 MiB), whatever sizes a rendering asks for."""
+MAX_SIDE = 2048
 
 
 class Sprites:
@@ -29,15 +32,16 @@ class Sprites:
         self._files: dict[tuple[str, int], pygame.Surface | None] = {}
         self._made: dict[tuple[Appearance, int], pygame.Surface] = {}
         self._faded: dict[tuple[str, int, int], pygame.Surface] = {}
+        self._pixels = 0
 
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
         """A picture of the folders as a square of `size` pixels, if there is one."""
         if name is None or size < 1:
             return None
+        size = min(size, MAX_SIDE)
         key = (name, size)
         if key not in self._files:
-            if len(self._files) >= _KEPT:
-                self._files.clear()
+            self._make_room(size)
             self._files[key] = self._load(name, size)
         return self._files[key]
 
@@ -52,8 +56,7 @@ class Sprites:
             return None
         key = (name, size, opacity)
         if key not in self._faded:
-            if len(self._faded) >= _KEPT:
-                self._faded.clear()
+            self._make_room(size)
             copy = picture.copy()
             copy.fill((255, 255, 255, opacity), special_flags=pygame.BLEND_RGBA_MULT)
             self._faded[key] = copy
@@ -61,16 +64,24 @@ class Sprites:
 
     def of(self, appearance: Appearance, size: int) -> pygame.Surface:
         """The picture of a thing as a square of `size` pixels."""
-        size = max(1, size)
+        size = max(1, min(size, MAX_SIDE))
         picture = self.file(appearance.asset, size)
         if picture is not None:
             return picture
         key = (appearance, size)
         if key not in self._made:
-            if len(self._made) >= _KEPT:
-                self._made.clear()
+            self._make_room(size)
             self._made[key] = generate(appearance, size, self._text)
         return self._made[key]
+
+    def _make_room(self, size: int) -> None:
+        """Forget all pictures before another one is too much."""
+        self._pixels += size * size
+        kept = len(self._files) + len(self._made) + len(self._faded)
+        if self._pixels > MAX_PIXELS or kept >= 3 * _KEPT:
+            for pictures in (self._files, self._made, self._faded):
+                pictures.clear()
+            self._pixels = size * size
 
     def _load(self, name: str, size: int) -> pygame.Surface | None:
         path = next((f / name for f in self._folders if (f / name).is_file()), None)
