@@ -134,7 +134,7 @@ class Replays:
             args = (history, output, VIDEO_RATE, VIDEO_SIZE)
             with contextlib.closing(filming(*args, rendering=rendering, look=look)) as frames:
                 for done, total in frames:
-                    form.told(done / total)
+                    form.percent = 100 * done // total
                     await asyncio.sleep(0)
             return True
 

@@ -56,9 +56,9 @@ class ShareRow(Row):
         return 2 + len(look.text.wrap(self._share.words, look.size - 2, width))
 
     def draw(self, target: pygame.Surface, area: pygame.Rect, look: Look) -> None:
-        name = look.text.fit(self.label, look.size, area.width)
-        target.blit(look.text.line(name, look.size, TEXT), area.topleft)
-        y = area.y + look.text.height(look.size)
+        name, top = look.text.fit(self.label, look.size, area.width), area.y + look.size // 3
+        target.blit(look.text.line(name, look.size, TEXT), (area.x, top))
+        y = top + look.text.height(look.size)
         whole = sum(self._share.steps.values()) or 1
         x = float(area.x)
         for kind, _, colour in _KINDS:
