@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -102,15 +103,23 @@ def test_again_replay_video_and_quit(evening: Evening) -> None:
     assert not evening.fingers.ended
 
 
-def test_what_fails_is_told_on_the_card(evening: Evening) -> None:
-    (evening.folder / "recordings").write_text("no folder")
+@pytest.mark.parametrize("missing", ["folder", "extra"])
+def test_what_fails_is_told_on_the_card(
+    evening: Evening, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    if missing == "folder":
+        (evening.folder / "recordings").write_text("no folder")
+    else:
+        monkeypatch.setitem(sys.modules, "av", None)
 
     def script(server: Server) -> Iterator[None]:
         yield from lose(evening)
         yield from evening.choose("Save a video")
         assert evening.form is not None
         assert evening.titles[-1] == "Not done this time"
-        assert "recordings" in evening.form.message
+        assert {"folder": "recordings", "extra": "robotouille[video]"}[
+            missing
+        ] in evening.form.message
         yield from evening.choose("Menu")
         yield from evening.choose("Quit")
 
