@@ -216,9 +216,26 @@ def test_work_that_changes_nothing_is_not_offered(play, lines: list[str], action
 def test_a_taken_station_is_tried(play) -> None:
     world = World("multi_agent/09")
     other = _scene(world)[world.players[1]].at
-    found = Controls(world).click(world.initial, world.players[0], other)
+    controls = Controls(world)
+    found = controls.click(world.initial, world.players[0], other)
     assert found.action.name == "move"
-    assert "Somebody stands at" in found.hint
+    assert found.hint == "Robot 2 stands at the second table from the left at the bottom"
+    controls.names = {world.players[0]: "Ada", world.players[1]: "Ben"}
+    found = controls.click(world.initial, world.players[0], other)
+    assert found.hint == "Ben stands at the second table from the left at the bottom"
+
+
+def test_a_place_that_is_taken_says_so_before_what_lies_there(play) -> None:
+    """Where somebody cuts: not that one has to go there to take what is cut."""
+    world = World("multi_agent/07@4")
+    me, other = "robot2", "robot1"
+    state = play(world, "move table2", "pick-up-item onion1", "move board1", "place-item")[-1]
+    at = _scene(state)[other].at
+    controls = Controls(world)
+    controls.names = {other: "Ben"}
+    found = controls.click(state, me, at)
+    assert found.hint == "Ben stands at the board in the middle"
+    assert world.action("move", me, "table3", at) == found.action
 
 
 def test_who_is_busy_does_nothing(play) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
-from robotouille import World
+from robotouille import State, World, task_names
 from robotouille.domain.rendering import Language, language_of
 from robotouille.world.people.wording import Wording
 from robotouille.world.unmet import Unmet, UnmetKind, only_words
@@ -19,12 +21,107 @@ def condition(predicate: str, *objects: str, expected: bool = True) -> Unmet:
     return Unmet(UnmetKind.CONDITION, "as the domain says it", predicate, objects, expected)
 
 
-def test_things_are_numbered_only_where_two_sound_alike() -> None:
+def test_stations_are_called_by_what_lies_there_or_by_where_they_are() -> None:
     assert WORDS.things(["table1", "pot1"], START) == {"table1": "the table", "pot1": "the pot"}
     both = WORDS.things(["table1", "table2"], START)
-    assert both == {"table1": "table 1", "table2": "table 2"}
+    assert both == {"table1": WORDS.place("table1", START), "table2": WORDS.place("table2", START)}
     assert WORDS.place("sink1", START) == "the sink"
-    assert WORDS.place("table4", START) == "table 4"
+    assert len(set(both.values())) == 2
+
+
+@pytest.mark.parametrize(
+    ("task", "called"),
+    [
+        (
+            "multi_agent/01",
+            {
+                "table1": "the table on the left",
+                "table2": "the table with the bottom bun",
+                "table5": "the right table at the bottom",
+                "board1": "the board",
+                "table6": "the table with the lettuce",
+            },
+        ),
+        (
+            "multi_agent/10@4",
+            {
+                "table3": "the top table on the left",
+                "stove1": "the left stove at the top",
+                "table8": "the right table in the middle",
+                "table12": "the table with the onion",
+            },
+        ),
+        (
+            "asynchronous/10",
+            {
+                "table12": "the sixth table from the left at the bottom",
+                "table4": "the left table in the middle",
+            },
+        ),
+        ("workshop/02", {"trestle1": "the bottom trestle on the left", "anvil1": "the anvil"}),
+    ],
+)
+def test_places(task: str, called: dict[str, str]) -> None:
+    world = World(task)
+    places = Wording(world, language_of(world.task)).places(world.initial)
+    assert {name: places[name] for name in called} == called
+
+
+@pytest.mark.parametrize("task", task_names())
+def test_no_two_places_are_called_the_same(task: str) -> None:
+    """Nor do any two walks sound alike."""
+    world = World(task)
+    for language in (language_of(world.task), Language()):
+        wording = Wording(world, language)
+        for state in (world.initial, *_later(world)):
+            called = [*wording.places(state).values()]
+            assert len(set(called)) == len(called)
+            player = world.players[-1]
+            walks = [a for a in state.actions(player) if a.schema.definition.travel]
+            assert len({wording.action(walk, state) for walk in walks}) == len(walks)
+
+
+def _later(world: World) -> list[State]:
+    rng, state, states = random.Random(3), world.initial, []
+    for _ in range(20):
+        moves = [rng.choice(state.actions(p)) for p in world.players if not state.busy_steps(p)]
+        state = state.step(moves).state
+        states.append(state)
+    return states[::5]
+
+
+def test_places_by_the_words_of_a_language() -> None:
+    """In German, say; words that tell nothing apart are not taken."""
+    places = {"with_things": "{noun} mit {things}", "one_of_few": "{noun} {side} {order}"}
+    world = World("multi_agent/01")
+    language = Language.model_validate({"places": {**places, "single": "{noun} {side}"}})
+    wording = Wording(world, language)
+    assert wording.place("table6", world.initial) == "table mit the lettuce"
+    assert wording.place("table5", world.initial) == "table at the bottom right"
+    language = Language.model_validate({"places": {"one_of_few": "there", "single": "{zucchini}"}})
+    wording = Wording(world, language)
+    assert wording.place("table5", world.initial) == "the right table at the bottom"
+
+
+def test_of_two_that_sound_alike_one_is_the_other() -> None:
+    called = WORDS.things(["onion1", "pot1"], START)
+    assert called == {"onion1": "the onion", "pot1": "the pot"}
+    world = World("synchronous/08")
+    wording = Wording(world, language_of(world.task), "robot1")
+    breads = ["bread1", "bread2"]
+    assert [*wording.things(breads, world.initial).values()] == ["the bread", "the other bread"]
+    stack = world.action("stack", "robot1", "bread2", "bread1", "table1")
+    assert wording.action(stack, world.initial) == "put the bread on the other bread"
+
+
+def test_who_stands_where_one_wants_to_be() -> None:
+    world = World("multi_agent/01")
+    language = language_of(world.task)
+    unmet = condition("vacant", "table2")
+    named = Wording(world, language, "robot2", {"robot1": "Ben"})
+    assert named.reason(unmet, world.initial) == "Ben stands at the table with the bottom bun"
+    nobody = Wording(world, language, "robot1")
+    assert nobody.reason(unmet, world.initial).startswith("somebody stands at ")
 
 
 def test_water_with_something_in_it_has_another_name() -> None:

@@ -16,6 +16,7 @@ from robotouille.domain.input_bindings import bindings_of
 from robotouille.domain.rendering import Language, language_of
 from robotouille.domain.schema import InputFile
 from robotouille.world.grounding.actions import ActionSchema, GroundAction
+from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.usefulness import changes_something, useful_actions, work_in_progress
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import Placed, scene
@@ -63,15 +64,17 @@ class Controls:
 
     What a click or a key means by itself comes first. Where that is nothing which can be done and
     changes something, a click on the place where one stands means what a key would do there, and a
-    key what a click would.
+    key what a click would. `names` are what participants are called, by player.
     """
 
     def __init__(
         self, world: World, bindings: InputFile | None = None, language: Language | None = None
     ) -> None:
         self.world = world
+        self.names: Mapping[str, str] = MappingProxyType({})
         self.bindings = bindings or bindings_of(world.task)
         self.language = language_of(world.task) if language is None else language
+        self._occupancy = Occupancy(world)
         schemas = {schema.name: schema for schema in world.schemas}
         self._clicks: dict[str, list[_KeyBinding]] = {}
         self._keys: dict[str, list[_KeyBinding]] = {}
@@ -91,9 +94,9 @@ class Controls:
         """The keys that mean something, in the input file's order."""
         return tuple(self._keys)
 
-    def wording(self, me: str | None, names: Mapping[str, str] = MappingProxyType({})) -> Wording:
-        """The words for who plays `me`; `names` are what participants are called, by player."""
-        others = {player: name for player, name in names.items() if player != me and name}
+    def wording(self, me: str | None) -> Wording:
+        """The words for who plays `me`."""
+        others = {player: name for player, name in self.names.items() if player != me and name}
         return Wording(self.world, self.language, me, others)
 
     def click(self, state: State, me: str, target: str, button: Button = "left") -> Meaning:
@@ -168,7 +171,7 @@ class Controls:
             for action in self._candidates(binding, moment.me, meant, near):
                 unmet = self.world.unmet(moment.state, action)
                 rank = self._rank(moment, action, unmet, meant)
-                if rank is None or (at_work and rank[0]):
+                if rank is None or (at_work and rank[1]):
                     continue
                 if nearest is None or rank < nearest[0]:
                     nearest = rank, action, unmet
@@ -176,16 +179,18 @@ class Controls:
         if nearest is None:
             where = words.thing(meant[0], moment.state) if meant else ""
             return Meaning(None, f"nothing to do at {where}" if where else "nothing to do here")
-        _, action, unmet = nearest
+        rank, action, unmet = nearest
         does = _capital(words.action(action, moment.state))
-        return Meaning(action, f"{does}? {_capital(words.way(action, unmet, moment.state))}")
+        way = _capital(words.way(action, unmet, moment.state))
+        return Meaning(action, way if not rank[0] else f"{does}? {way}")
 
     def _rank(
         self, moment: _Moment, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]
     ) -> tuple[int, ...] | None:
-        """How far from being possible an action is, least first: what is at the wrong place for
-        good, what would change nothing, what has to do with nothing that one holds, what has to do
-        with less of what is here, what lacks more. None for one that is not worth telling."""
+        """How far from being possible an action is, least first: a walk to where somebody stands
+        comes before what would be done there; then what is at the wrong place for good, what would
+        change nothing, what has to do with nothing that one holds, what has to do with less of what
+        is here, what lacks more. None for one that is not worth telling."""
         never = [each for each in unmet if self._is_for_ever(each)]
         vain = not changes_something(moment.state, action)
         if not 0 < len(unmet) <= _NEAR_MISS or len(never) > 1:
@@ -194,7 +199,14 @@ class Controls:
             return None
         here = meant[:1] == [moment.at]
         aside = here and bool(moment.held) and moment.held.isdisjoint(action.arguments)
-        return len(never), vain, aside, -len(action.arguments), len(unmet)
+        taken = self._is_taken(action, unmet, meant)
+        return not taken, len(never), vain, aside, -len(action.arguments), len(unmet)
+
+    def _is_taken(self, action: GroundAction, unmet: tuple[Unmet, ...], meant: list[str]) -> bool:
+        """Whether an action walks to what is meant, and only somebody who stands there hinders."""
+        stations = {self._occupancy.needed_free(each) for each in unmet}
+        walks = action.schema.definition.travel is not None
+        return walks and stations == {*meant[:1]}
 
     def _is_for_ever(self, unmet: Unmet) -> bool:
         """Whether nothing that anybody does will ever make a difference to it."""

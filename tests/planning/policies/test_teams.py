@@ -78,7 +78,11 @@ def test_where_there_is_no_way_that_is_proven() -> None:
     assert is_cut_off(start.world, start, ("robot2", "robot3"))
     assert not is_cut_off(start.world, start, start.world.players)
     game = play_team("multi_agent/01@3", {"robot1": Idle("robot1")}, expansions=QUICK, limit=45)
-    asked = [step for step, _, text in game.said if text == "I need table 2, please"]
+    asked = [
+        step
+        for step, _, text in game.said
+        if text == "I need the table with the bottom bun, please"
+    ]
     assert asked == [0, 20, 40]
 
 
@@ -212,17 +216,20 @@ def _next(bot: PlannerPolicy, state: Any) -> Any:
 
 def test_what_is_said_is_understood() -> None:
     world = World(load_task("multi_agent/01"))
-    words = Wording(world, language_of(world.task))
+    words, start = Wording(world, language_of(world.task)), world.initial
     sink = next(o.name for o in world.initial.objects if o.type == "station")
     assert announced_version(announcement()) == VERSION
     assert announced_version("team planner 1") is None
-    assert requested(request(sink, world.initial, words), sink, words)
-    assert requested(f"I need {sink}: please make way, robot1", sink, words)
-    assert requested(f"I NEED the {world.thing(sink).kind}!", sink, words)
-    assert not requested(f"I am at {sink}", sink, words)
-    assert not requested("I need a break", sink, words)
-    assert requested("table 2, please", "table2", words)
-    assert not requested("table 2, please", "table3", words)
+    for station in world.floor.stations:
+        asked = request(station, start, words)
+        heard = [each for each in world.floor.stations if requested(asked, each, start, words)]
+        assert heard == [station]
+    assert requested(f"I need {sink}: please make way, robot1", sink, start, words)
+    assert requested(f"I NEED the {world.thing(sink).kind}!", sink, start, words)
+    assert not requested(f"I am at {sink}", sink, start, words)
+    assert not requested("I need a break", sink, start, words)
+    assert requested("table 2, please", "table2", start, words)
+    assert not requested("table 2, please", "table3", start, words)
 
 
 def test_an_action_may_count_on_another_in_the_same_step() -> None:

@@ -46,7 +46,8 @@ class Hands:
         """A click on an object."""
         self.choices = None
         read = partial(_clicked, controls, target, button)
-        return self.queue.ask(Intent(target, read), source, view)
+        label = controls.wording(view.me).place(target, view.state)
+        return self.queue.ask(Intent(label, read), source, view)
 
     def key(self, controls: Controls, key: str, source: Source, view: View) -> str:
         """A key of the domain's input file."""
@@ -111,7 +112,7 @@ class Hands:
         if self.choices:
             self.chosen = (self.chosen + steps) % len(self.choices)
 
-    def pick(self, number: int | None, source: Source, view: View) -> str:
+    def pick(self, controls: Controls, number: int | None, source: Source, view: View) -> str:
         """Do the marked action of the list, or the one with a number on the page shown."""
         choices = self.choices or ()
         index = self.chosen if number is None else self.page * MAX_CHOICES + number - 1
@@ -119,7 +120,8 @@ class Hands:
             return ""
         self.choices = None
         action = choices[index]
-        return self.queue.ask(Intent(action.name, partial(_again, action)), source, view)
+        label = controls.wording(view.me).action(action, view.state)
+        return self.queue.ask(Intent(label, partial(_again, label, action)), source, view)
 
     @property
     def page(self) -> int:
@@ -167,5 +169,5 @@ def _walked(controls: Controls, direction: tuple[int, int], view: View) -> Meani
     return walk(controls, view.state, view.me or "", direction)
 
 
-def _again(action: GroundAction, view: View) -> Meaning:
-    return Meaning(action, action.sentence, action in view.state.actions(view.me or ""))
+def _again(words: str, action: GroundAction, view: View) -> Meaning:
+    return Meaning(action, words, action in view.state.actions(view.me or ""))

@@ -28,6 +28,7 @@ HelpRows = tuple[tuple[str, str], ...]
 _NOTICE_SECONDS = 3.0
 _BUTTONS: dict[int, Button] = {1: "left", 2: "middle", 3: "right"}
 _Asked = tuple[State, str | None, str | None, tuple[bool, bool, bool]]
+_List = tuple[State, tuple[GroundAction, ...]]
 _Advice = tuple[tuple[str, ...], HelpRows]
 
 
@@ -68,6 +69,7 @@ class PlayInput:
         self._notice = ""
         self._notice_until = 0.0
         self._advice: tuple[_Asked, _Advice] | None = None
+        self._listed: tuple[_List, tuple[str, ...]] | None = None
 
     @property
     def typing(self) -> bool:
@@ -162,7 +164,7 @@ class PlayInput:
         elif command in (Command.LEFT, Command.RIGHT):
             self.hands.choose(MAX_CHOICES if command is Command.RIGHT else -MAX_CHOICES)
         elif command in (Command.USE, Command.ENTER):
-            self.tell(self.hands.pick(None, source, view))
+            self.tell(self.hands.pick(self.controls(view), None, source, view))
         else:
             return False
         return True
@@ -198,7 +200,7 @@ class PlayInput:
         command = self.hands.keys.command(name)
         if self.hands.choices is not None:
             if name in tuple("123456789"):
-                self.tell(self.hands.pick(int(name), source, view))
+                self.tell(self.hands.pick(self.controls(view), int(name), source, view))
                 return None
         elif self._is_bound(name, command, view):
             self.tell(self.hands.key(self.controls(view), name, source, view))
@@ -219,6 +221,7 @@ class PlayInput:
             language = look.rendering.language if look else language_of(view.world.task)
             bindings = look.bindings if look else None
             self._controls = Controls(view.world, bindings, language.with_words(self._words))
+        self._controls.names = {seat.player: seat.name for seat in view.seats}
         return self._controls
 
     # What is shown
@@ -266,8 +269,7 @@ class PlayInput:
         return (meaning.hint,)
 
     def _wording(self, view: View) -> Wording:
-        names = {seat.player: seat.name for seat in view.seats}
-        return self.controls(view).wording(view.me, names)
+        return self.controls(view).wording(view.me)
 
     def _permanent(self, view: View) -> HelpRows:
         keys = self.hands.keys
@@ -307,20 +309,18 @@ class PlayInput:
         if actions is None:
             return None, ""
         start = self.hands.page * MAX_CHOICES
-        shown = actions[start : start + MAX_CHOICES]
         pages = -(-len(actions) // MAX_CHOICES)
         more = f"{self.hands.page + 1} of {pages}: Left, Right" if pages > 1 else ""
-        said = [self._said(action, view) for action in shown]
-        return tuple(each[:1].upper() + each[1:] for each in said), more
+        return self._said(actions[start : start + MAX_CHOICES], view), more
 
-    def _said(self, action: GroundAction, view: View) -> str:
-        """An action in words; a walk with what lies where it leads, as places share names."""
-        words, there = self._wording(view), destination(action)
-        placed = scene(view.state).values()
-        lying = [p.thing.name for p in placed if there is not None and p.host == there]
-        things = ", ".join(words.thing(name, view.state) for name in lying)
-        said = words.action(action, view.state)
-        return f"{said}: {things}" if things else said
+    def _said(self, actions: tuple[GroundAction, ...], view: View) -> tuple[str, ...]:
+        """Actions in words: made once for each state."""
+        if self._listed is None or self._listed[0] != (view.state, actions):
+            words = self._wording(view)
+            said = [words.action(action, view.state) for action in actions]
+            told = tuple(each[:1].upper() + each[1:] for each in said)
+            self._listed = (view.state, actions), told
+        return self._listed[1]
 
     def _help_of(self, view: View) -> HelpRows:
         if self._help_rows is not None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.atoms import bits_of
 from robotouille.world.people.usefulness import useful_actions, work_in_progress
 from robotouille.world.scene import scene
 from robotouille.world.world import State
@@ -11,20 +14,56 @@ from robotouille_client.window.hands.walking import destination, towards
 
 __all__ = ["possible", "use", "walk"]
 
+HOLDS = "shares_tile"
+"""The layout rule of predicates that say who carries what."""
+
 
 def possible(state: State, me: str) -> tuple[GroundAction, ...]:
-    """What a player can do that changes something: here first, then the walks, the nearest
-    first."""
-    valid = useful_actions(state, me)
-    walks = {action: there for action in valid if (there := destination(action))}
-    here = scene(state)[me].at
-    floor = state.world.floor
+    """What a player can do that changes something, the useful things first: work, picking up and
+    putting down here; walks to where there is something; other walks; at last to do nothing.
 
-    def steps(action: GroundAction) -> int:
-        return floor.distance(here, walks[action]) if here else 0
+    Of walks the nearest come first.
+    """
+    walks = _Walks(state, me)
+    return tuple(sorted(useful_actions(state, me), key=lambda a: _order(state, me, a, walks)))
 
-    others = [action for action in valid if action not in walks]
-    return (*others, *sorted(walks, key=steps))
+
+def _order(state: State, me: str, action: GroundAction, walks: _Walks) -> tuple[int, int]:
+    there = destination(action)
+    if there is not None:
+        return (3 if walks.matters(there) else 4), walks.steps(there)
+    if not (action.touched or action.effects):
+        return 5, 0
+    after = (state.facts | action.touched) ^ action.removed
+    more = _carried(state, me, after) - _carried(state, me, state.facts)
+    return (0, 1, 2)[(more > 0) + 2 * (more < 0)], 0
+
+
+def _carried(state: State, me: str, facts: int) -> int:
+    """How much a player carries."""
+    world = state.world
+    carries = {rule.predicate for rule in world.task.domain.layout or () if rule.when == HOLDS}
+    mine = bits_of(facts & world.table.mentions(me))
+    return sum(world.table.atoms[bit][0] in carries for bit in mine)
+
+
+class _Walks:
+    """What there is at the stations, and how far they are."""
+
+    def __init__(self, state: State, me: str) -> None:
+        placed = scene(state)
+        kinds = [state.world.thing(name).kind for name in state.world.floor.stations]
+        self._plain = Counter(kinds).most_common(1)[0][0] if kinds else ""
+        self._used = {each.host for each in placed.values()}
+        self._here = placed[me].at
+        self._world = state.world
+
+    def matters(self, station: str) -> bool:
+        """Whether something lies there, or it is of another kind than most."""
+        return station in self._used or self._world.thing(station).kind != self._plain
+
+    def steps(self, station: str) -> int:
+        return self._world.floor.distance(self._here, station) if self._here else 0
 
 
 def walk(controls: Controls, state: State, me: str, direction: tuple[int, int]) -> Meaning:

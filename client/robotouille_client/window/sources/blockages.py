@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from robotouille.planning.policies.team_talk import requested
+from robotouille.world.people.occupancy import Occupancy
 from robotouille.world.people.wording import Wording
 from robotouille.world.scene import Placed, scene
-from robotouille.world.unmet import Unmet, UnmetKind
+from robotouille.world.unmet import Unmet
 from robotouille.world.world import State
 
 __all__ = ["Blockages"]
@@ -26,17 +27,15 @@ class Blockages:
     def said(self, player: str, text: str, state: State, wording: Wording) -> None:
         """Somebody says something: it may ask for places at which others stand."""
         for other, station in _standing(scene(state)):
-            if player and other != player and requested(text, station, wording):
+            if player and other != player and requested(text, station, state, wording):
                 self._waits[player, station] = self._now() + SECONDS
 
     def refused(self, player: str, unmet: Iterable[Unmet], state: State) -> None:
         """Somebody could not do something: it may be that another stands there."""
-        taken = {station for other, station in _standing(scene(state)) if other != player}
+        rules = Occupancy(state.world)
         for each in unmet:
-            if each.kind is not UnmetKind.CONDITION or len(each.objects) != 1:
-                continue
-            (station,) = each.objects
-            if station in taken and _is_of_standing(state, each.predicate):
+            station = rules.needed_free(each)
+            if station is not None and {*rules.players_at(state, station)} - {player}:
                 self._waits[player, station] = self._now() + SECONDS
 
     def at(self, state: State) -> tuple[tuple[str, str, str], ...]:
@@ -55,13 +54,3 @@ class Blockages:
 
 def _standing(placed: dict[str, Placed]) -> list[tuple[str, str]]:
     return [(name, each.at) for name, each in placed.items() if each.at is not None]
-
-
-def _is_of_standing(state: State, predicate: str) -> bool:
-    """Whether a predicate says that nobody stands somewhere: whoever walks there ends it."""
-    for schema in state.world.schemas:
-        travel = schema.definition.travel
-        for effect in schema.definition.immediate_fx if travel else ():
-            if travel and effect.predicate == predicate and effect.params == (travel[1],):
-                return not effect.is_true
-    return False

@@ -116,6 +116,30 @@ class PredicateWords(Schema):
     forbidden: Words = ""
 
 
+class PlaceWords(Schema):
+    """How stations that are called the same are told apart: by what lies there, else by the side
+    of the kitchen where they are, and by their order in the row there."""
+
+    with_things: Words = "the {noun} with {things}"
+    single: Words = "the {noun} {side}"
+    one_of_few: Words = "the {order} {noun} {side}"
+    one_of_many: Words = "the {number} {noun} from the {first} {side}"
+    top: Words = "at the top"
+    bottom: Words = "at the bottom"
+    left: Words = "on the left"
+    right: Words = "on the right"
+    middle: Words = "in the middle"
+    across: tuple[Words, Words, Words] = ("left", "middle", "right")
+    downwards: tuple[Words, Words, Words] = ("top", "middle", "bottom")
+    ordinals: tuple[Words, ...] = (
+        "first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth",
+    )  # fmt: skip
+
+    def number(self, index: int) -> str:
+        """The place in a row, counted from 0, in words as far as there are any."""
+        return self.ordinals[index] if index < len(self.ordinals) else f"{index + 1}."
+
+
 class Language(Schema):
     """What a person calls the things, actions and facts of a domain. All of it is optional.
 
@@ -133,6 +157,8 @@ class Language(Schema):
         default={}, max_length=200
     )
     predicates: dict[str, PredicateWords] = Field(default={}, max_length=500)
+    places: PlaceWords = PlaceWords()
+    other: Words = "the other {noun}"
 
     def with_words(self, own: Language) -> Language:
         """The same with other words laid over it: kind by kind, action by action, predicate by

@@ -147,7 +147,7 @@ class PlannerPolicy:
         elif player not in self._team and self._state is not None:
             for mate in sorted(self._team):
                 station = standing_at(self._state, mate)
-                if station is not None and requested(text, station, self._wording):
+                if station is not None and requested(text, station, self._state, self._wording):
                     self._yielding[mate] = self._step + YIELDING
 
     def observe(self, did: Did) -> None:

@@ -57,17 +57,25 @@ def request(station: str, state: State, wording: Wording) -> str:
     return f"I need {wording.place(station, state)}, please"
 
 
-def requested(text: str, station: str, wording: Wording) -> bool:
-    """Whether a text asks for a station: by its name, or by what it is called, which may have the
-    number of another."""
+def requested(text: str, station: str, state: State, wording: Wording) -> bool:
+    """Whether a text asks for a station: by its place as one says it now, by its name, or by what
+    it is called, which may have the number of another."""
     if not _REQUEST.search(text):
         return False
+    places = wording.places(state).items()
+    named = [(len(words), name) for name, words in places if _has(text, words)]
+    if named and re.search(r"\d", text) is None:
+        return max(named)[1] == station
     kind, number = wording.world.thing(station).kind, re.search(r"\d+$", station)
     for noun in {kind, kind.replace("_", " "), wording.kind(kind)}:
         for found in re.finditer(rf"\b{re.escape(noun)}(?: (\d+))?\b", text, re.IGNORECASE):
             if not found[1] or (number is not None and found[1] == number[0]):
                 return True
-    return re.search(rf"\b{re.escape(station)}\b", text, re.IGNORECASE) is not None
+    return _has(text, station)
+
+
+def _has(text: str, words: str) -> bool:
+    return re.search(rf"\b{re.escape(words)}\b", text, re.IGNORECASE) is not None
 
 
 class Talk:

@@ -9,11 +9,15 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from string import Formatter
+from functools import cached_property
 from types import MappingProxyType
 
 from robotouille.domain.rendering import Language
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.people.occupancy import Occupancy
+from robotouille.world.people.places import places
+from robotouille.world.people.templates import filled, parameters
+from robotouille.world.scene import Placed, scene
 from robotouille.world.text import describe
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille.world.world import State, World
@@ -22,6 +26,8 @@ __all__ = ["Wording"]
 
 MAX_KINDS = 3
 """Kinds that are listed as what is needed."""
+
+SOMEBODY = "somebody"
 
 
 class Wording:
@@ -43,7 +49,8 @@ class Wording:
         self.language = language
         self.me = me
         self.names = names
-        self._numbers = Counter(thing.kind for thing in world.placed)
+        self._occupancy = Occupancy(world)
+        self._lately: tuple[State, dict[str, str]] | None = None
 
     # Things
 
@@ -52,26 +59,77 @@ class Wording:
         found = [each.name for each in self.language.kinds.get(kind, ()) if each.when is None]
         return found[0] if found else kind.replace("_", " ")
 
-    def thing(self, name: str, state: State, *, numbered: bool = False) -> str:
-        """What one thing is called: `the pot`; `numbered` where there are others: `table 2`."""
+    def thing(self, name: str, state: State) -> str:
+        """What one thing is called: `the pot`."""
         if name == self.me:
             return "you"
         if name in self.names:
             return self.names[name]
-        noun, number = self._noun(name, state), _number(name)
-        shared = numbered or name in self.world.players
-        return f"{noun} {number}" if shared and number else f"the {noun}"
+        noun = self._noun(name, state)
+        number = _number(name) if name in self.world.players else ""
+        return f"{noun} {number}" if number else f"the {noun}"
 
     def place(self, station: str, state: State) -> str:
-        """What a station is called by somebody who stands elsewhere: numbered if there are more."""
-        several = self._numbers[self.world.thing(station).kind] > 1
-        return self.thing(station, state, numbered=several)
+        """What a station is called by somebody who stands elsewhere, as no other is: `the sink`,
+        `the table with the lettuce`, `the left table at the top`."""
+        return self.places(state).get(station) or self.thing(station, state)
+
+    def places(self, state: State) -> dict[str, str]:
+        """What all stations that have a place are called, each unlike the others."""
+        if self._lately is None or self._lately[0] is not state:
+            self._lately = state, self._places(state)
+        return self._lately[1]
+
+    def _places(self, state: State) -> dict[str, str]:
+        """By the noun, where that is one station's alone; by what lies there, if that lies nowhere
+        else; by where it is."""
+        nouns = {name: self._noun(name, state) for name in self.world.floor.stations}
+        alike, laid = Counter(nouns.values()), self._laid(nouns, state)
+        told = Counter(laid.values())
+        return {
+            name: f"the {noun}"
+            if alike[noun] == 1
+            else laid[name] if told[laid.get(name, "")] == 1 else self._sides[name]
+            for name, noun in nouns.items()
+        }  # fmt: skip
+
+    def _laid(self, nouns: Mapping[str, str], state: State) -> dict[str, str]:
+        """Stations by what lies there, at the bottom of what is stacked."""
+        lying = [each for each in scene(state).values() if each.level == 0 and each.host in nouns]
+        lowest: dict[str, Placed] = {}
+        for each in lying:
+            lowest.setdefault(each.host or "", each)
+        template = self.language.places.with_things
+        return {
+            name: filled(template, noun=nouns[name], things=self.thing(each.thing.name, state))
+            for name, each in lowest.items()
+        }
+
+    @cached_property
+    def _sides(self) -> dict[str, str]:
+        nouns = {n: self.kind(self.world.thing(n).kind) for n in self.world.floor.stations}
+        return places(self.world.floor, nouns, self.language.places)
 
     def things(self, names: Iterable[str], state: State) -> dict[str, str]:
-        """What some things are called in one sentence: numbered only where two sound alike."""
+        """What some things are called in one sentence: two that sound alike are told apart."""
         names = tuple(dict.fromkeys(names))
-        sounds = Counter(self.thing(name, state) for name in names)
-        return {n: self.thing(n, state, numbered=sounds[self.thing(n, state)] > 1) for n in names}
+        called = {name: self.thing(name, state) for name in names}
+        sounds = Counter(called.values())
+        heard: Counter[str] = Counter()
+        for name, sound in called.items():
+            if sounds[sound] > 1:
+                called[name] = self._apart(name, state, heard[sound], sounds[sound])
+                heard[sound] += 1
+        return called
+
+    def _apart(self, name: str, state: State, before: int, alike: int) -> str:
+        """What one of several things that sound alike is called in a sentence."""
+        if name in self.places(state):
+            return self.place(name, state)
+        noun = self._noun(name, state)
+        if alike == 2:
+            return filled(self.language.other, noun=noun) if before else f"the {noun}"
+        return f"{noun} {_number(name)}".strip()
 
     def _noun(self, name: str, state: State) -> str:
         kind = self.world.thing(name).kind
@@ -95,12 +153,14 @@ class Wording:
         return told or "; ".join(dict.fromkeys(self.reason(each, state) for each in unmet))
 
     def _filled(self, template: str, action: GroundAction, state: State) -> str:
-        named = _parameters(template)
+        named = parameters(template)
         binding = action.schema.bind(action.arguments)
         things = {name: thing for name, thing in binding.items() if name in named}
         called = self.things(things.values(), state)
-        words = {name: called[thing] for name, thing in things.items()}
-        return _filled(template, **words)
+        travel = action.schema.definition.travel
+        if travel and travel[1] in things:
+            called[things[travel[1]]] = self.place(things[travel[1]], state)
+        return filled(template, **{name: called[thing] for name, thing in things.items()})
 
     # Reasons
 
@@ -118,10 +178,11 @@ class Wording:
         return unmet.words
 
     def _condition(self, unmet: Unmet, state: State) -> str:
-        called = self._known(unmet.objects, state)
+        called = self._known(unmet.objects, state, predicate=unmet.predicate)
         words = self.language.predicates.get(unmet.predicate)
         template = (words.needed if unmet.expected else words.forbidden) if words else ""
-        if told := _filled(template, *called):
+        who = self._standing(unmet, state)
+        if told := filled(template, *called, who=who or SOMEBODY):
             return told
         if unmet.expected and len(called) == 1 and (kinds := self._kinds(unmet.predicate)):
             return f"needs {' or '.join(kinds)}, which {called[0]} is not"
@@ -129,10 +190,24 @@ class Wording:
         fact = describe(self.world.task.domain, (unmet.predicate, *named))
         return f"needs: {fact}" if unmet.expected else f"not while {fact}"
 
-    def _known(self, objects: tuple[str, ...], state: State, *, you: bool = True) -> list[str]:
-        """What some objects are called; one that is not known keeps its name. Without `you` that
-        player is called like others, as a domain speaks of it."""
+    def _standing(self, unmet: Unmet, state: State) -> str:
+        """Who stands where nobody should; nothing where it is not about that."""
+        station = self._occupancy.needed_free(unmet)
+        if station is None:
+            return ""
+        others = self._occupancy.players_at(state, station)
+        return next((self.thing(p, state) for p in others if p != self.me), "")
+
+    def _known(
+        self, objects: tuple[str, ...], state: State, *, predicate: str = "", you: bool = True
+    ) -> list[str]:
+        """What some objects are called; one that is not known keeps its name. Where a `predicate`
+        tells where players stand, stations are told apart. Without `you` that player is called like
+        others, as a domain speaks of it."""
         called = self.things((n for n in objects if n in self.world.thing_names), state)
+        if predicate and self._occupancy.is_about_standing(predicate):
+            places = self.places(state)
+            called |= {name: places[name] for name in called if name in places}
         if not you and self.me in called:
             called[self.me] = f"the {self._noun(self.me, state)}"
         return [called.get(name, name) for name in objects]
@@ -143,22 +218,6 @@ class Wording:
         holding = sorted({a[1] for a in static if a[0] == predicate and len(a) == 2})
         kinds = dict.fromkeys(self.kind(self.world.thing(name).kind) for name in holding)
         return [_with_article(kind) for kind in kinds] if len(kinds) <= MAX_KINDS else []
-
-
-def _filled(template: str, *called: str, **words: str) -> str:
-    """A template with its words; empty where it asks for others than there are."""
-    try:
-        return template.format(*called, **words)
-    except (LookupError, ValueError):
-        return ""
-
-
-def _parameters(template: str) -> set[str]:
-    """What a template asks for; nothing where it is none."""
-    try:
-        return {name for _, name, _, _ in Formatter().parse(template) if name}
-    except ValueError:
-        return set()
 
 
 def _any_fact(state: State, predicate: str, name: str) -> bool:

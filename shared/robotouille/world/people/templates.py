@@ -1,0 +1,23 @@
+"""Words with places for others, as languages have them."""
+
+from __future__ import annotations
+
+from string import Formatter
+
+__all__ = ["filled", "parameters"]
+
+
+def filled(template: str, *called: str, **words: str) -> str:
+    """A template with its words; empty where it asks for others than there are."""
+    try:
+        return template.format(*called, **words)
+    except (AttributeError, LookupError, ValueError):
+        return ""
+
+
+def parameters(template: str) -> set[str]:
+    """What a template asks for; nothing where it is none."""
+    try:
+        return {name for _, name, _, _ in Formatter().parse(template) if name}
+    except ValueError:
+        return set()
