@@ -228,14 +228,13 @@ def test_a_taken_station_is_tried(play) -> None:
 def test_a_place_that_is_taken_says_so_before_what_lies_there(play) -> None:
     """Where somebody cuts: not that one has to go there to take what is cut."""
     world = World("multi_agent/07@4")
-    me, other = "robot2", "robot1"
-    state = play(world, "move table2", "pick-up-item onion1", "move board1", "place-item")[-1]
-    at = _scene(state)[other].at
+    lines = ("move table2", "pick-up-item onion1", "move board1", "place-item")
+    state = play(world, *lines)[-1]
     controls = Controls(world)
-    controls.names = {other: "Ben"}
-    found = controls.click(state, me, at)
+    controls.names = {"robot1": "Ben"}
+    found = controls.click(state, "robot2", "board1")
     assert found.hint == "Ben stands at the board in the middle"
-    assert world.action("move", me, "table3", at) == found.action
+    assert found.action == world.action("move", "robot2", "table3", "board1")
 
 
 def test_who_is_busy_does_nothing(play) -> None:

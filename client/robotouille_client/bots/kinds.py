@@ -36,9 +36,9 @@ def policy_maker(kind: BotKind, seed: int = 0, plan: Path | None = None) -> Make
             return RandomPolicy(player, seed)
         if kind is BotKind.SCRIPTED:
             return _scripted(state, player, plan)
-        from robotouille_client.bots.planner import TellingPlanner
+        from robotouille.planning.policies.planner_policy import PlannerPolicy
 
-        return TellingPlanner(state.world, player, seed=seed, start=state)
+        return PlannerPolicy(state.world, player, seed=seed, start=state)
 
     return make
 

@@ -91,12 +91,12 @@ def prompt_partners(
         make = policy_maker(kind, seed)
         return PromptPartners({player: make(start, player) for player in players})
     from robotouille.planning.anytime import AnytimePlanner
-    from robotouille_client.bots.planner import TellingPlanner
+    from robotouille.planning.policies.planner_policy import PlannerPolicy
 
     known = AnytimePlanner(World(start.world.task))
     return PromptPartners(
         {
-            player: TellingPlanner(start.world, player, seed=seed, start=start, anytime=known)
+            player: PlannerPolicy(start.world, player, seed=seed, start=start, anytime=known)
             for player in players
         }
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import random
 from collections.abc import Callable
 from typing import Any
@@ -239,14 +240,18 @@ def test_where_a_beam_search_is_blind_a_plan_is_found_otherwise(
     assert pancake_steps(seats, players=seats) <= 14
 
 
-def test_a_bot_says_that_it_finds_no_plan(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bot_notes_that_it_finds_no_plan_and_prints_nothing(
+    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
     world = kitchen(
         items=[{"name": "lettuce", "x": 0, "y": 0}],
         goal=[{"predicate": "iscut", "args": ["lettuce"], "ids": [1]}],
     )
     policy = policy_maker(BotKind.PLANNER)(world.initial, "robot1")
-    assert all(policy.act(world.initial) is None for _ in range(9))
-    assert capsys.readouterr().err == "robot1 finds no plan from here\n"
+    with caplog.at_level(logging.DEBUG):
+        assert all(policy.act(world.initial) is None for _ in range(9))
+    assert caplog.messages == ["robot1 finds no plan from here"]
+    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.slow

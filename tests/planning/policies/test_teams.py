@@ -83,7 +83,7 @@ def test_where_there_is_no_way_that_is_proven() -> None:
         for step, _, text in game.said
         if text == "I need the table with the bottom bun, please"
     ]
-    assert asked == [0, 20, 40]
+    assert asked == [0], "once"
 
 
 @pytest.mark.slow

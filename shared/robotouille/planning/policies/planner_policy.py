@@ -6,11 +6,13 @@ order: an action that the plan does not say, a step too many in which nothing go
 comes or says something. So they plan from the same state, whenever each gets around to it.
 
 Whoever is not of the team is taken to stand still. Those that are left plan around them, anew
-whenever they get in the way; where there is no way, they ask for it, and make way themselves.
+whenever they get in the way. Where there is no way, they ask for it, plan as if they had it, and do
+of that plan what can be done: nothing that would have to be undone.
 """
 
 from __future__ import annotations
 
+import logging
 import random
 from collections.abc import Collection, Mapping
 from functools import cached_property
@@ -19,6 +21,7 @@ from robotouille.domain.rendering import language_of
 from robotouille.domain.task import Timing
 from robotouille.planning.anytime import AnytimePlanner
 from robotouille.planning.plan import Plan
+from robotouille.planning.policies.making_way import station_in_the_way, with_others_aside
 from robotouille.planning.policies.script import Did, Script, does_something
 from robotouille.planning.policies.standing import standing_at, walks_aside
 from robotouille.planning.policies.team_search import EXPANSIONS, NEAR, TeamSearch
@@ -38,6 +41,8 @@ from robotouille.world.people.wording import Wording
 from robotouille.world.world import State, World
 
 __all__ = ["PlannerPolicy"]
+
+logger = logging.getLogger(__name__)
 
 CHOICES = 6
 """Choices of objects that are tried where others may stand in the way of the first."""
@@ -103,7 +108,7 @@ class PlannerPolicy:
         self._cut_off = False
         self._others = 0
         self._steps_left = 0
-        self._may_improve = False
+        self._may_improve = self._meddled = False
         self._step = self._planned = 0
         self._yielding: dict[str, int] = {}
         self._plan_anew()
@@ -112,8 +117,8 @@ class PlannerPolicy:
 
     @property
     def has_plan(self) -> bool:
-        """Whether the last search found a plan. Without one the seat comes as near to the goal as
-        it can, and then does nothing but make way for others."""
+        """Whether the last search found a plan. Without one the seat does what would be right if
+        others made way; if there is no plan even then, it comes as near to the goal as it can."""
         return self._has_plan
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
@@ -159,6 +164,11 @@ class PlannerPolicy:
             self._state = self._state.step([a for _, a, applied in own if applied]).state
         self._since.append(own)
         outsiders_acted = any(ok and player not in self._team for player, _, ok in did)
+        self._meddled = self._meddled or any(
+            ok and player not in self._team and not action.schema.definition.travel
+            for player, action, ok in own
+            if does_something(action)
+        )
         if self._script is None:
             return
         self._script.observe(own)
@@ -182,7 +192,7 @@ class PlannerPolicy:
         """Whether what has changed may have opened a way."""
         if self._state is None or self._script is None:
             return False
-        if self._about_others(self._state) != self._others:
+        if self._meddled or self._about_others(self._state) != self._others:
             return True
         done = self._script.is_finished(self._team)
         return not self._cut_off and done and self._state != self._base
@@ -297,21 +307,37 @@ class PlannerPolicy:
         """Make a plan from the state in which it was found to be needed."""
         team = tuple(sorted(self._team))
         self._planned = self._step
-        self._talk.request = ""
         self._others = self._about_others(base)
+        self._meddled = False
         self._cut_off = self._is_cut_off(base, team)
         result = None if self._cut_off else self._find(base, team)
         self._has_plan = result is not None and result.plan is not None
-        if result is not None and result.plan is not None:
-            self._follow(result.plan, base)
-            self._may_improve = self._punctual and self._is_worth_improving(result)
-            return
         self._may_improve = False
-        if result is not None and result.unsolvable:
+        if result is not None and result.plan is not None:
+            self._talk.met()
+            self._may_improve = self._punctual and self._is_worth_improving(result)
+            self._follow(result.plan, base)
+        elif result is not None and result.unsolvable:
             self._follow(Plan(()), base)
         else:
-            self._follow(self._search.towards(base, team), base)
-        self._ask_for_a_way(base)
+            logger.debug("%s finds no plan from here", self.player)
+            self._plan_for_a_way(base, team)
+
+    def _plan_for_a_way(self, base: State, team: tuple[str, ...]) -> None:
+        """Plan as if others made way, and ask them to; without such a plan, come nearer."""
+        aside = with_others_aside(self._anytime.in_model(base), self._outsiders)
+        moved = aside != self._anytime.in_model(base)
+        result = self._find(aside, team) if moved and not self._is_cut_off(aside, team) else None
+        if result is not None and result.plan is not None:
+            station = station_in_the_way(result.plan, base, self._outsiders)
+            self._follow(result.plan, aside)
+            if station is not None and self.player == min(self._team):
+                self._talk.ask(request(station, base, self._wording), self._step)
+            return
+        if self._outsiders and self.player == min(self._team):
+            self._talk.despair()
+        lost = self._cut_off and not moved
+        self._follow(Plan(()) if lost else self._search.towards(base, team), base)
 
     def _is_cut_off(self, state: State, team: Collection[str]) -> bool:
         """Whether others stand where the team has to get."""
@@ -392,26 +418,10 @@ class PlannerPolicy:
         if action is None or self._script is None or not action.schema.definition.travel:
             return
         others = [p for p in self._outsiders if self._known.get(p) in ("human", "model", "bot")]
-        if others and self._state is not None and self._talk.may_tell(self._step):
+        may = self._talk.may_tell(self._step, hurried=self._hurried)
+        if others and self._state is not None and may:
             coming = [self._own(each) for each in self._script.coming(TOLD)]
             self._talk.tell(intention(coming, self._state, self._wording), self._step)
-
-    def _ask_for_a_way(self, state: State) -> None:
-        """Where there is a way if somebody else walks: ask them to. One of the team asks."""
-        if self.player != min(self._team) or not self._talk.may_ask(self._step):
-            return
-        for player in self._outsiders:
-            station = standing_at(state, player)
-            if station is not None and self._opens_a_way(state, player):
-                self._talk.ask(request(station, state, self._wording), self._step)
-                return
-
-    def _opens_a_way(self, state: State, player: str) -> bool:
-        """Whether there is a way if one of the others walks."""
-        team = tuple(sorted({*self._team, player}))
-        if self._cut_off:
-            return not self._is_cut_off(state, team)
-        return self._search.first(state, team).plan is not None
 
 
 def _is_something_running(state: State) -> bool:

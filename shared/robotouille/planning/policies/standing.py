@@ -7,7 +7,7 @@ from collections import Counter
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State
 
-__all__ = ["is_out_of_the_way", "seat_out_of_the_way", "standing_at", "walks_aside"]
+__all__ = ["is_out_of_the_way", "seat_out_of_the_way", "standing_at", "travel_ends", "walks_aside"]
 
 
 def standing_at(state: State, player: str) -> str | None:
@@ -15,7 +15,7 @@ def standing_at(state: State, player: str) -> str | None:
     walk at all."""
     walks = (a for a in state.actions(player) if a.schema.definition.travel)
     walk = next(walks, None)
-    return None if walk is None else _ends(walk)[0]
+    return None if walk is None else travel_ends(walk)[0]
 
 
 def walks_aside(state: State, player: str) -> list[GroundAction]:
@@ -26,7 +26,7 @@ def walks_aside(state: State, player: str) -> list[GroundAction]:
     walks = [a for a in state.actions(player) if a.schema.definition.travel]
     if not walks:
         return []
-    here = _ends(walks[0])[0]
+    here = travel_ends(walks[0])[0]
     stations = [t for t in state.objects if t.type == state.world.thing(here).type]
     plain = Counter(t.kind for t in stations).most_common(1)[0][0]
     used = {
@@ -38,8 +38,10 @@ def walks_aside(state: State, player: str) -> list[GroundAction]:
     quiet = {t.name for t in stations if t.kind == plain and t.name not in used}
     if here in quiet:
         return []
-    aside = [walk for walk in walks if _ends(walk)[1] in quiet]
-    return aside or [walk for walk in walks if state.world.thing(_ends(walk)[1]).kind == plain]
+    aside = [walk for walk in walks if travel_ends(walk)[1] in quiet]
+    return aside or [
+        walk for walk in walks if state.world.thing(travel_ends(walk)[1]).kind == plain
+    ]
 
 
 def is_out_of_the_way(state: State, player: str) -> bool:
@@ -54,7 +56,7 @@ def seat_out_of_the_way(state: State) -> str:
     return next((p for p in players if is_out_of_the_way(state, p)), players[0])
 
 
-def _ends(walk: GroundAction) -> tuple[str, str]:
+def travel_ends(walk: GroundAction) -> tuple[str, str]:
     """Where a walk begins, and where it ends."""
     names = [name for name, _ in walk.schema.parameters]
     here, there = walk.schema.definition.travel or ("", "")

@@ -82,10 +82,6 @@ class TeamSearch:
         """Better and better plans for one who is alone, as far as a decision leaves time."""
         return self._anytime.search(state, ALONE, beam=0)
 
-    def first(self, state: State, team: tuple[str, ...]) -> SearchResult:
-        """Whether there is a plan at all."""
-        return self._anytime.first(state, team=team, seed=self._seed)
-
     def towards(self, state: State, team: tuple[str, ...]) -> Plan:
         """As near to the goal as the team gets without a plan."""
         return self._anytime.towards(state, team=team, seed=self._seed, beam=self._expansions)

@@ -15,19 +15,24 @@ __all__ = [
     "Talk",
     "announced_version",
     "announcement",
+    "helpless",
     "intention",
     "request",
     "requested",
 ]
 
-VERSION = 1
+VERSION = 2
 """Of how planner bots make and follow the plan of a team: those of another one plan differently."""
 
 MAX_SAID = 500
 """Characters of a chat message."""
 
-ASK_AGAIN, TELL_AGAIN = 20, 6
-"""Steps between two requests to make way, and between two intentions that are told."""
+ASK_AGAIN, INSIST = 20, 150
+"""Steps between two requests to make way, and until the same one is repeated that was in vain:
+half a minute in real time."""
+
+TELL_AGAIN, TELL_AGAIN_HURRIED = 6, 25
+"""Steps between two intentions that are told: more where steps pass by themselves."""
 
 TOLD = 3
 """Actions of an intention."""
@@ -78,6 +83,11 @@ def _has(text: str, words: str) -> bool:
     return re.search(rf"\b{re.escape(words)}\b", text, re.IGNORECASE) is not None
 
 
+def helpless() -> str:
+    """Says that a bot has no plan, whoever makes way."""
+    return "I see no way to the goal from here"
+
+
 class Talk:
     """The words of one seat; nothing, if it is `silent`. `request` is what it asks of others."""
 
@@ -85,7 +95,9 @@ class Talk:
         self.request = ""
         self._silent = silent
         self._said = [] if silent else [announcement()]
-        self._asked = self._told = -ASK_AGAIN
+        self._asked = self._told = -INSIST
+        self._last_asked = self._last_told = ""
+        self._helpless = False
 
     def speak(self) -> list[str]:
         """What there is to be said since this was last asked."""
@@ -97,25 +109,38 @@ class Talk:
         if not self._silent and announcement() not in self._said:
             self._said.append(announcement())
 
-    def may_tell(self, step: int) -> bool:
+    def may_tell(self, step: int, *, hurried: bool) -> bool:
         """Whether what comes next was not told a moment ago."""
-        return not self._silent and step - self._told >= TELL_AGAIN
+        pause = TELL_AGAIN_HURRIED if hurried else TELL_AGAIN
+        return not self._silent and step - self._told >= pause
 
     def tell(self, text: str, step: int) -> None:
-        """Say what comes next."""
-        self._told = step
-        self._said.append(text)
-
-    def may_ask(self, step: int) -> bool:
-        """Whether enough time has passed since the last request."""
-        return not self._silent and step - self._asked >= ASK_AGAIN
+        """Say what comes next, unless those were the last words."""
+        if text != self._last_told:
+            self._told, self._last_told = step, text
+            self._said.append(text)
 
     def ask(self, text: str, step: int) -> None:
-        """Ask somebody to make way."""
-        self._asked, self.request = step, text
-        self._said.append(text)
+        """Ask somebody to make way. A wish that was not met is seldom repeated."""
+        self.request = text
+        pause = INSIST if text == self._last_asked else ASK_AGAIN
+        if not self._silent and step - self._asked >= pause:
+            self._asked, self._last_asked = step, text
+            self._said.append(text)
 
     def ask_again(self, step: int) -> None:
         """Repeat the last request, if it still stands."""
-        if self.request and self.may_ask(step):
+        if self.request:
             self.ask(self.request, step)
+
+    def met(self) -> None:
+        """There is a way: nothing is asked for any more."""
+        self.request = self._last_asked = ""
+        self._helpless = False
+
+    def despair(self) -> None:
+        """Say once that there is no plan at all."""
+        self.request = ""
+        if not (self._silent or self._helpless):
+            self._helpless = True
+            self._said.append(helpless())
