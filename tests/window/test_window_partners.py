@@ -12,13 +12,14 @@ from tests.support.window_play import Timer
 
 from robotouille import GroundAction, State, World
 from robotouille.episode import Clock
-from robotouille.errors import RobotouilleError
 from robotouille.replay.recording import read_recording
 from robotouille_client.bots.kinds import BotKind
-from robotouille_client.bots.partner_process import PartnerProcess
+from robotouille_client.bots.partner_process import GONE, RESTARTED, PartnerProcess
 from robotouille_client.bots.partners import PromptPartners, prompt_partners
+from robotouille_client.window.drawing.panel.seat_cards import status
 from robotouille_client.window.shell.game_cards import GameCards
 from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+from robotouille_client.window.view import NEWS
 
 
 class SlowPartners(PromptPartners):
@@ -51,6 +52,9 @@ def test_in_real_time_the_game_goes_on_while_bots_think() -> None:
         view = game.source.view()
     assert view.step >= 19
     assert view.waits_for == ()
+    (bot,) = view.thinking
+    card = next(seat for seat in view.seats if seat.player == bot)
+    assert status(card, view)[0] == "thinks"
     assert sum(seat.actions for seat in view.seats) == 0
     bots.thinking = False
     for _ in range(5):
@@ -58,6 +62,7 @@ def test_in_real_time_the_game_goes_on_while_bots_think() -> None:
         view = game.source.view()
     assert sum(seat.actions for seat in view.seats) == 1
     assert sum(seat.rejected for seat in view.seats) == 0
+    assert view.thinking == ()
 
 
 def test_by_turns_the_game_waits_and_says_for_whom() -> None:
@@ -130,18 +135,47 @@ def test_bots_in_a_process_play_as_those_that_decide_at_once(tmp_path: Path) -> 
 
 
 @pytest.mark.process
-def test_a_process_that_ends_is_told_of_and_one_that_thinks_is_ended() -> None:
+def test_a_process_that_thinks_is_ended_at_once() -> None:
     world = World("multi_agent/10@4")
-    for kill in (True, False):
-        partners = PartnerProcess(world.initial, BotKind.PLANNER, 0, world.players[1:])
-        partners.ask(world.players[1], world.initial)
-        began = time.monotonic()
-        if kill:
-            os.kill(partners.pid, 9)
-            partners._reader.join()
-            with pytest.raises(RobotouilleError, match="bots' process has ended"):
-                partners.answers()
-        partners.close()
-        assert time.monotonic() - began < 2.0
-        with pytest.raises(ProcessLookupError):
-            os.kill(partners.pid, 0)
+    partners = PartnerProcess(world.initial, BotKind.PLANNER, 0, world.players[1:])
+    partners.ask(world.players[1], world.initial)
+    began = time.monotonic()
+    partners.close()
+    assert time.monotonic() - began < 2.0
+    with pytest.raises(ProcessLookupError):
+        os.kill(partners.pid, 0)
+
+
+@pytest.mark.process
+def test_a_process_that_ends_begins_anew_once_and_then_the_bots_stand_still() -> None:
+    """The game goes on for the person: with the bots first, then without."""
+    timer, made = Timer(), []
+
+    def make(start: State, kind: BotKind, seed: int, players: Sequence[str]) -> PartnerProcess:
+        made.append(PartnerProcess(start, kind, seed, players))
+        return made[0]
+
+    plan = Plan("multi_agent/01", seats=2, clock=Clock.LOCKSTEP)
+    game = LocalGame(plan, "ada", timer, None, make)
+    source, (bots,) = game.source, made
+    view = source.view()
+    (bot,) = (seat.player for seat in view.seats if seat.player != view.me)
+    try:
+        for notice in ("", RESTARTED, GONE):
+            if notice:
+                os.kill(bots.pid, 9)
+                bots._reader.join()
+            done = view.step + 3
+            while view.step < done:
+                if view.step == source._episode.step and view.me in source._episode.waits_for:
+                    source._submit(view.me, None)
+                view = source.view()
+            assert view.notice == notice
+            timer.now += 20.0
+        assert [text for name, text in view.chat if name == NEWS] == [RESTARTED, GONE]
+        tally = next(seat for seat in view.seats if seat.player == bot)
+        assert 3 <= tally.actions <= 6
+    finally:
+        game.finish(over=False)
+    with pytest.raises(ProcessLookupError):
+        os.kill(bots.pid, 0)

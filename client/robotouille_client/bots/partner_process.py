@@ -15,7 +15,6 @@ from typing import Any
 
 import msgpack
 
-from robotouille.errors import RobotouilleError
 from robotouille.planning.policies.script import Did
 from robotouille.world.grounding.actions import GroundAction
 from robotouille.world.world import State, World
@@ -25,23 +24,54 @@ __all__ = ["PartnerProcess"]
 
 COMMAND = (sys.executable, "-P", "-m", "robotouille_client.bots.partner_worker")
 CHUNK = 65536
+LIVES = 2
+"""Processes that are started for a game, one after the other."""
+
+RESTARTED = "The bots' process ended: they think anew in another one"
+GONE = "The bots' process ended again: they stand still, and the game goes on"
 
 
 class PartnerProcess:
-    """The bots of some players; their process lasts until `close`."""
+    """The bots of some players; their process lasts until `close`.
+
+    Where it ends before, another one takes its place, once. Where that ends as well, the bots do
+    nothing any more, and the game goes on without them.
+    """
 
     def __init__(self, start: State, kind: BotKind, seed: int, players: Sequence[str]) -> None:
         self._world: World = start.world
+        self._task = json.dumps(start.world.task.to_json())
+        self._begin = kind.value, seed, list(players)
+        self._met: tuple[dict[str, str], str] | None = None
+        self._asked: dict[str, tuple[Any, ...]] = {}
         self._replies: deque[Any] = deque()
         self._spoken: list[tuple[str, str]] = []
+        self._news: list[str] = []
         self._closed = False
+        self._lives = LIVES
+        self._start()
+
+    def _start(self) -> None:
         self._process = subprocess.Popen(  # noqa: S603
             COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
         )
-        self._reader = Thread(target=self._read, daemon=True)
+        self._reader = Thread(target=self._read, args=(self._process,), daemon=True)
         self._reader.start()
-        task = json.dumps(start.world.task.to_json())
-        self._send("begin", task, kind.value, seed, list(players))
+        self._send("begin", self._task, *self._begin)
+        if self._met is not None:
+            self._send("meet", *self._met)
+        for question in self._asked.values():
+            self._send(*question)
+
+    def _start_anew(self) -> None:
+        """The process has ended: another one begins with what is known and asked now."""
+        self._end()
+        self._lives -= 1
+        if self._lives:
+            self._news.append(RESTARTED)
+            self._start()
+        else:
+            self._news.append(GONE)
 
     @property
     def pid(self) -> int:
@@ -49,7 +79,8 @@ class PartnerProcess:
         return self._process.pid
 
     def meet(self, kinds: Mapping[str, str], clock: str) -> None:
-        self._send("meet", dict(kinds), clock)
+        self._met = dict(kinds), clock
+        self._send("meet", *self._met)
 
     def observe(self, did: Did) -> None:
         moves = [(player, a.name, a.arguments, applied) for player, a, applied in did]
@@ -60,20 +91,27 @@ class PartnerProcess:
 
     def ask(self, player: str, state: State) -> None:
         facts = state.facts.to_bytes((state.facts.bit_length() + 7) // 8, "big")
-        self._send("ask", player, facts, state.timer_rows(), state.timers.busy)
+        self._asked[player] = "ask", player, facts, state.timer_rows(), state.timers.busy
+        self._send(*self._asked[player])
 
     def answers(self) -> list[tuple[str, GroundAction | None]]:
-        ended = not (self._reader.is_alive() or self._closed)
+        ended = self._lives and not (self._reader.is_alive() or self._closed)
         found: list[tuple[str, GroundAction | None]] = []
         while self._replies:
             what, player, said = self._replies.popleft()
             if what == "say":
                 self._spoken.append((player, said))
-            else:
+            elif self._asked.pop(player, None) is not None:
                 found.append((player, None if said is None else self._action(*said)))
-        if ended and not found:
-            status = self._process.wait()
-            raise RobotouilleError(f"the bots' process has ended (exit status {status})")
+        if ended:
+            self._start_anew()
+        if not self._lives:
+            found += [(player, None) for player in self._asked]
+            self._asked.clear()
+        return found
+
+    def news(self) -> list[str]:
+        found, self._news = self._news, []
         return found
 
     def spoken(self) -> list[tuple[str, str]]:
@@ -85,6 +123,9 @@ class PartnerProcess:
         if self._closed:
             return
         self._closed = True
+        self._end()
+
+    def _end(self) -> None:
         self._process.kill()
         self._process.wait()
         self._reader.join()
@@ -101,14 +142,14 @@ class PartnerProcess:
 
     def _send(self, *request: Any) -> None:
         """Write a request; `answers` tells of a process that has ended."""
-        if not self._closed:
+        if self._lives and not self._closed:
             with contextlib.suppress(BrokenPipeError):
                 self._input.write(msgpack.packb(request))
 
-    def _read(self) -> None:
-        assert self._process.stdout is not None  # noqa: S101
+    def _read(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None  # noqa: S101
         unpacker = msgpack.Unpacker(use_list=False, max_buffer_size=0)
-        with self._process.stdout as output:
+        with process.stdout as output:
             while data := os.read(output.fileno(), CHUNK):
                 unpacker.feed(data)
                 self._replies.extend(unpacker)

@@ -31,14 +31,13 @@ class Partners(Protocol):
         """Have a player's bot decide in a state; not before it has answered the last time."""
 
     def answers(self) -> list[tuple[str, GroundAction | None]]:
-        """What was decided since this was last called: players and actions.
-
-        Raises:
-            RobotouilleError: They cannot decide any more.
-        """
+        """What was decided since this was last called: players and actions."""
 
     def spoken(self) -> list[tuple[str, str]]:
         """What was said since this was last called: players and words."""
+
+    def news(self) -> list[str]:
+        """What has become of them since this was last called, for people to read."""
 
     def close(self) -> None:
         """The game is over for them."""
@@ -78,6 +77,9 @@ class PromptPartners:
 
     def spoken(self) -> list[tuple[str, str]]:
         return [(player, text) for player, each in self._team.items() for text in each.speak()]
+
+    def news(self) -> list[str]:
+        return []
 
     def close(self) -> None:
         pass

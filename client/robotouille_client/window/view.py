@@ -126,7 +126,8 @@ class View:
     `phase` is how much of the current step's period has passed, from 0 to 1; `previous` is the
     state before `state`, from which players are seen walking. `me` is the player that the window's
     owner plays, None for a spectator; `hover` is the object under the mouse. `waits_for` are the
-    players whose decision a step has waited for, for a while; `watching` counts spectators, and
+    players whose decision a step has waited for, for a while, and `thinking` the bots that have not
+    decided for as long, whether anything waits or not; `watching` counts spectators, and
     `blocked` tells who waits for which station, and who stands there. `step_seconds` is how long a
     step takes where a clock says so.
 
@@ -160,6 +161,7 @@ class View:
     farewell: FarewellView | None = None
     waits_for: tuple[str, ...] = ()
     lobby: LobbyView | None = None
+    thinking: tuple[str, ...] = ()
     starts_in: float | None = None
     watching: int = 0
     blocked: tuple[tuple[str, str, str], ...] = ()

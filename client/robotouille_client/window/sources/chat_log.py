@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from robotouille.planning.policies.team_talk import announced_version
 from robotouille.world.unmet import Unmet, UnmetKind
 from robotouille_client.window.view import NEWS, Bubble
 
@@ -36,6 +37,9 @@ class ChatLog:
             self._add(Bubble.rejection(player, unmet, say))
 
     def said(self, name: str, player: str, text: str) -> None:
+        """Words of somebody, but for what bots only have for one another."""
+        if announced_version(text) is not None:
+            return
         self._lines.append((name, text))
         if player:
             self._add(Bubble(player, text, "chat"))
@@ -47,6 +51,14 @@ class ChatLog:
     def announced(self, text: str) -> None:
         """Words of the operator: in the chat under no name, and as a notice for a while."""
         self._lines.append(("", text))
+        self._notify(text)
+
+    def befell(self, text: str) -> None:
+        """Something that happened to the game: among the news, and as a notice for a while."""
+        self._lines.append((NEWS, text))
+        self._notify(text)
+
+    def _notify(self, text: str) -> None:
         self._notice = text
         self._notice_until = self._now() + NOTICE_SECONDS + READING_SECONDS * len(text)
 

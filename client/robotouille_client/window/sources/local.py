@@ -31,7 +31,7 @@ from robotouille_client.window.view import GLIDE_SECONDS, PauseView, SeatView, V
 __all__ = ["LocalSource"]
 
 THINKS_LONG = 0.5
-"""Seconds after which a bot that is waited for is said to think."""
+"""Seconds after which a bot that was asked is said to think."""
 
 
 class LocalSource:
@@ -111,7 +111,9 @@ class LocalSource:
             won=outcome is not None and outcome.success,
             pause=PauseView("Paused", "The game goes on with you.") if episode.paused else None,
             starts_in=self._starts_in(),
+            notice=self._chat_log.notice,
             waits_for=self._waits_for(),
+            thinking=self._thinking(),
             blocked=self._blockages.at(episode.state) if episode.running else (),
         )
 
@@ -130,12 +132,12 @@ class LocalSource:
 
     def _waits_for(self) -> tuple[str, ...]:
         """The bots for whose decision a step has waited for a while."""
+        return tuple(p for p in self._thinking() if p in self._episode.waits_for)
+
+    def _thinking(self) -> tuple[str, ...]:
+        """The bots that have been asked for a while."""
         since = self._now() - THINKS_LONG
-        return tuple(
-            player
-            for player in self._episode.waits_for
-            if player in self._asked and self._asked[player][1] <= since
-        )
+        return tuple(player for player, (_, asked) in self._asked.items() if asked <= since)
 
     def _hear(self, event: Said) -> None:
         self._chat_log.said(event.name, event.player, event.text)
@@ -162,6 +164,8 @@ class LocalSource:
             self._answers.update(self._partners.answers())
             for player, text in self._partners.spoken():
                 episode.say(self._bots[player], player, text, self._now())
+            for text in self._partners.news():
+                self._chat_log.befell(text)
         if not episode.running:
             return
         for player in list(self._answers):

@@ -52,7 +52,7 @@ class Panel:
         shown = (
             layout, floor, id(view.world), view.step, view.max_steps, view.clock, view.seats,
             view.me, view.chat, view.status, view.code, view.waits_for, view.blocked, view.watching,
-            view.step_seconds, view.world.goal.holding(view.state.facts),
+            view.thinking, view.step_seconds, view.world.goal.holding(view.state.facts),
         )  # fmt: skip
         if self._surface is None or shown != self._shown:
             self._surface = self._render(layout, view, floor)

@@ -171,6 +171,8 @@ def status(seat: SeatView, view: View) -> tuple[str, Colour]:
             return f"stands in {names[waiting]}'s way", ACCENT
     if seat.player in view.waits_for:
         return "your turn" if seat.player == view.me else _deciding(seat), ACCENT
+    if seat.player in view.thinking:
+        return "thinks", ACCENT
     words = seat.moved_by if seat.name == seat.player else f"{seat.player} · {seat.moved_by}"
     return words, FAINT
 
