@@ -14,6 +14,8 @@ from robotouille.domain.schema import InputFile
 from robotouille.planning.plan import read_plan
 from robotouille.resources import data_folder
 from robotouille_client.window.controls import Controls
+from robotouille_client.window.hands.possible import use
+from tests.support.scripted import BOILING, after
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"
 POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
@@ -233,7 +235,7 @@ def test_a_place_that_is_taken_says_so_before_what_lies_there(play) -> None:
     controls = Controls(world)
     controls.names = {"robot1": "Ben"}
     found = controls.click(state, "robot2", "board1")
-    assert found.hint == "Ben stands at the board in the middle"
+    assert found.hint == "Ben stands at the board with the onion"
     assert found.action == world.action("move", "robot2", "table3", "board1")
 
 
@@ -303,3 +305,36 @@ def test_the_pancakes_are_made_with_the_shipped_keys(play) -> None:
             assert meaning(controls, state, "robot1", what).action == action
         state = state.step(joint).state
     assert state.goal_reached
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        (
+            ("move table1", "pick-up-container bowl1", "move stove1"),
+            "Fill the bowl from the pot? Put the bowl down, and bring the pot to it",
+        ),
+        (("move table10", "pick-up-item onion1", "move stove1"), "Add the onion to the water"),
+        (("move table10", "move stove1"), "wait until it is done, or click to take it"),
+    ],
+)
+def test_at_the_pot_the_key_does_what_a_click_does_but_leaves_work_alone(
+    lines: tuple[str, ...], told: str
+) -> None:
+    state = after("asynchronous/09", *BOILING, *lines)
+    controls = Controls(state.world)
+    pressed = use(controls, state, "robot1", "e")
+    assert pressed.hint == told
+    if lines[-2].startswith("pick"):
+        assert pressed == controls.click(state, "robot1", "stove1")
+
+
+def test_with_full_hands_a_key_does_what_a_click_does_beside_work(play) -> None:
+    world = World("multi_agent/07")
+    fetch = ("move table2", "pick-up-item onion1", "move board1", "place-item", "cut")
+    hand = ("move table7", "pick-up-item potato1", "move board1")
+    state = play(world, *fetch, *hand)[-1]
+    controls = Controls(world)
+    clicked = controls.click(state, "robot1", "board1")
+    assert clicked.hint == "Put the potato on the onion"
+    assert use(controls, state, "robot1", "e") == clicked

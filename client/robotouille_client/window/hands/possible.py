@@ -93,14 +93,16 @@ def use(controls: Controls, state: State, me: str, key: str = "") -> Meaning:
     if here is None:
         return own or Meaning(None, "nothing to do here")
     clicked = controls.click(state, me, here)
-    if clicked.valid and _at_work(state, clicked.action):
+    if clicked.valid and clicked.action and _takes_work(state, me, clicked.action):
         return Meaning(None, "wait until it is done, or click to take it")
-    if clicked.valid or own is None or own.action is None:
+    if clicked.action is not None or own is None or own.action is None:
         return clicked
     return own
 
 
-def _at_work(state: State, action: GroundAction | None) -> bool:
-    """Whether an action is about something in progress that still changes it."""
+def _takes_work(state: State, me: str, action: GroundAction) -> bool:
+    """Whether an action picks up something in progress that still changes it."""
     subjects = {row.subject for row in work_in_progress(state) if row.running}
-    return action is not None and not subjects.isdisjoint(action.arguments)
+    after = (state.facts | action.touched) ^ action.removed
+    takes = _carried(state, me, after) > _carried(state, me, state.facts)
+    return takes and not subjects.isdisjoint(action.arguments)

@@ -80,6 +80,7 @@ class Focus:
     stations: frozenset[str]
     guests: tuple[Atom, ...] = ()
     bits: dict[Atom, int] = field(default_factory=dict)
+    _looked_at: dict[Atom, int] = field(default_factory=dict, repr=False, compare=False)
 
     def abstract(self, atom: Atom) -> Atom:
         """An atom with what is not told apart replaced."""
@@ -106,8 +107,11 @@ class Focus:
         """The bits of those atoms that are tracked, numbered when first seen."""
         total = 0
         for atom in atoms:
-            if self.tracks(atom):
-                total |= self.bits.setdefault(atom, 1 << len(self.bits))
+            bit = self._looked_at.get(atom)
+            if bit is None:
+                bit = self.bits.setdefault(atom, 1 << len(self.bits)) if self.tracks(atom) else 0
+                self._looked_at[atom] = bit
+            total |= bit
         return total
 
 

@@ -313,6 +313,8 @@ class PlannerPolicy:
         result = None if self._cut_off else self._find(base, team)
         self._has_plan = result is not None and result.plan is not None
         self._may_improve = False
+        if not self._has_plan:
+            logger.debug("%s finds no plan from here", self.player)
         if result is not None and result.plan is not None:
             self._talk.met()
             self._may_improve = self._punctual and self._is_worth_improving(result)
@@ -320,7 +322,6 @@ class PlannerPolicy:
         elif result is not None and result.unsolvable:
             self._follow(Plan(()), base)
         else:
-            logger.debug("%s finds no plan from here", self.player)
             self._plan_for_a_way(base, team)
 
     def _plan_for_a_way(self, base: State, team: tuple[str, ...]) -> None:
