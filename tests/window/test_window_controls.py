@@ -6,6 +6,7 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from tests.support.scripted import BOILING, after
 
 from robotouille import Timing, World, load_task
 from robotouille.domain.files import read_model
@@ -15,7 +16,6 @@ from robotouille.planning.plan import read_plan
 from robotouille.resources import data_folder
 from robotouille_client.window.controls import Controls
 from robotouille_client.window.hands.possible import use
-from tests.support.scripted import BOILING, after
 
 PUBLISHED = Path(__file__).parents[3] / "shared/compat/upstream/domain/input.json"
 POT = ["move table2", "pick-up-container pot1", "move sink1", "place-container"]
@@ -315,18 +315,14 @@ def test_the_pancakes_are_made_with_the_shipped_keys(play) -> None:
             "Fill the bowl from the pot? Put the bowl down, and bring the pot to it",
         ),
         (("move table10", "pick-up-item onion1", "move stove1"), "Add the onion to the water"),
-        (("move table10", "move stove1"), "wait until it is done, or click to take it"),
     ],
 )
-def test_at_the_pot_the_key_does_what_a_click_does_but_leaves_work_alone(
-    lines: tuple[str, ...], told: str
-) -> None:
+def test_at_the_pot_the_key_does_what_a_click_does(lines: tuple[str, ...], told: str) -> None:
     state = after("asynchronous/09", *BOILING, *lines)
     controls = Controls(state.world)
     pressed = use(controls, state, "robot1", "e")
     assert pressed.hint == told
-    if lines[-2].startswith("pick"):
-        assert pressed == controls.click(state, "robot1", "stove1")
+    assert pressed == controls.click(state, "robot1", "stove1")
 
 
 def test_with_full_hands_a_key_does_what_a_click_does_beside_work(play) -> None:

@@ -279,7 +279,7 @@ _fields = each(
     player=each(),
     progress=each(),
     icons=each(),
-    language=each(kinds=each(), actions=each(), predicates=each()),
+    language=each(kinds=each(), actions=each(), predicates=each(), places=each()),
     effects=each(),
     during=each(),
     moments=each(),
