@@ -182,3 +182,13 @@ def test_words_that_ask_for_what_is_not_there_are_left_out() -> None:
     assert wording.action(cook, START) == "start cooking the onion at the stove"
     told = wording.reason(condition("nothing", "robot1"), START)
     assert told.startswith("needs: ")
+
+
+def test_words_for_places_are_laid_over_others_one_by_one() -> None:
+    own = Language.model_validate({"places": {"left": "by the door"}, "other": "another {noun}"})
+    world = World("multi_agent/01")
+    wording = Wording(world, language_of(world.task).with_words(own))
+    assert wording.place("table1", world.initial) == "the table by the door"
+    assert wording.place("table5", world.initial) == "the right table at the bottom"
+    assert wording.thing("bottombun1", world.initial) == "the bottom bun"
+    assert wording.language.other == "another {noun}"

@@ -162,11 +162,14 @@ class Language(Schema):
 
     def with_words(self, own: Language) -> Language:
         """The same with other words laid over it: kind by kind, action by action, predicate by
-        predicate."""
+        predicate, and each of those for places."""
+        places = self.places.model_copy(update=own.places.model_dump(exclude_unset=True))
         return Language(
             kinds={**self.kinds, **own.kinds},
             actions={**self.actions, **own.actions},
             predicates={**self.predicates, **own.predicates},
+            places=places,
+            other=own.other if "other" in own.model_fields_set else self.other,
         )
 
 
