@@ -13,6 +13,7 @@ from benchmarks import (
     batch,
     catalogue,
     core,
+    endurance,
     environments,
     evaluation,
     exports,
@@ -23,6 +24,7 @@ from benchmarks import (
     planning,
     server,
     stand_ins,
+    startup,
     viewer,
     window,
 )
@@ -39,6 +41,8 @@ if __name__ == "__main__":
     viewer.main([])
     window.main([])
     idle.main([])
+    startup.main()
+    endurance.main([])
     server.main()
     mqtt.main([])
     model_calls.main([])

@@ -1,6 +1,6 @@
-"""What the window costs: a frame, and its memory in an hour.
+"""What a frame of the window costs.
 
-python -m benchmarks.window --minutes 60
+python -m benchmarks.window
 
 Frames are drawn in software, without a screen, beside the bare cost of blitting as many sprites of
 the same size on the same background. Needs the extra `window`.
@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robotouille import State, World
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from robotouille_client.window.view import View
 
 TASK, SIZE, PHASES = "multi_agent/10@4", (1280, 720), 12
-STEPS, MINUTES, RATE = 60, 60, 5
+STEPS = 120
 AIM_FRAME = 8.0
 
 
@@ -148,36 +147,10 @@ def _timed(what: Callable[[], None]) -> float:
     return (time.thread_time() - start) * 1e3
 
 
-def measure_memory(minutes: int = MINUTES) -> tuple[float, float]:
-    """MiB of this process after a tenth of that time of play, and at its end; one frame a step."""
-    import pygame
-
-    from robotouille_client.window.drawing.painter import Painter
-
-    painter, surface = Painter(), pygame.Surface((640, 360))
-    shown = list(views(course(), 1))
-    total = minutes * 60 * RATE
-    first = 0.0
-    for step in range(total):
-        view = shown[step % len(shown)]
-        lines = (("Ada", f"line {step}"), ("Bob", f"reply {step // 7}"))
-        painter.paint(surface, replace(view, step=step, chat=lines))
-        if step == total // 10:
-            first = _memory()
-    return first, _memory()
-
-
-def _memory() -> float:
-    gc.collect()
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=int, default=MINUTES, help="for how long memory is seen")
-    options = parser.parse_args(arguments)
+    parser.parse_args(arguments)
     if not find_spec("pygame"):
         print("the window is left out: it needs the extra `window`")
         return
@@ -189,10 +162,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         f"{AIM_FRAME:g} ms), {frames.p99 / frames.bare:.1f} times the same sprites alone "
         f"({frames.bare:.2f} ms)"
     )
-    if Path("/proc/self/statm").exists():
-        first, last = measure_memory(options.minutes)
-        words = f"{options.minutes} minutes at {RATE} steps a second"
-        print(f"  memory over {words}: {first:.1f} MiB, then {last:.1f} MiB")
 
 
 if __name__ == "__main__":

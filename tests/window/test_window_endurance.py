@@ -6,10 +6,12 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
 
 import pygame
 import pytest
+from benchmarks.endurance import evening
 from benchmarks.idle import resting_game
 from benchmarks.window import Led, course, views
 from tests.support.window_play import Timer
@@ -96,3 +98,12 @@ def test_a_game_in_which_all_move_makes_nothing_between_its_steps(
     finally:
         window.close()
     assert pictures.total() <= FRAMES // 8, pictures  # The ticket, where it changes.
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="asks Linux for its memory")
+def test_game_after_game_takes_no_more_memory() -> None:
+    """600 steps in four games, half of them as long as it takes to fill all that is kept."""
+    samples = list(evening(600, 6, sizes=((320, 240), (400, 300))))
+    assert samples[-1].games == 4
+    assert samples[-1].memory - samples[2].memory < 8.0, samples

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from functools import cache
+from pathlib import Path
 
 from robotouille.resources import data_folder
 
@@ -17,9 +19,12 @@ NOT_TASKS = (".certificate.json", "manifest.json")
 @cache
 def shipped_names() -> tuple[str, ...]:
     """Every shipped task and generated instance, in order."""
+    names: list[str] = []
     root = data_folder("problems")
-    files = (p.relative_to(root).as_posix() for p in root.rglob("*.json"))
-    names = (f.removesuffix(".json") for f in files if not f.endswith(NOT_TASKS))
+    for folder, _, files in os.walk(root):
+        above = Path(folder).relative_to(root)
+        tasks = (f for f in files if f.endswith(".json") and not f.endswith(NOT_TASKS))
+        names += ((above / f).as_posix().removesuffix(".json") for f in tasks)
     return tuple(sorted(names))
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from math import ceil
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from robotouille.episode import Reason
-from robotouille.protocol.messages import SeatInfo
 from robotouille_client.window.view import FarewellView
+
+if TYPE_CHECKING:  # A game in this process has no messages, which take long to import.
+    from robotouille.protocol.messages import SeatInfo
 
 __all__ = [
     "clock_words",

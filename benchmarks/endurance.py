@@ -1,0 +1,149 @@
+"""The window's memory over hours of play: games, menus, other sizes, words that are never the same.
+
+python -m benchmarks.endurance --minutes 60
+
+Time is simulated: a frame a step, at 5 steps a second. Needs the extra `window`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import itertools
+import os
+import random
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tests.support.window_play import Timer
+
+if TYPE_CHECKING:
+    from robotouille_client.window.forms.display import Display
+    from robotouille_client.window.shell.games.local_game import LocalGame
+
+RATE, MINUTES = 5, 60
+GAME_STEPS, SIZE_STEPS = 150, 40
+TASKS = ("multi_agent/01", "multi_agent/07", "asynchronous/09", "synchronous/03")
+SIZES = ((640, 360), (320, 240), (800, 600), (1280, 720))
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """After how many steps and games, and MiB of this process then."""
+
+    steps: int
+    games: int
+    memory: float
+
+
+def evening(steps: int, samples: int, sizes: Sequence[tuple[int, int]] = SIZES) -> Iterator[Sample]:
+    """Play on, one game after the other in one display."""
+    from robotouille.episode.rules import Clock
+    from robotouille_client.bots.kinds import BotKind
+    from robotouille_client.bots.partners import prompt_partners
+    from robotouille_client.window.forms.display import Display
+    from robotouille_client.window.shell.games.local_game import LocalGame, Plan
+
+    timer, done, dice = Timer(), 0, random.Random(1)
+    due = [steps * (n + 1) // samples for n in range(samples)]
+    display = Display(sizes[0], headless=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for number, task in enumerate(itertools.cycle(TASKS)):
+            plan = Plan(task, None, Clock.REALTIME, RATE, BotKind.RANDOM, max_steps=GAME_STEPS,
+                        seed=number, countdown=0.0)  # fmt: skip
+            game = LocalGame(plan, "Ada", timer, Path(folder), prompt_partners)
+            for _ in play(game, display, dice):
+                timer.now += 1 / RATE
+                done += 1
+                if done % SIZE_STEPS == 0:
+                    resize(display, sizes[done // SIZE_STEPS % len(sizes)])
+                if due and done >= due[0]:
+                    yield Sample(due.pop(0), number + 1, memory())
+            game.finish(over=True)
+            in_menu(display)
+            if not due:
+                break
+    display.close()
+
+
+def play(game: LocalGame, display: Display, dice: random.Random) -> Iterator[None]:
+    """One game, a frame at a time: its owner walks, works, points and talks at random."""
+    import pygame
+
+    from robotouille_client.window.window import Window
+
+    window, source = Window(display=display), game.source
+    for step in itertools.count():
+        window.frame(source)
+        if source.finished:
+            return
+        view = source.view()
+        actions = view.state.actions(view.me or "")
+        if actions:
+            source.act(dice.choice(actions))
+        if step % 10 == 0:
+            source.say(f"This is line {dice.random()} of what is said.")
+            pos = dice.randrange(display.size[0]), dice.randrange(display.size[1])
+            moved = {"pos": pos, "rel": (0, 0), "buttons": (0, 0, 0)}
+            pygame.event.post(pygame.Event(pygame.MOUSEMOTION, moved))
+        if step % 25 < 2:
+            key = pygame.K_TAB if step % 2 else pygame.K_h
+            pygame.event.post(pygame.Event(pygame.KEYDOWN, key=key, mod=0, unicode=""))
+        yield
+
+
+def resize(display: Display, size: tuple[int, int]) -> None:
+    """What an owner does who drags the window's edge."""
+    import pygame
+
+    display.size = size
+    pygame.display.set_mode(size, pygame.RESIZABLE)
+
+
+def in_menu(display: Display) -> None:
+    """The first screen, drawn once."""
+    import pygame
+
+    from robotouille_client.window.pictures.text_surfaces import Typesetter
+    from robotouille_client.window.shell.screens.main_menu import menu
+    from robotouille_client.window.shell.settings import Settings
+
+    surface = display.surface
+    if surface is not None:
+        menu(Settings(), "").draw(surface, surface.get_rect(), Typesetter(), 14)
+        pygame.event.clear()
+
+
+def memory() -> float:
+    """MiB of this process."""
+    gc.collect()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print what the process takes, tenth by tenth."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=int, default=MINUTES)
+    options = parser.parse_args(arguments)
+    if not find_spec("pygame") or not Path("/proc/self/statm").exists():
+        print("the window's memory is left out: it needs the extra `window`, and /proc")
+        return
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+    begun = time.process_time()
+    found = list(evening(options.minutes * 60 * RATE, 10))
+    used = time.process_time() - begun
+    row = " ".join(f"{each.memory:.1f}" for each in found)
+    print(
+        f"\nThe window's memory over {options.minutes} minutes of play at {RATE} steps a second, "
+        f"{found[-1].games} games ({used:.0f} s of a core), MiB after each tenth:\n  {row}"
+    )
+
+
+if __name__ == "__main__":
+    main()
