@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robotouille_client.window.pictures.sprites import Sprites
-from robotouille_client.window.pictures.svg_gradients import with_percentages
+from robotouille_client.window.pictures.sprites import Sprites, with_percentages
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 
 SIDE = 32

@@ -16,6 +16,7 @@ from robotouille.domain.rendering import RenderingFile, rendering_of
 from robotouille.errors import RobotouilleError
 from robotouille.protocol import messages
 from robotouille_client.window.drawing.painter import Painter
+from robotouille_client.window.pictures import kept as kept_pictures
 from robotouille_client.window.pictures import sprites
 from robotouille_client.window.sources.remote_look import fetch_look
 from robotouille_client.window.view import SeatView, View
@@ -84,15 +85,14 @@ def test_what_is_missing_or_broken_is_seen_as_a_tile_with_its_name(tmp_path: Pat
 
 
 def test_pictures_take_no_more_memory_than_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sprites, "MAX_PIXELS", 40_000)
+    monkeypatch.setattr(kept_pictures, "MAX_PIXELS", 40_000)
     rendering = rendering_of(World("workshop/02").task)
     kept = sprites.Sprites(rendering.folders(None), Painter().text)
     for size in range(10, 120):
         picture = kept.file("gear.svg", size)
         assert picture is not None and picture.get_size() == (size, size)
         assert kept.shade("gear.svg", size, 99) is not None
-        every = [*kept._files.values(), *kept._faded.values()]
-        assert sum(each.get_width() ** 2 for each in every if each) <= 40_000
+        assert sum(each.get_width() ** 2 for each in kept._kept) <= 40_000
     huge = kept.file("gear.svg", 10**9)
     assert huge is not None and huge.get_width() == sprites.MAX_SIDE
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import pygame
 
 from robotouille_client.window.pictures.colour_vision import readable
+from robotouille_client.window.pictures.kept import kept
 from robotouille_client.window.pictures.theme import CARD, INK, PAPER, SEATS, TEXT, Colour, mixed
 
 __all__ = ["SHAPES", "badge", "seat_colour", "seat_fill", "seat_ink"]
@@ -67,7 +67,7 @@ def seat_ink(seat: int) -> Colour:
     return readable(mixed(seat_colour(seat), TEXT, 0.3), CARD, TEXT)
 
 
-@lru_cache(maxsize=128)
+@kept
 def badge(seat: int, size: int, fill: Colour | None = None) -> pygame.Surface:
     """The badge of a seat in a square; do not draw on it, it is shared."""
     colour = seat_colour(seat) if fill is None else fill

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import pygame
 
+from robotouille_client.window.pictures.kept import kept
 from robotouille_client.window.pictures.theme import INK, PAPER, Colour, mixed
 
 __all__ = [
@@ -30,12 +30,16 @@ _FINE = 4
 _RIM: Colour = (104, 92, 92)
 
 
-@lru_cache(maxsize=512)
+@kept
 def box(
     size: tuple[int, int], fill: tuple[int, ...], radius: int, edge: Colour | None = None
 ) -> pygame.Surface:
     """A box with round corners; do not draw on it, it is shared."""
     width, height = max(1, size[0]), max(1, size[1])
+    if radius < 1 and edge is None:
+        plain = pygame.Surface((width, height), pygame.SRCALPHA)
+        plain.fill(fill)
+        return plain
     fine = 2 if height > 24 else _FINE
     large = pygame.Surface((width * fine, height * fine), pygame.SRCALPHA)
     radius = min(radius * fine, width * fine // 2, height * fine // 2)
@@ -46,7 +50,7 @@ def box(
     return pygame.transform.smoothscale(large, (width, height))
 
 
-@lru_cache(maxsize=32)
+@kept
 def frame(
     size: tuple[int, int], width: int, radius: int, colour: Colour, wash: int
 ) -> pygame.Surface:
@@ -63,7 +67,7 @@ def frame(
     return pygame.transform.smoothscale(large, (wide, high))
 
 
-@lru_cache(maxsize=64)
+@kept
 def ellipse(size: tuple[int, int], fill: tuple[int, ...]) -> pygame.Surface:
     """A smooth ellipse; do not draw on it, it is shared."""
     width, height = max(1, size[0]), max(1, size[1])
@@ -73,7 +77,7 @@ def ellipse(size: tuple[int, int], fill: tuple[int, ...]) -> pygame.Surface:
     return pygame.transform.smoothscale(large, (width, height))
 
 
-@lru_cache(maxsize=128)
+@kept
 def pill(
     words: pygame.Surface, fill: tuple[int, ...], edge: Colour | None = None
 ) -> pygame.Surface:
@@ -84,7 +88,7 @@ def pill(
     return surface
 
 
-@lru_cache(maxsize=32)
+@kept
 def tick(size: int, colour: Colour) -> pygame.Surface:
     """A check mark in a square; do not draw on it, it is shared."""
     side = size * _FINE
@@ -97,7 +101,7 @@ def tick(size: int, colour: Colour) -> pygame.Surface:
     return pygame.transform.smoothscale(large, (size, size))
 
 
-@lru_cache(maxsize=1024)
+@kept
 def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Surface:
     """A disc with `steps` of RING_STEPS of its rim filled, clockwise from the top."""
     large = pygame.Surface((size * _FINE, size * _FINE), pygame.SRCALPHA)
@@ -111,7 +115,7 @@ def ring(size: int, steps: int, colour: Colour, opacity: int = 255) -> pygame.Su
     return surface
 
 
-@lru_cache(maxsize=256)
+@kept
 def share_disc(size: int, steps: int, colour: Colour, ground: Colour) -> pygame.Surface:
     """A small circle of which `steps` of RING_STEPS are filled; do not draw on it."""
     size = max(4, size)
@@ -124,7 +128,7 @@ def share_disc(size: int, steps: int, colour: Colour, ground: Colour) -> pygame.
     return pygame.transform.smoothscale(large, (size, size))
 
 
-@lru_cache(maxsize=8)
+@kept
 def dial(size: int, steps: int, colour: Colour) -> pygame.Surface:
     """A large clock face with `steps` of DIAL_STEPS of its rim left to go."""
     fine = 2
@@ -166,7 +170,7 @@ def bar(
         target.blit(filled, area, pygame.Rect(0, 0, width, area.height))
 
 
-@lru_cache(maxsize=64)
+@kept
 def speech(
     size: tuple[int, int], fill: Colour, edge: Colour, tail: int, drop: int
 ) -> pygame.Surface:

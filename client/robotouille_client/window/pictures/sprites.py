@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from io import BytesIO
 from pathlib import Path
 
@@ -9,15 +10,18 @@ import pygame
 
 from robotouille_client.window.pictures.appearance import Appearance
 from robotouille_client.window.pictures.generated_tiles import generate
-from robotouille_client.window.pictures.svg_gradients import with_percentages
+from robotouille_client.window.pictures.kept import Kept
 from robotouille_client.window.pictures.text_surfaces import Typesetter
 
-__all__ = ["Sprites"]
+__all__ = ["Sprites", "with_percentages"]
 
-_KEPT = 600
-MAX_PIXELS = 32_000_000
-"""Of all pictures that are kept (128 MiB), whatever sizes a rendering asks for."""
 MAX_SIDE = 2048
+"""Of a picture in pixels, whatever size a rendering asks for."""
+
+_GRADIENT = re.compile(rb"<(?:\w+:)?(?:linear|radial)Gradient\b[^<>]*>")
+_SHARE = re.compile(
+    rb"""(\s(?:[xy][12]|[cf][xy]|r)\s*=\s*["']\s*)([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?=\s*["'])"""
+)
 
 
 class Sprites:
@@ -29,21 +33,22 @@ class Sprites:
     def __init__(self, folders: tuple[Path, ...], text: Typesetter) -> None:
         self._folders = folders
         self._text = text
-        self._files: dict[tuple[str, int], pygame.Surface | None] = {}
-        self._made: dict[tuple[Appearance, int], pygame.Surface] = {}
-        self._faded: dict[tuple[str, int, int], pygame.Surface] = {}
-        self._pixels = 0
+        self._kept = Kept()
+        self._missing: set[str] = set()
 
     def file(self, name: str | None, size: int) -> pygame.Surface | None:
         """A picture of the folders as a square of `size` pixels, if there is one."""
         if name is None or size < 1:
             return None
         size = min(size, MAX_SIDE)
-        key = (name, size)
-        if key not in self._files:
-            self._make_room(size)
-            self._files[key] = self._load(name, size)
-        return self._files[key]
+        picture = self._kept.get((name, size))
+        if picture is None and name not in self._missing:
+            picture = self._load(name, size)
+            if picture is None:
+                self._missing.add(name)
+            else:
+                self._kept.keep((name, size), picture)
+        return picture
 
     def faded(self, name: str | None, size: int) -> pygame.Surface | None:
         """The same, half transparent."""
@@ -55,12 +60,11 @@ class Sprites:
         if picture is None or name is None:
             return None
         key = (name, size, opacity)
-        if key not in self._faded:
-            self._make_room(size)
-            copy = picture.copy()
-            copy.fill((255, 255, 255, opacity), special_flags=pygame.BLEND_RGBA_MULT)
-            self._faded[key] = copy
-        return self._faded[key]
+        faded = self._kept.get(key)
+        if faded is None:
+            faded = self._kept.keep(key, picture.copy())
+            faded.fill((255, 255, 255, opacity), special_flags=pygame.BLEND_RGBA_MULT)
+        return faded
 
     def of(self, appearance: Appearance, size: int) -> pygame.Surface:
         """The picture of a thing as a square of `size` pixels."""
@@ -69,19 +73,8 @@ class Sprites:
         if picture is not None:
             return picture
         key = (appearance, size)
-        if key not in self._made:
-            self._make_room(size)
-            self._made[key] = generate(appearance, size, self._text)
-        return self._made[key]
-
-    def _make_room(self, size: int) -> None:
-        """Forget all pictures before another one is too much."""
-        self._pixels += size * size
-        kept = len(self._files) + len(self._made) + len(self._faded)
-        if self._pixels > MAX_PIXELS or kept >= 3 * _KEPT:
-            for pictures in (self._files, self._made, self._faded):
-                pictures.clear()
-            self._pixels = size * size
+        made = self._kept.get(key)
+        return made or self._kept.keep(key, generate(appearance, size, self._text))
 
     def _load(self, name: str, size: int) -> pygame.Surface | None:
         path = next((f / name for f in self._folders if (f / name).is_file()), None)
@@ -103,3 +96,23 @@ class Sprites:
             loaded = pygame.transform.smoothscale(standard, (size, size))
         surface.blit(loaded, (0, 0))
         return surface
+
+
+def with_percentages(svg: bytes) -> bytes:
+    """The same SVG picture, with shares of a box as percentages in its gradients.
+
+    Coordinates of a gradient are shares of the shape's box, unless it says `userSpaceOnUse`: `1`
+    and `100%` are the same (W3C, Scalable Vector Graphics 1.1, section 13.2). NanoSVG, with which
+    SDL_image draws, takes a plain number for one of pixels, and so shows the last colour alone;
+    percentages it understands.
+    """
+    return _GRADIENT.sub(_rewritten, svg)
+
+
+def _rewritten(gradient: re.Match[bytes]) -> bytes:
+    tag = gradient[0]
+    return tag if b"userSpaceOnUse" in tag else _SHARE.sub(_percentage, tag)
+
+
+def _percentage(share: re.Match[bytes]) -> bytes:
+    return share[1] + f"{100 * float(share[2]):.6g}%".encode()

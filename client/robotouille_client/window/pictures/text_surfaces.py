@@ -12,6 +12,7 @@ from robotouille_client.window.pictures.fonts import (
     printable,
     script_of,
 )
+from robotouille_client.window.pictures.kept import Kept
 from robotouille_client.window.pictures.theme import Colour
 
 __all__ = ["Typesetter"]
@@ -25,7 +26,7 @@ class Typesetter:
 
     def __init__(self, fonts: FontStack | None = None) -> None:
         self._fonts = fonts or FontStack()
-        self._lines: dict[tuple[str, int, Colour], pygame.Surface] = {}
+        self._lines = Kept()
         self._wrapped: dict[tuple[str, int, int, int], tuple[str, ...]] = {}
 
     def line(self, text: str, size: int, colour: Colour) -> pygame.Surface:
@@ -33,9 +34,7 @@ class Typesetter:
         key = (text, size, colour)
         surface = self._lines.get(key)
         if surface is None:
-            if len(self._lines) >= _KEPT:
-                self._lines.clear()
-            surface = self._lines[key] = self._render(printable(text), size, colour)
+            surface = self._lines.keep(key, self._render(printable(text), size, colour))
         return surface
 
     def width(self, text: str, size: int) -> int:
