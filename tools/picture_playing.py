@@ -17,6 +17,7 @@ import pygame
 from robotouille import World, load_task
 from robotouille.episode import Phase
 from robotouille.episode.rules import Clock
+from robotouille.planning.plan import read_plan
 from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
 from robotouille.protocol.messages import Create
 from robotouille_client.bots.partners import prompt_partners
@@ -196,8 +197,31 @@ def moment(name: str, rendering: str = "", task: str = "multi_agent/01@2", **see
     pygame.image.save(surface, IMAGES / f"{name}.png")
 
 
+def cooking(name: str, task: str, steps: int, size: tuple[int, int] = SIZE) -> None:
+    """A kitchen after some steps of the plan beside its task."""
+    loaded = load_task(task)
+    world = World(loaded)
+    state = before = world.initial
+    plan = loaded.name.rpartition("/")[2] + task[task.rfind("@") :] * ("@" in task)
+    text = (loaded.folder / f"{plan}.plan").read_text(encoding="utf-8")
+    for joint in list(read_plan(text, world))[:steps]:
+        before, state = state, state.step(list(joint)).state
+    names = dict(zip(world.players, ("ada", "ben", "cleo", "dara"), strict=False))
+    seats = tuple(SeatView(player, name, actions=steps // 2) for player, name in names.items())
+    said = (Bubble(world.players[-1], "I take the bowls.", "chat"),) if len(seats) > 1 else ()
+    view = View(
+        world, state, before, steps, 100, "real time", 0.6, seats, world.players[0], said,
+        tuple((names[each.player], each.text) for each in said), step_seconds=0.2,
+    )  # fmt: skip
+    surface = pygame.Surface(size)
+    Painter().paint(surface, view)
+    pygame.image.save(surface, IMAGES / f"{name}.png")
+
+
 def moments() -> None:
     """What happens to a game, and other looks."""
+    cooking("kitchen", "multi_agent/10@3", 18)
+    cooking("pancakes", "examples/pancakes", 16, (800, 450))
     rows = (LobbyRow("ada (you)", "here"), LobbyRow("ben", "ready"))
     moment("ready", step=0, lobby=LobbyView(rows, False, "KQXZB-MHTWA"), status="Are you ready?")
     moment("countdown", step=0, starts_in=2.4, status="The game begins")
