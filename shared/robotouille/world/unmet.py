@@ -12,6 +12,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from robotouille.world.grounding.actions import GroundAction
+from robotouille.world.grounding.atoms import EXISTS
 from robotouille.world.grounding.ground_task import GroundTask
 from robotouille.world.grounding.objects import bound
 from robotouille.world.text import describe
@@ -101,7 +102,8 @@ def unmet_in(
         words = f"{player} is busy for {steps} more step{'s' * (steps > 1)}"
         unmet.append(Unmet(UnmetKind.BUSY, words, objects=(player,)))
     for name in action.arguments:
-        if not task.exists(task.thing(name), facts):
+        there = task.table.bit.get((EXISTS, name))
+        if there is not None and not facts & there:  # None: it is always there
             unmet.append(Unmet(UnmetKind.MISSING, f"{name} does not exist", objects=(name,)))
     binding = action.schema.bind(action.arguments)
     for condition in action.schema.definition.precons:
