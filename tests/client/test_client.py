@@ -119,6 +119,27 @@ def test_nonsense_ends_the_connection_and_says_why() -> None:
     run(main())
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [b"\x95\x00", "nonsense", '{"type": "nonsense"}', '{"type": "welcome", "protocol": 99}'],
+)
+def test_what_answers_but_is_no_server_of_this_version_is_told_by_its_url(
+    answer: str | bytes,
+) -> None:
+    async def converse(socket: ServerConnection) -> None:
+        await socket.recv()
+        await socket.send(answer)
+        await socket.wait_closed()
+
+    async def main() -> None:
+        async with listening(converse) as url:
+            with pytest.raises(ConnectionFailedError, match=f"{url} is of another version, or"):
+                async with connect(url, name="ada", encoding="json"):
+                    raise AssertionError("nobody is there")
+
+    run(main())
+
+
 def test_a_line_that_breaks_at_once_is_no_failure_to_connect() -> None:
     async def converse(socket: ServerConnection) -> None:
         await socket.recv()

@@ -132,9 +132,13 @@ class ClientProtocol(Generic[G]):
 
     def fail(self, error: RobotouilleError) -> None:
         """What the server sends cannot be made sense of."""
-        greeting = self.state is ClientState.GREETING
-        prefix = "" if greeting else "the server's messages cannot be read: "
-        self.close(f"{prefix}{error}", error)
+        if self.state is not ClientState.GREETING:
+            self.close(f"the server's messages cannot be read: {error}", error)
+            return
+        if isinstance(error, ProtocolError):
+            words = f"{self.url} is of another version, or is not Robotouille's: {error}"
+            error = ConnectionFailedError(words)
+        self.close(str(error), error)
 
     def close(self, reason: str = "", error: RobotouilleError | None = None) -> None:
         """The end, and why; without a reason we have had enough."""
