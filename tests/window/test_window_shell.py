@@ -59,6 +59,11 @@ async def test_a_game_its_end_its_replay_again_and_quit(evening: Evening) -> Non
         post(pygame.K_e, pygame.K_RETURN)
         yield from wait(2)
         assert evening.titles == ["Done!"], "who still plays does not answer the card"
+        for _ in range(4):
+            yield from wait(24)
+            post(pygame.K_e)
+        yield from wait(3)
+        assert evening.titles == ["Done!"], "nor does who goes on for a while"
         yield from wait(60)
         yield from evening.choose("Watch the replay")
         yield from wait(5)

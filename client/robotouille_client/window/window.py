@@ -31,7 +31,10 @@ _Drawn = tuple[tuple[int, int], object, object, UiOverlay, str]
 _IDLE_SECONDS = 0.02
 """How long a window sleeps that has drawn nothing: input is seen within that time."""
 CARD_SECONDS = 0.7
-"""For which the card of a game that is over takes no answers: who plays is still pressing keys."""
+"""Without a key for which the card of a game that is over takes no answers: who plays is still
+pressing keys."""
+MAX_DEAF_SECONDS = 2.0
+"""After which it does, whatever is pressed."""
 CARD_KEYS = (("Arrows", "choose"), ("Enter", "do it"), ("Esc", "back"))
 STAY = "stay"
 
@@ -94,7 +97,7 @@ class Window:
         self._cards = cards
         self._sounds = sounds
         self._card: Form | None = None
-        self._card_from = 0.0
+        self._card_from = self._card_since = 0.0
         self._over = False
         self._painter = painter or Painter(
             look.rendering if look else rendering,
@@ -261,12 +264,16 @@ class Window:
 
     def _show(self, card: Form, deaf: float = 0.0) -> None:
         """Ask something; for so many seconds nothing is an answer."""
-        self._card, self._card_from = card, self._clock() + deaf
+        self._card, self._card_since = card, self._clock()
+        self._card_from = self._card_since + deaf
         self._drawn_last = None
 
     def _ask(self, card: Form, event: pygame.Event, pressed: Command | None) -> Command | None:
         """Give the card what is done, and take its answer."""
-        if self._clock() < self._card_from:
+        now = self._clock()
+        if now < self._card_from:
+            if pressed or event.type == pygame.KEYDOWN:
+                self._card_from = min(now + CARD_SECONDS, self._card_since + MAX_DEAF_SECONDS)
             return None
         command = card.command(pressed) if pressed else card.handle(event, self._input.hands.keys)
         if card.result == STAY:

@@ -62,10 +62,13 @@ class GameCards:
         """What has happened since a card is shown."""
         return self._news()
 
-    def again(self, message: str) -> Form:
-        """The card of a game that is over once more, e.g. after its replay."""
+    def again(self, message: str, chosen: object) -> Form:
+        """The card of a game that is over once more, e.g. after its replay, which was `chosen`."""
         if self._last is None:
             raise AssertionError("asked again for what was not over")
         form = self.over(self._last)
         form.message = message
+        row = next((row for row in form.rows if row.answer == chosen), None)
+        if row is not None:
+            form.focus(row)
         return form

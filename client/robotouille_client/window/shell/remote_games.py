@@ -179,7 +179,7 @@ class RemoteGames:
                     return made
             except (RobotouilleError, OSError, ValueError) as error:
                 self._stage.message = explain(error)
-            answer = await self._stage.ask(cards.again(self._stage.told()))
+            answer = await self._stage.ask(cards.again(self._stage.told(), answer))
 
     def _buttons(self, game: Game, history: LiveHistory) -> Sequence[tuple[str, object]]:
         """What comes next; a study's window can only be closed."""

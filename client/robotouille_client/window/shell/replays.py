@@ -74,7 +74,7 @@ class Replays:
                 await (watch if answer == "watch" else save)()
             except (RobotouilleError, OSError) as error:
                 self._stage.message = explain(error)
-            answer = await self._stage.ask(cards.again(self._stage.told()))
+            answer = await self._stage.ask(cards.again(self._stage.told(), answer))
         return answer
 
     async def watch(self, path: Path) -> None:
