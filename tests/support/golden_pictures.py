@@ -30,6 +30,7 @@ from robotouille.planning.plan import read_plan
 from robotouille_client.window.drawing.painter import Painter
 from robotouille_client.window.drawing.ui_overlay import Mark, UiOverlay
 from robotouille_client.window.view import Bubble, FarewellView, PauseView, SeatView, View
+from tests.support.viewer_pictures import VIEWER_SIZES, viewer_picture
 
 __all__ = ["GOLDEN", "PICTURES", "TOLERANCE", "difference", "scene"]
 
@@ -122,6 +123,7 @@ def _sheet(name: str, rendering: str = "") -> pygame.Surface:
 
 
 PICTURES: dict[str, Callable[[], pygame.Surface]] = {
+    **{f"viewer-{size[0]}x{size[1]}": partial(viewer_picture, size) for size in VIEWER_SIZES},
     "sheet-chalk": partial(_sheet, "asynchronous/10", "chalk"),
     **{f"{name.replace('/', '-')}-chalk": partial(scene, name, "chalk") for name in THEMED},
     **{f"sheet-{name.replace('/', '-')}": partial(_sheet, name) for name in SHEETS},

@@ -21,8 +21,9 @@ from robotouille_client.window.view import Bubble, SeatView, View
 if TYPE_CHECKING:
     import av
 
-__all__ = ["frames_of", "write_video", "writing_video"]
+__all__ = ["VIDEOS", "frames_of", "write_video", "writing_video"]
 
+VIDEOS = (".mp4", ".gif")
 _PALETTE_FRAMES = 48
 
 
@@ -91,8 +92,8 @@ def writing_video(
     Some of them are still on their way to the file, which is whole only at the end.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".mp4", ".gif"):
-        raise ValueError(f"a video's name ends in .mp4 or .gif, found {path.name!r}")
+    if path.suffix.lower() not in VIDEOS:
+        raise ValueError(f"a video's name ends in {' or '.join(VIDEOS)}, found {path.name!r}")
     try:
         import av
     except ImportError:

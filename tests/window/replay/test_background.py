@@ -216,3 +216,38 @@ def test_a_picture_from_the_command_line(short: Path) -> None:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert pygame.image.load(picture).get_size() == (1280, 720)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("nowhere/picture.png", "cannot be written"),
+        ("picture.xyz", "a picture's name ends in .png"),
+        ("full.png", "cannot be written"),
+    ],
+)
+def test_a_picture_that_cannot_be_written(short: Path, name: str, why: str) -> None:
+    (short.parent / "full.png").symlink_to("/dev/full")
+    picture = short.parent / name
+    done = CliRunner().invoke(app, ["replay", "play", str(short), "--screenshot", str(picture)])
+    assert done.exit_code == 1
+    assert why in done.output
+    assert name.rpartition("/")[2] in done.output.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("nowhere/film.mp4", "No such file"),
+        ("film.avi", "'film.avi'"),
+        ("full.mp4", "No space left"),
+    ],
+)
+def test_a_video_that_cannot_be_written(short: Path, name: str, why: str) -> None:
+    pytest.importorskip("av")
+    (short.parent / "full.part.mp4").symlink_to("/dev/full")
+    words = ["replay", "video", str(short), str(short.parent / name), "--size", "160x120"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1
+    assert isinstance(done.exception, SystemExit)
+    assert why in done.output

@@ -6,7 +6,7 @@ import asyncio
 from pathlib import Path
 
 import pygame
-from tests.support.servers import serving
+from tests.support.servers import crash, serving
 from tests.support.virtual_time import run
 
 from robotouille.episode.tallies import Activity
@@ -77,5 +77,78 @@ def test_one_goes_back_and_returns_to_live(tmp_path: Path) -> None:
             press(window, source, pygame.K_LEFT)
             assert not source.view().outcome
             window.close()
+
+    run(main())
+
+
+def test_it_ends_while_one_looks_back(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with (
+            serving(tmp_path) as server,
+            connect(server.url, name="ada", kind="human") as ada,
+            connect(server.url, name="eve", kind="human") as eve,
+        ):
+            rules = {"clock": "realtime", "step_rate": 4.0, "max_steps": 30}
+            created = await ada.create("synchronous/01", **rules)
+            await ada.join(created.code)
+            game = await eve.join(created.code, role="spectator")
+            loop = asyncio.get_running_loop()
+            source = Spectator(game, loop.time, eve.connected.is_set)
+            window = Window(headless=True, strip=source.strip, clock=loop.time)
+            for _ in range(12):
+                await asyncio.sleep(0.25)
+                window.frame(source)
+            press(window, source, pygame.K_LEFT)
+            at = source.view().step
+            assert "End goes back to live" in source.view().status
+            await asyncio.sleep(20.0)
+            window.frame(source)
+            view = source.view()
+            assert source.finished
+            assert (view.step, view.outcome) == (at, "")
+            assert "over" in view.status
+            press(window, source, pygame.K_END)
+            assert source.view().outcome
+            press(window, source, pygame.K_HOME)
+            assert source.view().step == source.history.first
+            press(window, source, pygame.K_SPACE)
+            await asyncio.sleep(1.0)
+            assert source.history.first < source.view().step < source.history.length
+            window.close()
+
+    run(main())
+
+
+def test_the_server_vanishes_while_one_looks_back(tmp_path: Path) -> None:
+    """What was seen can still be seen; that the line is broken is told."""
+
+    async def main() -> None:
+        async with serving(tmp_path) as server:
+            async with (
+                connect(server.url, name="ada", kind="human") as ada,
+                connect(server.url, name="eve", kind="human") as eve,
+            ):
+                rules = {"clock": "realtime", "step_rate": 4.0, "max_steps": 300}
+                created = await ada.create("synchronous/01", **rules)
+                await ada.join(created.code)
+                game = await eve.join(created.code, role="spectator")
+                loop = asyncio.get_running_loop()
+                source = Spectator(game, loop.time, eve.connected.is_set)
+                window = Window(headless=True, strip=source.strip, clock=loop.time)
+                for _ in range(20):
+                    await asyncio.sleep(0.25)
+                    window.frame(source)
+                seen = source.history.length
+                press(window, source, pygame.K_HOME)
+                await crash(server)
+                await asyncio.sleep(6.0)
+                window.frame(source)
+                assert source.view().offline is not None
+                assert source.history.length - seen <= 1, "what was under way"
+                press(window, source, pygame.K_RIGHT)
+                assert source.view().step == source.history.first + 1
+                press(window, source, pygame.K_END)
+                assert source.playhead.follows
+                window.close()
 
     run(main())

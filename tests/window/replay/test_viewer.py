@@ -63,11 +63,9 @@ def test_clicks_and_drags_seek(opened: Opener, path: Path) -> None:
 
 def button(viewer: Viewer, key: int) -> tuple[int, int]:
     """Where the button of a key is."""
-    buttons = viewer.strips[0]._buttons
-    assert buttons is not None
-    place = buttons.place(key)
+    place = viewer.strips[0].button(key)
     assert place is not None, key
-    return place.center
+    return place
 
 
 def click(viewer: Viewer, pos: tuple[int, int]) -> None:

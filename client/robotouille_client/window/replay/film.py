@@ -12,7 +12,7 @@ from robotouille_client.window.pictures.kitchen_look import KitchenLook
 from robotouille_client.window.replay.history.history import History
 from robotouille_client.window.replay.source import NOTICE_SECONDS, bubbles_at, notices_at
 from robotouille_client.window.sources.texts import outcome_words
-from robotouille_client.window.video import frames_of, writing_video
+from robotouille_client.window.video import VIDEOS, frames_of, writing_video
 
 __all__ = ["draft_of", "film", "filming"]
 
@@ -68,6 +68,9 @@ def filming(
         RobotouilleError: There are no such steps, or it cannot be written.
     """
     first, last = checked_span(history, span)
+    if output.suffix.lower() not in VIDEOS:
+        endings = " or ".join(VIDEOS)
+        raise RobotouilleError(f"a video's name ends in {endings}, found {output.name!r}")
     fps = GIF_FPS if output.suffix == ".gif" else FPS
     frames_per_step = max(1, round(fps / speed))
     ended = last == history.length and history.outcome is not None

@@ -21,6 +21,8 @@ from robotouille_client.window.view import View
 
 __all__ = ["Spectator"]
 
+_BEFORE = "This was before; End goes back to live"
+_OVER = "This was before. The game is over: End shows how it ended"
 DEFAULT_RATE = 5.0
 """Steps a second in which a game is seen again whose steps waited for decisions."""
 
@@ -71,7 +73,7 @@ class Spectator:
             seats=history.seats(step),
             bubbles=bubbles_at(history, step),
             chat=history.chat(step, CHAT_LINES),
-            status="This was before; End goes back to live",
+            status=_OVER if self._remote.finished else _BEFORE,
             outcome="",
             blocked=(),
             hover=self.state.followed,

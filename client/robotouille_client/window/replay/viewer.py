@@ -31,6 +31,7 @@ from robotouille_client.window.window import STAY, Window
 
 __all__ = ["ReplayCards", "Viewer", "watch"]
 
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 DEFAULT_RATE = 5.0
 """Steps a second of recordings in which steps waited for decisions."""
 
@@ -53,10 +54,14 @@ def watch(
         screenshot: Save a picture there instead, for which no screen is needed.
 
     Raises:
-        RobotouilleError: There is no screen, or they cannot be shown side by side.
+        RobotouilleError: There is no screen, they cannot be shown side by side, or the picture
+            cannot be written.
     """
     if screenshot is None:
         require_screen()
+    elif screenshot.suffix.lower() not in PICTURES:
+        endings = ", ".join(PICTURES)
+        raise RobotouilleError(f"a picture's name ends in {endings}, found {screenshot.name!r}")
     viewer = Viewer(
         recordings,
         rate,
@@ -73,6 +78,10 @@ def watch(
         else:
             viewer.window.frame(viewer)
             viewer.window.screenshot(screenshot)
+    except (OSError, pygame.error) as error:
+        if screenshot is None:
+            raise
+        raise RobotouilleError(f"{screenshot}: cannot be written: {error}") from None
     finally:
         viewer.close()
 

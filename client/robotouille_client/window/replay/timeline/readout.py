@@ -22,7 +22,7 @@ def readout_parts(history: History, playhead: Playhead, state: ViewerState) -> t
     step = min(playhead.step, history.length)
     speed = f"{playhead.speed:g}×, {playhead.rate * playhead.speed:g} steps a second"
     if playhead.follows:
-        how = "live"
+        how = "live" if history.outcome is None else "over"
     elif playhead.playing:
         how = speed
     else:
@@ -31,7 +31,8 @@ def readout_parts(history: History, playhead: Playhead, state: ViewerState) -> t
     if history.outcome is not None and step == history.length:
         words.insert(1, outcome_words(history.outcome))
     if playhead.live and not playhead.follows:
-        words.append("End goes back to live")
+        over = history.outcome is not None
+        words.append("it is over: End shows how" if over else "End goes back to live")
     if state.followed:
         words.append(f"following {name_of(history, state.followed, step)}")
     if state.first is not None or state.last is not None:

@@ -42,7 +42,7 @@ class TimelineStrip:
     """A strip for a window on a history.
 
     `area` is where it was drawn last, `offset` how many pixels of the window are left of what it
-    was drawn on.
+    was drawn on; `curve` is that of the steps to go.
 
     Args:
         keys: None where another strip of the same window has them.
@@ -60,7 +60,7 @@ class TimelineStrip:
         self._playhead = playhead
         self._state = state
         self._keys = keys
-        self._curve = curve
+        self.curve = curve
         self._lanes = Lanes(history)
         self._log = LogPanel(history)
         self._scale = Scale()
@@ -79,7 +79,7 @@ class TimelineStrip:
     @property
     def lines(self) -> float:
         """The strip's height, as a multiple of the window's text size."""
-        curve = CURVE if self._curve.begun else 0.0
+        curve = CURVE if self.curve.begun else 0.0
         return READOUT + curve + self._row_lines * (len(self._history.lanes) + HEAD_ROW) + AXIS
 
     @property
@@ -102,7 +102,7 @@ class TimelineStrip:
             readout_parts(history, playhead, state), state.help, state.log,
             None if self._toast is None else self._toast.seen(),
             playhead.playing, scale.x(playhead.position), scale.first, scale.shown,
-            history.length, len(history.marks), history.seats(step), self._curve.seen(),
+            history.length, len(history.marks), history.seats(step), self.curve.seen(),
         )  # fmt: skip
 
     def draw(
@@ -114,7 +114,7 @@ class TimelineStrip:
         target.fill(PANEL, area)
         target.fill(INK, (area.x, area.y, area.width, 2))
         self._top_row(target, area, text, size)
-        self._curve.draw(target, self._curve_area(size), text, size, self._scale)
+        self.curve.draw(target, self._curve_area(size), text, size, self._scale)
         followed = self._state.followed
         players = self._history.world.players
         place = players.index(followed) if followed in players else None
@@ -155,18 +155,19 @@ class TimelineStrip:
         state = self._state
         on = {
             pygame.K_f: state.followed is not None, pygame.K_l: state.log,
-            pygame.K_g: self._curve.begun, pygame.K_i: state.first is not None,
+            pygame.K_g: self.curve.begun, pygame.K_i: state.first is not None,
             pygame.K_o: state.last is not None, pygame.K_h: state.help,
         }  # fmt: skip
         lit = frozenset(key for key, is_on in on.items() if is_on)
-        return Look(self._playhead.playing, self._playhead.follows, lit)
+        live = self._playhead.follows and self._history.outcome is None
+        return Look(self._playhead.playing, live, lit)
 
     def _place(self, area: pygame.Rect, size: int) -> None:
         """Work out where everything is."""
         self._row = max(6, round(self._row_lines * size))
         left = area.x + min(round(size * 7.5), area.width // 4)
         width = max(1, area.right - left - size)
-        self._curve_high = round(CURVE * size) if self._curve.begun else 0
+        self._curve_high = round(CURVE * size) if self.curve.begun else 0
         top = area.y + round(READOUT * size) + self._curve_high
         self._head_row = round(self._row * HEAD_ROW)
         high = self._head_row + self._row * len(self._history.lanes)
@@ -225,7 +226,7 @@ class TimelineStrip:
         """Where one is."""
         x = self._scale.x(self._playhead.position)
         top, bottom = self._lane_area.top, self._lane_area.bottom + 2
-        if self._curve.begun:
+        if self.curve.begun:
             top -= round(CURVE * size)
         pygame.draw.line(target, INK, (x - 1, top), (x - 1, bottom), 4)
         pygame.draw.line(target, ACCENT, (x, top), (x, bottom), 2)
@@ -247,8 +248,8 @@ class TimelineStrip:
         elif self._on_lanes(pointer):
             step = self._step_at(pointer)
             player, x = self._player_at(pointer), self._scale.x(step)
-            told = told_at(self._history, step, player, self._curve.words(step))
-            top = self._curve_area(size).top if self._curve.begun else self._lane_area.top
+            told = told_at(self._history, step, player, self.curve.words(step))
+            top = self._curve_area(size).top if self.curve.begun else self._lane_area.top
             pygame.draw.line(target, PAPER, (x, self._lane_area.top), (x, self._lane_area.bottom))
             draw_tooltip(target, room, (x, top - 4), told, text, size)
 
@@ -309,9 +310,19 @@ class TimelineStrip:
     def _on_lanes(self, position: tuple[int, int]) -> bool:
         area = self._lane_area
         return area.inflate(0, 4).collidepoint(position) or (
-            self._curve.begun and area.left <= position[0] <= area.right
+            self.curve.begun and area.left <= position[0] <= area.right
             and area.top - self._curve_high <= position[1] < area.top
         )  # fmt: skip
+
+    def place_of(self, step: int, lane: int = 0) -> tuple[int, int]:
+        """The pixel of a step on a lane, as it was drawn last."""
+        top = self._lane_area.top + self._head_row + lane * self._row
+        return self._scale.x(step), top + self._row // 2
+
+    def button(self, key: int) -> tuple[int, int] | None:
+        """The pixel of the button that does what a key does; None if there is none."""
+        place = None if self._buttons is None else self._buttons.place(key)
+        return None if place is None else place.center
 
     def _player_at(self, position: tuple[int, int]) -> str | None:
         place = (position[1] - self._lane_area.top - self._head_row) // self._row

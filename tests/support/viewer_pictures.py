@@ -1,0 +1,85 @@
+"""Golden pictures of the viewer: a game with something of everything in it, all pages open."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import pygame
+
+from robotouille import GroundAction, State, World
+from robotouille.episode import Absence, Clock, Episode, Event, PauseReason, Rules
+from robotouille.replay.recording import Recording
+from robotouille_client.window.replay.timeline.steps_curve import StepsKnown
+from robotouille_client.window.replay.viewer import Viewer
+from robotouille_client.window.replay.viewer_state import Job
+from tests.support.games import record
+
+__all__ = ["SIZES", "eventful", "viewer_picture"]
+
+STEPS = 40
+SIZES = ((1120, 630), (320, 240))
+
+
+def eventful(steps: int = STEPS, task: str = "multi_agent/01") -> bytes:
+    """Two steps a second: bob is away in the steps 3 to 6, something is said after step 8, refused
+    after step 10, thought in step 12, and the operator pauses after step 20."""
+    world = World(task)
+    rules = Rules(
+        clock=Clock.REALTIME, step_rate=2.0, absence=Absence.BOT, stand_in="random", max_steps=steps
+    )
+    episode = Episode(world, rules)
+    events: list[Event] = []
+    episode.join("robot1", "ada", "human", 0.0)
+    episode.join("robot2", "bob", "human", 0.0)
+    late = 0.0
+    for step in range(steps):
+        now = step / 2 + late
+        if step == 2:
+            episode.set_present("robot2", False, now)
+        if step == 6:
+            episode.set_present("robot2", True, now)
+        if step == 8:
+            episode.say("ada", "robot1", "the bun is yours", now)
+        if step == 10:
+            episode.submit("robot1", step, _move(world.initial, 0), now)
+        elif step % 3 == 0:
+            thought = "this first" if step == 12 else ""
+            # Away from where it began, so that the move from there is refused in step 10.
+            action = _move(episode.state, step % 2)
+            episode.submit("robot1", step, action, now, reasoning=thought)
+        if step == 20:
+            episode.pause(PauseReason.OPERATOR, now)
+            episode.announce("lunch", now)
+            late = 7.0
+            now += late
+            episode.resume(PauseReason.OPERATOR, now)
+        episode.tick(now + 0.5)
+        events += episode.events()
+    return record(episode, events)
+
+
+def _move(state: State, number: int) -> GroundAction:
+    return [a for a in state.actions("robot1") if a.name == "move"][number]
+
+
+def viewer_picture(size: tuple[int, int]) -> pygame.Surface:
+    """The viewer in the middle of that game: the log, a seat that is followed, a span, the steps to
+    go, and what is being done beside it."""
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Recording(eventful())
+        path = Path(folder) / "eventful.rbt"
+        viewer = Viewer([(path, recording)], size=size, headless=True, now=lambda: 0.0)
+        state, curve = viewer.state, viewer.strips[0].curve
+        state.log, state.first, state.last = True, 5, 30
+        state.followed = "robot2"
+        state.jobs["steps"] = Job("Steps to go: 4 of 41", lambda: None, 0.3)
+        curve.begun = True
+        for step, least, most in ((0, 14, 14), (10, 12, 16), (20, 8, 13), (40, 5, 6)):
+            curve.add(step, StepsKnown(least, most))
+        viewer.playhead.seek(12, playing=False)
+        viewer.window.frame(viewer)
+        viewer.window.screenshot(Path(folder) / "shown.png")
+        viewer.close()
+        shown = pygame.image.load(Path(folder) / "shown.png")
+    return shown

@@ -1,0 +1,122 @@
+"""Draw docs/images/replay.png: a recording in the viewer, with the log and the steps to go.
+
+python tools/picture_replay.py [OUT.png]
+
+The game is played here, and draws no lots without a seed: the picture is the same each time.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import sys
+import tempfile
+from pathlib import Path
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+
+import pygame
+
+from robotouille import World
+from robotouille.certification.certificate import Deadline
+from robotouille.episode import Absence, Clock, Episode, Rules
+from robotouille.planning.anytime import AnytimePlanner
+from robotouille.planning.policies import PlannerPolicy
+from robotouille.replay.analysis.distances import estimates
+from robotouille.replay.container import compress
+from robotouille.replay.recorder import Recorder, header
+from robotouille.replay.recording import read_recording
+from robotouille_client.window.replay.timeline.steps_curve import StepsKnown
+from robotouille_client.window.replay.viewer import Viewer
+
+PICTURE = Path(__file__).resolve().parents[1] / "docs" / "images" / "replay.png"
+TASK, SEED = "multi_agent/07@3", 5
+NAMES = ("ada", "bob", "cem")
+STEP_RATE, HASTE, AWAY = 4.0, 0.45, range(24, 34)
+"""How often somebody acts who could, and in which steps cem is away."""
+SAYS = {6: (0, "I take the stove"), 19: (1, "the pot is free"), 37: (2, "I am back")}
+THINKS = {11: 2, 22: 1, 40: 0}
+"""Who notes a thought in which step."""
+SLIPS = {9: 0, 16: 1, 29: 0, 43: 1}
+"""Who asks in which step for what cannot be done."""
+EXPANSIONS = 500
+
+
+def record() -> bytes:
+    """The recording of the game."""
+    world = World(TASK)
+    dice, planner = random.Random(SEED), AnytimePlanner(world)
+    rules = Rules(
+        clock=Clock.REALTIME, step_rate=STEP_RATE, absence=Absence.BOT, stand_in="planner",
+        max_steps=200,
+    )  # fmt: skip
+    episode, recorder = Episode(world, rules), Recorder(world, wall=lambda: 0.0)
+    created = "2026-01-01T12:00:00Z"
+    head = header(world.task, rules, episode="picture", seed=SEED, created=created)
+    stream = recorder.begin(head)
+    players = world.players
+    bots = {p: PlannerPolicy(world, p, seed=SEED, alone=False, anytime=planner) for p in players}
+    for player, name in zip(players, NAMES, strict=True):
+        episode.join(player, name, "human", 0.0)
+    step, now = 0, 0.0
+    while episode.outcome is None:
+        step += 1
+        _happens(episode, step, now)
+        for place, (player, bot) in enumerate(bots.items()):
+            action = bot.act(episode.state)
+            away = place == 2 and step in AWAY
+            if away:
+                episode.substitute(player, action, now)
+            elif not episode.state.busy_steps(player) and dice.random() < HASTE:
+                thought = "next in the recipe" if THINKS.get(step) == place else ""
+                episode.submit(player, step, action, now, reasoning=thought)
+        now += 1 / STEP_RATE
+        episode.tick(now)
+        stream += recorder.record(episode.events())
+    return stream
+
+
+def _happens(episode: Episode, step: int, now: float) -> None:
+    """What is neither a move nor the clock."""
+    players = episode.world.players
+    if step in (AWAY.start, AWAY.stop):
+        episode.set_present(players[2], step == AWAY.stop, now)
+    if step in SAYS:
+        place, words = SAYS[step]
+        episode.say(NAMES[place], players[place], words, now)
+    if step in SLIPS:
+        player = players[SLIPS[step]]
+        held = [a for a in episode.world.initial.actions(player) if a.name == "move"]
+        wrong = next(a for a in held if a not in episode.state.actions(player))
+        episode.submit(player, step, wrong, now)
+
+
+def main(output: Path = PICTURE) -> None:
+    """Draw the picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "game.rbt"
+        path.write_bytes(compress(record()))
+        viewer = Viewer([(path, read_recording(path))], headless=True, now=lambda: 0.0)
+        curve = viewer.strips[0].curve
+        curve.begun = True
+        for step, left in estimates(read_recording(path), EXPANSIONS, Deadline(600.0)):
+            curve.add(step, StepsKnown(left.bound, left.steps, left.dead))
+        viewer.state.log = True
+        viewer.playhead.seek(viewer.playhead.length * 4 // 5, playing=False)
+        viewer.window.frame(viewer)
+        _point_at(viewer, next(mark for mark in viewer.histories[0].marks if mark.step > 27).step)
+        viewer.window.screenshot(output)
+        viewer.close()
+
+
+def _point_at(viewer: Viewer, step: int) -> None:
+    """Hold the mouse over a step of the first lane."""
+    place = viewer.strips[0].place_of(step)
+    moved = pygame.Event(pygame.MOUSEMOTION, pos=place, rel=(0, 0), buttons=(0, 0, 0))
+    pygame.event.post(moved)
+    viewer.window.frame(viewer)
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:2]))
