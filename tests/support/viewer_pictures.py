@@ -19,6 +19,8 @@ __all__ = ["SIZES", "eventful", "viewer_picture"]
 
 STEPS = 40
 SIZES = ((1120, 630), (320, 240))
+MAX_WIDTH = 560
+"""Pictures are made smaller, if need be: the files are in the repository."""
 
 
 def eventful(steps: int = STEPS, task: str = "multi_agent/01") -> bytes:
@@ -82,4 +84,4 @@ def viewer_picture(size: tuple[int, int]) -> pygame.Surface:
         viewer.window.screenshot(Path(folder) / "shown.png")
         viewer.close()
         shown = pygame.image.load(Path(folder) / "shown.png")
-    return shown
+    return pygame.transform.smoothscale_by(shown, min(1.0, MAX_WIDTH / size[0]))
