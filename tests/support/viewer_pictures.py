@@ -15,10 +15,10 @@ from robotouille_client.window.replay.viewer import Viewer
 from robotouille_client.window.replay.viewer_state import Job
 from tests.support.games import record
 
-__all__ = ["SIZES", "eventful", "viewer_picture"]
+__all__ = ["VIEWER_SIZES", "eventful", "viewer_picture"]
 
 STEPS = 40
-SIZES = ((1120, 630), (320, 240))
+VIEWER_SIZES = ((1120, 630), (320, 240))
 MAX_WIDTH = 560
 """Pictures are made smaller, if need be: the files are in the repository."""
 

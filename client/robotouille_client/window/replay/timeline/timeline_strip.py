@@ -249,9 +249,8 @@ class TimelineStrip:
             step = self._step_at(pointer)
             player, x = self._player_at(pointer), self._scale.x(step)
             told = told_at(self._history, step, player, self.curve.words(step))
-            top = self._curve_area(size).top if self.curve.begun else self._lane_area.top
             pygame.draw.line(target, PAPER, (x, self._lane_area.top), (x, self._lane_area.bottom))
-            draw_tooltip(target, room, (x, top - 4), told, text, size)
+            draw_tooltip(target, room, (x, area.top - 4), told, text, size)
 
     # The mouse
 
