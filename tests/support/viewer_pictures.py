@@ -79,7 +79,7 @@ def viewer_picture(size: tuple[int, int]) -> pygame.Surface:
         curve.begun = True
         for step, least, most in ((0, 14, 14), (10, 12, 16), (20, 8, 13), (40, 5, 6)):
             curve.add(step, StepsKnown(least, most))
-        viewer.playhead.seek(12, playing=False)
+        viewer.playhead.seek(34, playing=False)
         viewer.window.frame(viewer)
         viewer.window.screenshot(Path(folder) / "shown.png")
         viewer.close()
