@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from robotouille import GroundAction, State, World, load_task
+from robotouille.domain.rendering import language_of
 from robotouille.episode import Clock, Episode, Rules
 from robotouille.planning.policies import PlannerPolicy, Policy, RandomPolicy
 from robotouille.planning.policies.standing import seat_out_of_the_way, standing_at
+from robotouille.planning.policies.team_talk import request
 from robotouille.planning.search.unsolvable import is_cut_off
+from robotouille.world.people.wording import Wording
 from robotouille_client.bots.partners import PromptPartners
 from robotouille_client.window.shell.games.local_game import NO_CERTIFICATE, step_limit
+from robotouille_client.window.sources.blockages import Blockages
 from robotouille_client.window.sources.local import LocalSource
 
 RULES = Rules(clock=Clock.REALTIME, step_rate=10.0, max_steps=5, countdown=3.0)
@@ -111,6 +115,28 @@ def test_who_walks_to_a_taken_place_and_who_stands_there_are_told() -> None:
     assert game.view().blocked == ((world.players[0], there, world.players[1]),)
     timer.now += 6.0
     assert game.view().blocked == ()
+
+
+def test_who_asked_for_a_place_waits_as_long_as_it_stands_still() -> None:
+    timer, world = Timer(), World("multi_agent/02")
+    one, other = world.players[:2]
+    here, there = (standing_at(world.initial, player) or "" for player in (one, other))
+    wording = Wording(world, language_of(world.task), None, {})
+    blockages = Blockages(timer)
+    blockages.said(one, request(there, world.initial, wording), world.initial, wording)
+    timer.now += 20.0
+    assert blockages.at(world.initial) == ((one, there, other),)
+    free = next(
+        action.arguments[-1]
+        for action in world.initial.actions(other)
+        if action.name == "move" and action.arguments[-1] not in (here, there)
+    )
+    moved = world.initial.step(world.action("move", other, there, free)).state
+    assert blockages.at(moved) == ()
+    assert blockages.at(world.initial) == (), "once it was free it is asked for anew"
+    blockages.said(one, request(there, world.initial, wording), world.initial, wording)
+    timer.now += 31.0
+    assert blockages.at(world.initial) == ()
 
 
 def test_the_seat_of_a_person_is_out_of_the_way() -> None:

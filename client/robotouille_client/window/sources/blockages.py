@@ -15,6 +15,8 @@ __all__ = ["Blockages"]
 
 SECONDS = 5.0
 """For how long somebody is taken to wait, unless the place becomes free before."""
+ASKED_SECONDS = 30.0
+"""The same of somebody who has asked for the place, and stands still since."""
 
 
 class Blockages:
@@ -23,12 +25,15 @@ class Blockages:
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._waits: dict[tuple[str, str], float] = {}
+        self._asked: dict[tuple[str, str], tuple[float, str | None]] = {}
 
     def said(self, player: str, text: str, state: State, wording: Wording) -> None:
         """Somebody says something: it may ask for places at which others stand."""
-        for other, station in _standing(scene(state)):
+        placed, now = scene(state), self._now()
+        for other, station in _standing(placed):
             if player and other != player and requested(text, station, state, wording):
-                self._waits[player, station] = self._now() + SECONDS
+                self._waits[player, station] = now + SECONDS
+                self._asked[player, station] = now + ASKED_SECONDS, placed[player].at
 
     def refused(self, player: str, unmet: Iterable[Unmet], state: State) -> None:
         """Somebody could not do something: it may be that another stands there."""
@@ -42,12 +47,19 @@ class Blockages:
         """Who is blocked in a state: the player, the station, and who stands there."""
         now = self._now()
         self._waits = {wait: until for wait, until in self._waits.items() if until > now}
-        if not self._waits:
+        self._asked = {wait: told for wait, told in self._asked.items() if told[0] > now}
+        if not (self._waits or self._asked):
             return ()
-        by = {station: player for player, station in _standing(scene(state))}
+        placed = scene(state)
+        by = {station: player for player, station in _standing(placed)}
+        self._asked = {
+            (player, station): (until, stood)
+            for (player, station), (until, stood) in self._asked.items()
+            if placed[player].at == stood and by.get(station, player) != player
+        }
         return tuple(
             (player, station, by[station])
-            for player, station in self._waits
+            for player, station in dict.fromkeys((*self._waits, *self._asked))
             if by.get(station, player) != player
         )
 
