@@ -31,6 +31,7 @@ class Game(GameReplica):
         basis: int | None = PRESENT,
         reasoning: str | None = None,
         anticipates: bool = False,
+        waits: bool = False,
     ) -> asyncio.Future[ActResult]:
         """Send an action (None: do nothing); the future tells what became of it.
 
@@ -47,6 +48,8 @@ class Game(GameReplica):
             reasoning: Is recorded, and shown to nobody; at most 8,000 characters.
             anticipates: It need not be valid yet: another's action in the same step is to make it
                 so. A server that does not know this rejects it where it is not.
+            waits: With no action: one waits for a place or for somebody. It is recorded, and not
+                counted as idle.
 
         Raises:
             ProtocolError: `seat/none`: spectators do not act; `seat/unknown`: it is not one's own.
@@ -61,6 +64,7 @@ class Game(GameReplica):
             basis=basis,
             reasoning=reasoning,
             anticipates=anticipates,
+            waits=waits,
         )
         future = self._futures[seq] = loop.create_future()
         self.wake()
@@ -76,6 +80,7 @@ class Game(GameReplica):
         basis: int | None = PRESENT,
         reasoning: str | None = None,
         anticipates: bool = False,
+        waits: bool = False,
     ) -> ActResult:
         """Send an action and wait until it was taken into a step or rejected.
 
@@ -92,6 +97,7 @@ class Game(GameReplica):
             basis=basis,
             reasoning=reasoning,
             anticipates=anticipates,
+            waits=waits,
         )
 
     def ready(self, ready: bool = True) -> None:

@@ -55,12 +55,14 @@ class _Player:
             return
         if (
             action is None
+            and not (self._policy.waiting and game.can_wait)
             and game.clock["clock"] == "realtime"
             and game.clock["thinking"] == "wall"
         ):
             self._decided, self._tries = step, 0
             return
-        result = await game.act(action, basis=step, anticipates=anticipates)
+        waits = action is None and self._policy.waiting
+        result = await game.act(action, basis=step, anticipates=anticipates, waits=waits)
         if result.applied:
             self._decided, self._tries = step, 0
         else:

@@ -23,6 +23,7 @@ class SeatPolicy:
 
     The policy is never in two threads: what happens while it decides is told to it afterwards. And
     it decides in the state of which it has been told, though the game may be a step further.
+    `waiting` says that its last decision was to wait for a place or for somebody.
 
     Args:
         game: Joined with its state.
@@ -40,6 +41,7 @@ class SeatPolicy:
         self._state: State | None = None
         self._deciding: asyncio.Task[GroundAction | None] | None = None
         self._unheard: list[GameEvent] = []
+        self.waiting = False
 
     @property
     def anticipating(self) -> bool:
@@ -76,7 +78,9 @@ class SeatPolicy:
         if self._policy is None:
             return None
         self._catch_up(self._policy)
+        self.waiting = False
         action = await self._ask(self._policy)
+        self.waiting = action is None and bool(getattr(self._policy, "waiting", False))
         if not self._game.ended:
             self._say()
         return action and self._game.world.action(action.name, *action.arguments)

@@ -82,7 +82,7 @@ class GameReplica:
         self.waits_for: tuple[str, ...] = ()
         self.rematch_code = ""
         self.said = joined.said
-        self.can_anticipate = joined.anticipates
+        self.can_anticipate, self.can_wait = joined.anticipates, joined.waits
         self._reader: StateReader | None = None
         self._observed: dict[str | None, Observed] = {}
         self._sent = SentActions(joined.seq)
@@ -186,6 +186,7 @@ class GameReplica:
         basis: int | None = PRESENT,
         reasoning: str | None = None,
         anticipates: bool = False,
+        waits: bool = False,
     ) -> int:
         """An action is to be sent (None: do nothing); `results` tell of its number what became
         of it.
@@ -208,6 +209,7 @@ class GameReplica:
             think_ms=think_ms,
             reasoning=reasoning,
             anticipates=anticipates and self.can_anticipate,
+            waits=waits and self.can_wait,
             seat=self._seat_told(player),
         )
         if self.ended:

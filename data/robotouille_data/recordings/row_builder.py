@@ -77,11 +77,12 @@ class RowBuilder:
             raise RecordingError(f"step {self._step + 1} is missing")
         moves = self._moves(frame)
         turn = self._step % len(self._seats) if self._by_turns else None
-        busy = self._busy
+        busy, waits = self._busy, frame.get("waits", ())
         for player, seat in self._seats.items():
             move = moves.get(player)
             applied = None if move is None else move[2]
             others_turn = turn is not None and turn != seat.number
+            seat.refused = seat.refused or player in waits
             did = seat.activity(applied, busy.get(player, 0) > 0, others_turn)
             told = (None, None, None, None, None) if move is None else move
             self.steps.append(

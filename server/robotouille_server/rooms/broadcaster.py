@@ -137,7 +137,7 @@ class Broadcaster:
             ref=ref, episode=self._id, code=self._code, role=role, seat=session.player,
             name=session.name, seq=last_seq(episode, session.players), step=episode.step,
             said=episode.said, resume=resume, anticipates=True,
-            seats=[*session.players] if session.has_several else [],
+            seats=[*session.players] if session.has_several else [], waits=True,
         )  # fmt: skip
         self.send(session, joined)
 

@@ -36,6 +36,7 @@ from robotouille.episode.seats import (
     Seat,
     by_holder,
     joint_action,
+    who_waits,
 )
 from robotouille.errors import ProtocolError, UnknownNameError
 from robotouille.world.grounding.actions import GroundAction
@@ -334,6 +335,7 @@ class Episode(EpisodeState):
         basis: int | None = None,
         reasoning: str = "",
         anticipates: bool = False,
+        waits: bool = False,
     ) -> None:
         """A seat's action for the next step; None decides to do nothing.
 
@@ -351,6 +353,7 @@ class Episode(EpisodeState):
             reasoning: Is recorded, and shown to nobody.
             anticipates: Another's action in the same step is to make this one possible: its
                 preconditions are not looked at before its turn in the step, which is after that.
+            waits: With no action: it waits for a place or for somebody, and does not idle.
 
         Raises:
             ProtocolError: `seat/unknown`, `episode/waiting`, `episode/over` or `action/stale`; or
@@ -358,7 +361,7 @@ class Episode(EpisodeState):
         """
         seat = self.seat(player)
         if self._hears(seat, seq, reasoning, now):
-            request = seat, seq, action, think_ms, self._known(basis), reasoning, anticipates
+            request = seat, seq, action, think_ms, self._known(basis), reasoning, anticipates, waits
             self._when_it_counts(seat, partial(self._take_action, *request), now)
 
     def _when_it_counts(self, seat: Seat, take: Callable[[float], None], now: float) -> None:
@@ -377,6 +380,7 @@ class Episode(EpisodeState):
         basis: int | None,
         reasoning: str,
         anticipates: bool,
+        waits: bool,
         now: float,
     ) -> None:
         text = ""
@@ -398,7 +402,10 @@ class Episode(EpisodeState):
             words, told = _sentence(pending.action), pending.reasoning
             self._reject(seat, pending.seq, words, (superseded,), now, told, basis=pending.basis)
         delay = self._clock.delay(think_ms)
-        self._decide(seat, action, seq, now, delay, reasoning, anticipates=anticipates, basis=basis)
+        self._decide(
+            seat, action, seq, now, delay, reasoning, anticipates=anticipates, basis=basis,
+            waits=waits and action is None,
+        )  # fmt: skip
 
     def reject(
         self,
@@ -510,12 +517,13 @@ class Episode(EpisodeState):
         reasoning: str = "",
         anticipates: bool = False,
         basis: int | None = None,
+        waits: bool = False,
     ) -> None:
         self._arrivals += 1
         latency = seat.thought(self._ran(now))
         due = self.step + delay
         seat.pending = PendingAction(
-            action, seq, latency, self._arrivals, due, reasoning, anticipates, basis
+            action, seq, latency, self._arrivals, due, reasoning, anticipates, basis, waits
         )
         self._take_decided_steps(now)
 
@@ -609,10 +617,12 @@ class Episode(EpisodeState):
             self._take_step(at)
 
     def _take_step(self, now: float) -> None:
+        waits = who_waits(self.seats.values(), self.step)
         moves, idle = joint_action(
             self.seats.values(), self.state, self.step, by_arrival=self.scheduled
         )
-        if not self._end_if_finished(now, goal=self._transition(moves, idle, self._elapsed(now))):
+        goal = self._transition(moves, idle, waits, self._elapsed(now))
+        if not self._end_if_finished(now, goal=goal):
             self._start_move_timer(now)
 
     def _end_if_finished(self, now: float, *, goal: bool) -> bool:

@@ -249,7 +249,11 @@ class EpisodeState:
         return self.world.unmet(self.state, action)
 
     def _transition(
-        self, moves: tuple[Move, ...], idle: tuple[tuple[str, int], ...], time: float
+        self,
+        moves: tuple[Move, ...],
+        idle: tuple[tuple[str, int], ...],
+        waits: tuple[str, ...],
+        time: float,
     ) -> bool:
         """Take a joint action; whether it reaches the goal."""
         before = self.state
@@ -264,13 +268,12 @@ class EpisodeState:
                 seat.answer = ActionAnswer(move.seq, self.step, () if attempt.applied else reasons)
                 seat.tally.rejected += not attempt.applied
         busy = [player for player, _ in before.timers.busy]
-        count_step(self.seats.values(), busy, moves, result.attempts, turn)
+        count_step(self.seats.values(), busy, moves, result.attempts, turn, waits)
         self._ask_anew(busy, moves, time)
         turn = self.on_turn
         step, after = self.step, self.state
-        self._emit(
-            Stepped(step, time, moves, result.attempts, before, after, turn, idle, tuple(undone))
-        )
+        told = turn, idle, tuple(undone), waits
+        self._emit(Stepped(step, time, moves, result.attempts, before, after, *told))
         return result.goal_reached or (bool(undone) and after.goal_reached)
 
     def _ask_anew(self, busy: Collection[str], moves: tuple[Move, ...], time: float) -> None:

@@ -316,7 +316,8 @@ class Stepped(NamedTuple):
     """A step was taken: `moves` with their `attempts`, in the order in which they applied.
 
     `turn` is whose turn it is after it, with the turn clock; `idle` are the seats that decided to
-    do nothing, with the sequence numbers of these decisions. `undone` are facts that held after
+    do nothing, with the sequence numbers of these decisions; those of them in `waits` said that
+    they wait for a place or for somebody. `undone` are facts that held after
     the actions, and were then taken back by chance: `state` is without them.
     """
 
@@ -329,6 +330,7 @@ class Stepped(NamedTuple):
     turn: str | None = None
     idle: tuple[tuple[str, int], ...] = ()
     undone: tuple[Atom, ...] = ()
+    waits: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

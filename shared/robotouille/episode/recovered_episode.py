@@ -36,6 +36,7 @@ class RecoveredEpisode(Episode):
         moves: Iterable[Move],
         idle: Iterable[tuple[str, int]] = (),
         undone: Sequence[Atom] = (),
+        waits: Iterable[str] = (),
         *,
         time: float = 0.0,
     ) -> None:
@@ -45,6 +46,7 @@ class RecoveredEpisode(Episode):
             moves: In the order in which they applied.
             idle: The decisions to do nothing: the seats with their sequence numbers.
             undone: What chance took back after it.
+            waits: Who of those that did nothing said that they wait.
             time: Seconds since the game began.
         """
         moves, idle = tuple(moves), tuple(idle)
@@ -54,7 +56,7 @@ class RecoveredEpisode(Episode):
         for player, seq in idle:
             self.seats[player].answer = ActionAnswer(seq, self.step + 1)
         self._undone = lambda _: undone
-        self._transition(moves, idle, time)
+        self._transition(moves, idle, tuple(waits), time)
         self._undone = nothing_undone
         self._events.clear()
 

@@ -32,13 +32,15 @@ __all__ = [
     "count_step",
     "joint_action",
     "names_of",
+    "who_waits",
 ]
 
 
 @dataclass(slots=True)
 class PendingAction:
     """An action that waits for its step; None is the decision to do nothing. A stand-in's has
-    the sequence number 0. One that `anticipates` is to be made possible by another's."""
+    the sequence number 0. One that `anticipates` is to be made possible by another's; nothing is
+    done for once, and not for want of anything to do, where somebody `waits`."""
 
     action: GroundAction | None
     seq: int
@@ -48,6 +50,7 @@ class PendingAction:
     reasoning: str = ""
     anticipates: bool = False
     basis: int | None = None
+    waits: bool = False
 
 
 class ActionAnswer(NamedTuple):
@@ -307,6 +310,15 @@ def joint_action(
     return tuple(_arranged(state, moves, anticipating) if anticipating else moves), tuple(idle)
 
 
+def who_waits(seats: Iterable[Seat], step: int) -> tuple[str, ...]:
+    """The players that have decided to wait in the step after `step`."""
+    return tuple(
+        seat.player
+        for seat in seats
+        if seat.pending is not None and seat.pending.waits and seat.pending.due_step <= step
+    )
+
+
 def _arranged(state: State, moves: list[Move], anticipating: Collection[str]) -> list[Move]:
     """The moves, each that anticipates as soon as it is possible after others; else last."""
     arranged = [move for move in moves if move.player not in anticipating]
@@ -329,17 +341,20 @@ def count_step(
     moves: Sequence[Move],
     attempts: Sequence[Attempt],
     turn: str | None,
+    waits: Collection[str] = (),
 ) -> None:
     """Count what the seats did in a step.
 
     Args:
         busy: The players who could not act.
         turn: Whose turn it was, with the turn clock.
+        waits: The players who said that they wait.
     """
     applied = {move.player: attempts[i].applied for i, move in enumerate(moves)}
     for seat in seats:
         player = seat.player
         others_turn = turn is not None and turn != player
-        told = applied.get(player), player in busy, seat.refused, others_turn
+        waiting = seat.refused or player in waits
+        told = applied.get(player), player in busy, waiting, others_turn
         seat.tally.count(activity(seat.controller, *told))
         seat.refused = False

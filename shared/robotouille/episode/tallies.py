@@ -24,7 +24,8 @@ class Activity(StrEnum):
     BUSY = "busy"
     """It was walking or working, and could not act."""
     WAITING = "waiting"
-    """It asked for something that was refused or lost in the step, or it was another's turn."""
+    """It asked for something that was refused or lost in the step, said that it waits, or it was
+    another's turn."""
     IDLE = "idle"
     """It could act, and did nothing."""
 
@@ -44,7 +45,7 @@ def activity(
         applied: Whether its action in the step was; None if it had none.
         busy: It could not act in the state before the step.
         refused: Something that it asked for since the step before was taken into none, and not
-            because it asked for something else instead.
+            because it asked for something else instead; or it said that it waits.
         others_turn: With the turn clock, another's turn.
     """
     if controller is STAND_IN:

@@ -263,8 +263,9 @@ class Act(Message):
     `seq` rises by at least one with each new action; the same again is the same action. `basis`
     is the step the choice was made on, `think_ms` the declared thinking time. `basis` and
     `reasoning` are recorded, and shown to nobody. An action that `anticipates` need not be valid
-    yet: another's action in the same step is to make it so. `seat` is the one of one's seats that
-    acts; the first if nothing is said.
+    yet: another's action in the same step is to make it so. Who does nothing because of a place or
+    somebody that is not free yet `waits`, and is not counted as idle. `seat` is the one of one's
+    seats that acts; the first if nothing is said.
     """
 
     type: Literal["act"] = "act"
@@ -275,6 +276,7 @@ class Act(Message):
     reasoning: Annotated[str, Field(max_length=8000)] | None = None
     anticipates: bool = False
     seat: Identifier | None = None
+    waits: bool = False
 
 
 class Say(Message):
@@ -399,7 +401,8 @@ class Joined(FromServer):
     what cannot be seen, and with a number where somebody else has it. `seq` is the seat's last
     sequence number: the next action's is higher. `said` is the number of chat messages so far.
     `resume` takes the place of that of `welcome`: it brings one back into this seat even if the
-    server is started anew meanwhile. `anticipates` says that the server knows this field of `act`.
+    server is started anew meanwhile. `anticipates` and `waits` say that the server knows these
+    fields of `act`.
     `seats` are one's own where there are several: `seat` is the first of them, and `seq` the
     highest number of any.
     """
@@ -417,6 +420,7 @@ class Joined(FromServer):
     resume: Token | None = None
     anticipates: bool = False
     seats: list[str] = []
+    waits: bool = False
 
 
 class Moved(FromServer):

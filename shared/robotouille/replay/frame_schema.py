@@ -258,6 +258,7 @@ class StepFrame(Frame):
     idle: list[Annotated[list[str | int], Field(min_length=2, max_length=2)]] = Field(
         default_factory=list
     )
+    waits: list[str] = Field(default_factory=list)
     undone: list[Annotated[list[str], Field(min_length=1)]] = Field(default_factory=list)
     unmet: dict[str, list[str]] = Field(default_factory=dict)
     add: list[Index] = Field(default_factory=list)

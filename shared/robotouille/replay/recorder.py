@@ -184,6 +184,8 @@ class Recorder:
         rows: dict[str, Any] = {"t": _ms(event.time), "moves": [_move(m) for m in event.moves]}
         if event.idle:
             rows["idle"] = [[player, seq] for player, seq in event.idle]
+        if event.waits:
+            rows["waits"] = list(event.waits)
         if event.undone:
             rows["undone"] = [list(atom) for atom in event.undone]
         before, after = event.before, event.state
@@ -227,7 +229,7 @@ def step_frames(
 ) -> bytes:
     """The frame of a step, and the keyframe after it where one is due.
 
-    `rows` holds what re-simulation cannot know: `t`, `moves`, `idle` and `undone`.
+    `rows` holds what re-simulation cannot know: `t`, `moves`, `idle`, `waits` and `undone`.
     """
     frame = {"kind": "step", "step": step, **rows}
     if unmet := unmet_rows(attempts):

@@ -35,7 +35,7 @@ from robotouille.world.world import State, Step, World
 __all__ = ["Comparison", "Recording", "Verification", "read_recording", "recording_of"]
 
 
-GIVEN = ("t", "moves", "idle", "undone")
+GIVEN = ("t", "moves", "idle", "waits", "undone")
 """The fields of a step that re-simulation cannot know."""
 
 

@@ -155,7 +155,8 @@ class _Replayer:
                 self.episode.seats[move.player].quota.take(len(move.reasoning.encode()))
             idle = [(str(player), int(seq)) for player, seq in frame.get("idle", ())]
             undone = [tuple(atom) for atom in frame.get("undone", ())]
-            self.episode.replay_step(moves, idle, undone, time=frame["t"] / 1000)
+            waits = frame.get("waits", ())
+            self.episode.replay_step(moves, idle, undone, waits, time=frame["t"] / 1000)
         elif frame["kind"] == "notes":
             for note in frame["notes"]:
                 self.milliseconds = max(self.milliseconds, note["t"])

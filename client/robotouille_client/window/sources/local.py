@@ -178,9 +178,14 @@ class LocalSource:
     def _submit(self, player: str, action: GroundAction | None) -> None:
         self._seq[player] += 1
         try:
-            self._episode.submit(player, self._seq[player], action, self._now())
+            waits = action is None and self._is_blocked(player)
+            self._episode.submit(player, self._seq[player], action, self._now(), waits=waits)
         except ProtocolError as error:
             self._chat_log.rejected(player, only_words(error.message))
+
+    def _is_blocked(self, player: str) -> bool:
+        """Whether a player has said that it needs a place at which somebody stands."""
+        return any(player == blocked for blocked, _, _ in self._blockages.at(self._episode.state))
 
     def _take_events(self) -> None:
         events = list(self._episode.events())

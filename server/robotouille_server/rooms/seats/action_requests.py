@@ -98,6 +98,7 @@ class ActionRequests:
                 basis=basis,
                 reasoning=reasoning,
                 anticipates=request.anticipates,
+                waits=request.waits,
             )
         session.recorded_bytes += len(reasoning.encode())
 

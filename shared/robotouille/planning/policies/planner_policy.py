@@ -295,6 +295,18 @@ class PlannerPolicy:
         self._tell_others(action)
         return action
 
+    @property
+    def waiting(self) -> bool:
+        """Whether, where the last `act` was to do nothing, that is since a place is not free, since
+        somebody has to come first, or since there is no way past the others; not for an effect that
+        runs."""
+        state, script = self._state, self._script
+        if state is None or state.goal_reached or state.busy_steps(self.player):
+            return False
+        if script is None or self._yielding:
+            return True
+        return script.waits(state) or (script.finished and not (self._has_plan or self._only))
+
     def _scripted(self, state: State) -> GroundAction | None:
         if self._script is None:
             return None

@@ -117,6 +117,14 @@ class Script:
             return None
         return action
 
+    def waits(self, state: State) -> bool:
+        """Whether the seat has something left to do that is not possible yet, and no effect that
+        runs is the cause: somebody has to come first, or to make room."""
+        row = self._next(self.player)
+        if row is None or _running(state) & self._finished[row.step]:
+            return False
+        return self.act(state) is None
+
     def joint(self, state: State) -> dict[str, tuple[GroundAction, bool]]:
         """What all seats do in a step in which all decide at the same time: their actions, in the
         order in which they apply, and whether each counts on one before it in the step."""

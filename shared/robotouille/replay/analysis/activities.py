@@ -77,7 +77,7 @@ def _judged(
             controller,
             applied.get(player),
             busy.get(player, 0) > 0,
-            player in refused,
+            player in refused or player in frame.get("waits", ()),
             turn is not None and turn != player,
         )
         for player, controller in controllers.items()
