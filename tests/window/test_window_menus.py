@@ -11,15 +11,12 @@ from pathlib import Path
 
 import pygame
 import pytest
-from tests.support.games import play_through, record
+from tests.support.golden_screens import SCREENS, proven_game
 from tests.support.window_play import post
 
-from robotouille import GroundAction, World
-from robotouille.certification.certificate import load_certificate
+from robotouille import World
 from robotouille.domain.loading import task_names
 from robotouille.domain.rendering import NO_WORDS, language_of, read_language
-from robotouille.episode import Clock, Episode, Rules
-from robotouille.replay.container import compress
 from robotouille_client.window.controls import Controls
 from robotouille_client.window.forms.display import Display
 from robotouille_client.window.forms.form import Form
@@ -30,11 +27,10 @@ from robotouille_client.window.forms.text_field import TextField
 from robotouille_client.window.forms.widgets import Button, Choice, Look, Row, Slider
 from robotouille_client.window.hands.commands import Command, KeyMap
 from robotouille_client.window.pictures.text_surfaces import Typesetter
-from robotouille_client.window.shell.screens.main_menu import leaving, menu
 from robotouille_client.window.shell.screens.play_menu import PlayMenu
 from robotouille_client.window.shell.screens.recording_summary import summary_of, when_words
 from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
-from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenMenu, lobby_menu
+from robotouille_client.window.shell.screens.server_menus import JoinMenu
 from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
 from robotouille_client.window.shell.screens.task_picker import TaskPicker
 from robotouille_client.window.shell.settings import Settings
@@ -302,14 +298,7 @@ def test_fifty_recordings_are_read_at_once(tmp_path: Path, recording: bytes) -> 
 
 @pytest.fixture(scope="module")
 def recording() -> bytes:
-    """The shortest game of a task, as it is proven."""
-    plan = iter(load_certificate("synchronous/01").plan or ())
-
-    def choose(episode: Episode, player: str) -> GroundAction:
-        return episode.world.parse(episode.state, player, next(plan))
-
-    rules = Rules(clock=Clock.TURN, max_steps=50)
-    return compress(record(*play_through("synchronous/01", rules, choose)))
+    return proven_game()
 
 
 # Settings
@@ -485,17 +474,6 @@ def test_the_size_before_a_full_screen_is_kept(monkeypatch: pytest.MonkeyPatch) 
 # Every size
 
 
-def forms() -> dict[str, Form]:
-    settings = Settings(task=BURGER, seats=2)
-    return {
-        "menu": menu(settings), "leaving": leaving(), "tasks": TaskPicker(settings, BURGER).form,
-        "play": PlayMenu(settings).form, "open": OpenMenu(settings, "No.").form,
-        "join": JoinMenu(settings, "It cannot be reached. " * 4).form,
-        "lobby": lobby_menu([], settings.server), "settings": SettingsMenu(settings).form,
-        "keys": KeysMenu(KEYS).form, "replays": ReplaysMenu([Path("a.rbt")]).form,
-    }  # fmt: skip
-
-
 def drawn(form: Form, size: tuple[int, int], scale: float = 1.0) -> pygame.Surface:
     surface = pygame.Surface(size)
     height = text_size(size, scale)
@@ -515,7 +493,8 @@ def test_every_row_can_be_reached_and_is_inside(
     display: Display, size: tuple[int, int], scale: float
 ) -> None:
     inside = pygame.Rect((0, 0), size)
-    for name, form in forms().items():
+    for name, made in SCREENS.items():
+        form = made()
         rows = [row for row in form.rows if row.focusable]
         for number, _ in enumerate(rows):
             if size[0] > 320 and 3 < number < len(rows) - 1:  # Small windows are what is hard.

@@ -85,8 +85,8 @@ class Screen:
             quiet = 0 if events or again else quiet + 1
             late = quiet >= QUIET_FRAMES and form.idle()
             looks = (form.message, surface.get_size() if surface else None)
-            if surface is not None and (quiet == 0 or late or looks != shown):
-                self._draw(surface, form)
+            if quiet == 0 or late or looks != shown:
+                self.draw(form)
                 shown = looks
             if form.result is None:
                 await self._sleep(FRAME_SECONDS)
@@ -110,7 +110,11 @@ class Screen:
         else:
             form.handle(held, self.keys)
 
-    def _draw(self, surface: pygame.Surface, form: Form) -> None:
+    def draw(self, form: Form) -> None:
+        """Show a form as it is now."""
+        surface = self.display.surface
+        if surface is None:
+            return
         width, height = surface.get_size()
         size = text_size((width, height), self.text_scale)
         self._background(surface, "Robotouille" if height >= HIGH * size else "")

@@ -1,0 +1,137 @@
+"""Golden pictures of the screens of the menu.
+
+python -m tests.support.golden_screens
+
+draws them anew, into `tests/window/golden_screens`. Look at what has changed before you keep it.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+
+import pygame
+
+from robotouille import GroundAction
+from robotouille.certification.certificate import load_certificate
+from robotouille.episode import Clock, Episode, Phase, Rules
+from robotouille.protocol.message_parts import EpisodeInfo, SeatInfo
+from robotouille.replay.container import compress
+from robotouille_client.window.forms.display import Display
+from robotouille_client.window.forms.form import Form
+from robotouille_client.window.forms.screen import Screen
+from robotouille_client.window.hands.commands import KeyMap
+from robotouille_client.window.shell.screens.main_menu import leaving, menu
+from robotouille_client.window.shell.screens.play_menu import PlayMenu
+from robotouille_client.window.shell.screens.replays_menu import ReplaysMenu
+from robotouille_client.window.shell.screens.server_menus import JoinMenu, OpenMenu, lobby_menu
+from robotouille_client.window.shell.screens.settings_menu import KeysMenu, SettingsMenu
+from robotouille_client.window.shell.screens.task_picker import TaskPicker
+from robotouille_client.window.shell.settings import Settings
+from tests.support.games import play_through, record
+
+__all__ = ["GOLDEN", "PICTURES", "SCREENS", "proven_game"]
+
+GOLDEN = Path(__file__).parents[1] / "window/golden_screens"
+SIZE, SMALL = (1120, 630), (320, 240)
+BURGER = "multi_agent/01_lettuce_burger"
+NOW = datetime(2026, 11, 22, 14, 5, tzinfo=UTC)
+MAX_LATE = 8
+"""Pictures and the like that come later, of which so many are waited for."""
+
+
+def proven_game() -> bytes:
+    """The recording of the shortest game of a task."""
+    plan = iter(load_certificate("synchronous/01").plan or ())
+
+    def choose(episode: Episode, player: str) -> GroundAction:
+        return episode.world.parse(episode.state, player, next(plan))
+
+    rules = Rules(clock=Clock.TURN, max_steps=50)
+    return compress(record(*play_through("synchronous/01", rules, choose)))
+
+
+def _settings() -> Settings:
+    return Settings(
+        name="ada", learned=True, task=BURGER, seats=2, best={f"{BURGER}@2": 40}, code="KQXZB-MHTWA"
+    )
+
+
+def _replays() -> Form:
+    folder = Path(tempfile.mkdtemp())
+    whole = proven_game()
+    for number, content in enumerate((whole, whole[: len(whole) // 2], b"Hello")):
+        path = folder / f"{number}.rbt"
+        path.write_bytes(content)
+        at = NOW.timestamp() - number * 50_000
+        os.utime(path, (at, at))
+    return ReplaysMenu(sorted(folder.iterdir()), now=NOW).form
+
+
+def _kitchens() -> Form:
+    seats = [SeatInfo(player="robot1", name="ada"), SeatInfo(player="robot2")]
+    info = EpisodeInfo(
+        episode="KQXZB-MHTWA", code="KQXZB-MHTWA", task=BURGER, clock=Clock.REALTIME,
+        phase=Phase.WAITING, step=0, max_steps=300, seats=seats,
+    )  # fmt: skip
+    return lobby_menu([info], "ws://127.0.0.1:8765")
+
+
+SCREENS: dict[str, Callable[[], Form]] = {
+    "menu": lambda: menu(_settings()),
+    "leaving": leaving,
+    "play": lambda: PlayMenu(_settings()).form,
+    "tasks": lambda: TaskPicker(_settings(), BURGER).form,
+    "join": lambda: JoinMenu(_settings(), "It cannot be reached. " * 4).form,
+    "open": lambda: OpenMenu(_settings()).form,
+    "lobby": _kitchens,
+    "replays": _replays,
+    "settings": lambda: SettingsMenu(_settings()).form,
+    "keys": lambda: KeysMenu(KeyMap()).form,
+}
+
+
+def screen(name: str, size: tuple[int, int]) -> pygame.Surface:
+    """A screen in a window of a size, when what is late has come."""
+    display, form = Display(size, headless=True), SCREENS[name]()
+    display.open()
+    try:
+        shown = Screen(display)
+        for _ in range(MAX_LATE):
+            shown.draw(form)
+            if not form.idle():
+                break
+        shown.draw(form)
+        assert display.surface is not None
+        return display.surface.copy()
+    finally:
+        display.close()
+
+
+PICTURES: dict[str, Callable[[], pygame.Surface]] = {
+    **{name: lambda name=name: screen(name, SIZE) for name in SCREENS},  # type: ignore[misc]
+    **{
+        f"{name}-small": lambda name=name: screen(name, SMALL)  # type: ignore[misc]
+        for name in ("menu", "play", "tasks", "settings", "replays")
+    },
+}
+
+
+def main() -> None:
+    """Draw all of them anew."""
+    GOLDEN.mkdir(exist_ok=True)
+    for old in GOLDEN.glob("*.jpg"):
+        old.unlink()
+    for name, draw in PICTURES.items():
+        pygame.image.save(draw(), GOLDEN / f"{name}.jpg")
+    print(f"{len(PICTURES)} pictures in {GOLDEN.name}")
+
+
+if __name__ == "__main__":
+    main()
